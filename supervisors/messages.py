@@ -334,6 +334,16 @@ class StateIs(Message, frozen=True):
     cause: str
 
 
+class Decided(Message, frozen=True):
+    """What the gate was told, by whom, and what it answered: for the audit. ``over``: the name of
+    the channel, where it has one."""
+
+    who: str
+    what: str
+    how: str
+    over: str = ""
+
+
 class LockKept(Message, frozen=True):
     """The lock that stood in this epoch is on the disk. ``problem``: why it is not."""
 

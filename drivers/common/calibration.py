@@ -32,6 +32,8 @@ class MotorCalibration(msgspec.Struct, frozen=True):
             raise ValueError(f"range_min {self.range_min} must be below range_max {self.range_max}")
 
 
+MAX_BYTES = 1 << 20
+"""A file of forty motors has 6 kB."""
 FIELDS = MotorCalibration.__struct_fields__
 
 
@@ -68,8 +70,8 @@ def find(robot_types: Iterable[str], robot_id: str, root: Path | None = None, ki
 def load(path: Path, motors: Mapping[str, int], max_offset: int) -> dict[str, MotorCalibration]:
     """Read a file and ``check`` it. Raise ``ValueError``."""
     try:
-        content = json.loads(path.read_text())
-    except (OSError, ValueError) as error:
+        content = json.loads(_text_of(path))
+    except (OSError, ValueError, RecursionError) as error:
         raise ValueError(f"calibration {path}: cannot be read ({error}). Give a lerobot calibration file") from None
     return check(content, motors, max_offset, str(path))
 
@@ -84,6 +86,17 @@ def save(path: Path, motors: Mapping[str, MotorCalibration]) -> None:
         file.flush()
         os.fsync(file.fileno())
     os.replace(new, path)
+
+
+def _text_of(path: Path) -> str:
+    """Raise ``OSError``, ``ValueError``. Nothing is read that has no end, or waits for a writer."""
+    if not path.is_file():
+        raise ValueError("it is no file" if path.exists() else "there is none")
+    with path.open("rb") as file:
+        data = file.read(MAX_BYTES + 1)
+    if len(data) > MAX_BYTES:
+        raise ValueError(f"it is longer than {MAX_BYTES} bytes")
+    return data.decode()
 
 
 def check(content: Any, motors: Mapping[str, int], max_offset: int, source: str) -> dict[str, MotorCalibration]:

@@ -3,7 +3,6 @@ accepted."""
 
 from __future__ import annotations
 
-import difflib
 import logging
 import os
 import re
@@ -16,6 +15,7 @@ import msgspec
 from strands_actors.contract.cameras import CameraSettings
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.loading import load, place_of
+from strands_actors.contract.shown import closest, shown
 from strands_actors.drivers import (
     MODEL,
     PLAIN,
@@ -29,6 +29,7 @@ from strands_actors.drivers import (
     list_native_drivers,
     resolve_driver,
 )
+from strands_actors.kernel.processes.limits import PolicyLimits, limits_of
 from strands_actors.supervisors.messages import MAX_LIFETIME_S
 from strands_actors.surfaces.cameras.config import SCENE, read_cameras
 from strands_actors.surfaces.drill.certificate import parse_age_s
@@ -67,6 +68,8 @@ class Plan:
     lifetime_s: float | None = None
     """Of a setpoint of a rollout, at least."""
     cameras: tuple[CameraSettings, ...] = ()
+    policy_limits: PolicyLimits = PolicyLimits()  # noqa: RUF009  # frozen
+    """Of each process of a named policy."""
 
 
 @dataclass(frozen=True)
@@ -86,6 +89,7 @@ class Wanted:
     drill_age_s: float | None
     at: str | None
     lifetime_s: float | None
+    policy_limits: PolicyLimits
     scene: Scene
     options: dict[str, Any] = field(repr=False)
 
@@ -145,6 +149,7 @@ def _read(
     require_drill: str | None = None,
     at: str | None = None,
     lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | PolicyLimits | None = None,
     backend: str = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None,
@@ -198,6 +203,7 @@ def _read(
             drill_age_s,
             at,
             lifetime,
+            limits_of(policy_limits),
             scene,
             options,
         ),
@@ -233,9 +239,9 @@ def _unknown(name: str, known: Iterable[str]) -> str:
         return (
             f"Robot: {name} is a teleoperator. use Teleoperator({name!r}, port=...) and arm.teleoperate(it).{its}"
         )
-    close = difflib.get_close_matches(name, known, n=3)
+    close = closest(name, known, 3)
     hint = f" Did you mean: {', '.join(close)}?" if close else ""
-    return f"Robot: {name!r} is not known.{hint} strands_actors.list_robots() has them all"
+    return f"Robot: {shown(name)} is not known.{hint} strands_actors.list_robots() has them all"
 
 
 def _check_keywords(driver_class: type[Any], options: Mapping[str, Any]) -> None:
@@ -244,7 +250,7 @@ def _check_keywords(driver_class: type[Any], options: Mapping[str, Any]) -> None
         return
     for keyword in options:
         if keyword not in accepted:
-            close = difflib.get_close_matches(keyword, accepted, n=1)
+            close = closest(keyword, accepted)
             hint = f" ({keyword!r} -> {close[0]!r}?)" if close else ""
             raise ValueError(
                 f"Robot: {driver_name(driver_class)} takes no {keyword!r}{hint}. it takes {', '.join(accepted)}"
@@ -380,6 +386,7 @@ def _real(wanted: Wanted, driver_class: type[Driver]) -> Plan:
         wanted.drill_age_s,
         lifetime_s=wanted.lifetime_s,
         cameras=cameras,
+        policy_limits=wanted.policy_limits,
     )
 
 
@@ -398,6 +405,7 @@ def _elsewhere(wanted: Wanted, driver_class: type[Driver]) -> Plan:
         mesh=wanted.mesh,
         at=wanted.at,
         lifetime_s=wanted.lifetime_s,
+        policy_limits=wanted.policy_limits,
     )
 
 
@@ -434,6 +442,7 @@ def _plain(wanted: Wanted, driver_class: type[Any]) -> Plan:
         drill_age_s=wanted.drill_age_s,
         at=wanted.at or "",
         lifetime_s=wanted.lifetime_s,
+        policy_limits=wanted.policy_limits,
     )
 
 
@@ -441,7 +450,10 @@ def _leave_to_host(wanted: Wanted) -> None:
     """Raise ``TypeError`` when something is given that the robot's own host has said."""
     own = ("port", "transport", "sim", "cameras", "require_drill")
     given = wanted.given() | ({} if wanted.cameras is None else {"cameras": wanted.cameras})
-    if ignored := [key for key in given if key in own]:
+    ignored = [key for key in given if key in own]
+    if wanted.policy_limits != PolicyLimits():
+        ignored.append("policy_limits")
+    if ignored:
         raise TypeError(
             f"Robot: a robot at {wanted.at} has its own {', '.join(f'{key}=' for key in ignored)}. leave that out"
         )

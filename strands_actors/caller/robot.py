@@ -74,6 +74,7 @@ def Robot(  # a factory named as on the drivers page
     require_drill: str | None = None,
     at: str | None = None,
     lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None,
     backend: str = "mujoco",
     urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None,
@@ -100,11 +101,13 @@ def Robot(  # a factory named as on the drivers page
     kept for who builds a policy. ``approve`` is asked, for at most ``approve_within_s``, before an
     agent (or who else is not this program) uses a verb or an action key that is guarded: by the
     driver, or by ``guarded``. ``require_drill``: no motion without a stop drill that is younger
-    (``"30d"``). ``mesh``: where other hosts reach it; False: nowhere. Of a simulation:
-    ``urdf_path``, an MJCF or URDF file that is simulated under this name; ``position`` (metres) and
-    ``orientation`` (quaternion w, x, y, z) of its base, and the ``keyframe`` of its model in which
-    it begins; ``backend``, ``"mujoco"``. ``arm=False``: connecting energises nothing, and until
-    ``resume()`` the robot may be moved by hand and read. ``options`` are the driver's own. Raise
+    (``"30d"``). ``mesh``: where other hosts reach it; False: nowhere. ``policy_limits``: what the
+    process of a named policy may use (``memory_mb``, ``cpu_s``, ``processors``, ``user``). Of a
+    simulation: ``urdf_path``, an MJCF or URDF file that is simulated under this name; ``position``
+    (metres) and ``orientation`` (quaternion w, x, y, z) of its base, and the ``keyframe`` of its
+    model in which it begins; ``backend``, ``"mujoco"``. ``arm=False``: connecting energises
+    nothing, and until ``resume()`` the robot may be moved by hand and read. ``options`` are the
+    driver's own. Raise
     ``ValueError`` or ``TypeError`` with what would be accepted.
     """
     wanted = plan(
@@ -121,6 +124,7 @@ def Robot(  # a factory named as on the drivers page
         require_drill=require_drill,
         at=at,
         lifetime=lifetime,
+        policy_limits=policy_limits,
         backend=backend,
         urdf_path=urdf_path,
         position=position,

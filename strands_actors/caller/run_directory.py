@@ -103,6 +103,11 @@ def locks_dir() -> Path:
     return data_dir() / "locks"
 
 
+def audit_file(robot: str) -> Path:
+    """Where it is written who told a robot what (``supervisors/root/audit.py``)."""
+    return data_dir() / "audit" / f"{robot}.jsonl"
+
+
 def socket_path(directory: Path, robot: str, role: str) -> str:
     return str(directory / f"{robot}.{role}.sock")
 

@@ -8,6 +8,7 @@ import os
 from collections.abc import Awaitable, Callable
 from typing import Any
 
+import msgspec
 import trio
 
 from strands_actors.contract.driver import Driver, Reason
@@ -36,7 +37,7 @@ from .descriptors import FOR_ROBOT, require
 from .last_standby import until_over
 from .plan import Plan
 from .processes import CONNECT_S, NotConnected, Processes
-from .run_directory import Name, Note, locks_dir
+from .run_directory import Name, Note, audit_file, locks_dir
 from .strays import label_of
 from .twin_process import SIM, TwinProcessDown
 
@@ -79,6 +80,11 @@ class TreeProcesses(Processes):
             self._name = Name(plan.tool_name)
             self.robot = self._name.name
         name = self._name
+        if plan.mesh.listens or plan.mesh.connects:
+            try:
+                plan.mesh.check_robot(self.robot)
+            except (ValueError, OSError) as error:
+                raise NotConnected(str(error)) from None
         found = await until_over(self.robot, "" if plan.twin_process is not None else port)
         if found is not None:
             self.standby_report = found
@@ -92,6 +98,7 @@ class TreeProcesses(Processes):
             "note": str(name.note),
             "twin_pid": 0 if plan.twin_process is None else plan.twin_process.pid,
             "locks": str(locks_dir()),
+            "audit": str(audit_file(self.robot)),
             "lock_port": "" if plan.twin_process is not None else port,
             "listen": listen,
             "label": label_of(self.robot),
@@ -102,6 +109,7 @@ class TreeProcesses(Processes):
             },
             "wire_listen": wire_listen,
             "policy_listen": policy_listen,
+            "policy_limits": msgspec.to_builtins(plan.policy_limits),
             "connect": [self._endpoint],
             "cameras": self._begin_cameras(port),
             "mesh": {

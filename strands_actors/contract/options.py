@@ -10,7 +10,6 @@ the annotation.
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Mapping
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
@@ -18,6 +17,7 @@ from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 import msgspec
 
 from .plain_numbers import as_python
+from .shown import closest
 
 ALWAYS = ("tool_name",)
 """Keywords that every driver is given."""
@@ -62,7 +62,7 @@ def read_options(robot: str, options: type[Options], given: Mapping[str, Any]) -
     known = [field.encode_name for field in msgspec.structs.fields(options)]
     wanted = {name: as_python(value) for name, value in given.items() if name in known or name not in ALWAYS}
     if unknown := [name for name in wanted if name not in known]:
-        close = difflib.get_close_matches(unknown[0], known, n=1)
+        close = closest(unknown[0], known)
         hint = f" ({unknown[0]!r} -> {close[0]!r}?)" if close else ""
         use = f"Use {', '.join(known)}" if known else "There is none"
         raise TypeError(f"{robot}: unknown option {', '.join(unknown)}{hint}. {use}")

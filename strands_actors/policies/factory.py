@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 import inspect
 from typing import Any
 
 from strands_actors.contract.loading import load
+from strands_actors.contract.shown import closest
 
 from .registry import find_provider, registered_class
 
@@ -49,7 +49,7 @@ def _check_options(name: str, factory: Any, options: dict[str, Any]) -> None:
         return
     for option in options:
         if option not in parameters:
-            close = difflib.get_close_matches(option, parameters, n=1)
+            close = closest(option, parameters)
             hint = f" ({option!r} -> {close[0]!r}?)" if close else ""
             taken = ", ".join(parameters) or "nothing"
             raise ValueError(f"create_policy: {name} takes no {option!r}{hint}. it takes {taken}")

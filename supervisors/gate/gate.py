@@ -25,6 +25,7 @@ from strands_actors.supervisors.messages import (
     Beat,
     CarriedOut,
     CarryOut,
+    Decided,
     GetObservation,
     GetStatus,
     Lease,
@@ -80,13 +81,19 @@ class Gate(Actor):
         cause: str = "",
         locked_since: str = "",
         no_standby: str = "",
+        audited: bool = False,
+        secret: bytes = b"",
     ) -> None:
+        """``audited``: somebody writes down what is decided. ``secret``: numbers its leases so that
+        nobody can guess one."""
         self._driver = driver
         self._admission = Admission(driver)
         self._no_standby = no_standby
+        self._audited = audited
         self._addresses = transport, watchdog, guardian
         self._state = start
-        self._leases = Leases(start.epoch << 20)  # no lease of an earlier incarnation can pass for one of ours
+        # None of an earlier incarnation can pass for one of ours.
+        self._leases = Leases(0, secret=secret) if secret else Leases(start.epoch << 20)
         self._observation: Observation | None = None
         self._target: tuple[float, ...] = ()
         self._target_ns = 0
@@ -147,7 +154,10 @@ class Gate(Actor):
             case Stop():
                 return self._stop(message)
             case Resume():
-                return self._resume(message)
+                answer = self._resume(message)
+                how = "ordered" if isinstance(answer, Deferred) else "armed already"
+                self._tell_decided(message.by, "resume", answer if isinstance(answer, Refused) else how)
+                return answer
             case Beat():
                 self._leases.beat(message, self.context.received_ns)
             case Stopped():
@@ -184,15 +194,22 @@ class Gate(Actor):
     def _setpoint(self, message: Setpoint) -> Accepted | Refused:
         held = self._leases.find(message.lease, message.channel)
         kept = None if held is None else held.refused
+        code = "accepted"
         answer = kept or self._admit(message)
         if isinstance(answer, Refused):
             if held is not None and not self.context.asked:
                 held.refused = answer
+            code = answer.code
             self._refusals += 1
             self._last_refusal = answer.text
         elif 0 < message.period_s <= self._driver.timing.tick_s:
             self._look(self.context.received_ns, admitted=True)
             self._tell_alive(BROUGHT)
+        if held is not None and held.told != code:
+            held.told = code
+            self._tell_decided(
+                held.holder, "setpoint", answer if isinstance(answer, Refused) else code, held.channel
+            )
         return answer
 
     def _admit(self, message: Setpoint) -> Accepted | Refused:
@@ -259,6 +276,9 @@ class Gate(Actor):
 
     def _acquire(self, message: Acquire) -> Lease | Refused:
         answer = self._leases.acquire(message, self.context.received_ns, self._state.mode is Mode.HOLDING)
+        self._tell_decided(
+            message.holder, "acquire", answer if isinstance(answer, Refused) else "granted", message.channel
+        )
         return answer if isinstance(answer, Refused) else Lease(answer, self._state.epoch)
 
     def _release(self, message: Release) -> Deferred | None:
@@ -266,6 +286,7 @@ class Gate(Actor):
         held = self._leases.release(message.lease, message.channel)
         if held is None:
             return None
+        self._tell_decided(held.holder, "release", "released", held.channel)
         deferred = self.context.defer()
         if held.under is not None and self._trip(Reason.POLICY, f"{held.holder} ended"):
             self._stops.append((self._state.epoch, deferred, False))
@@ -306,6 +327,12 @@ class Gate(Actor):
             cause = refusal.reason.removeprefix("move: ")
             self._trip(condition.reason, cause, safe_state=condition.safe_state)
 
+    def _tell_decided(self, who: str, what: str, how: str | Refused, over: str = "") -> None:
+        """For the audit, which the root keeps."""
+        if self._audited:
+            told = f"refused: {how.text}" if isinstance(how, Refused) else how
+            self._guardian.tell(Decided(who, what, told, over))
+
     def _tell_alive(self, number: int) -> None:
         live = self._live_until_ns != 0 and self._state.mode is Mode.ARMED
         self._watchdog.tell(Alive(number, self._state.epoch, live))
@@ -317,9 +344,12 @@ class Gate(Actor):
         by = f"{message.reason} by {message.by}" if message.by else str(message.reason)
         lock = (message.by or "an operator") if message.lock else ""
         self._leases.stop()
+        what = f"stop ({message.reason}{', locks' if message.lock else ''})"
         if self._trip(message.reason, by, lock):
+            self._tell_decided(message.by, what, "ordered")
             self._stops.append((self._state.epoch, deferred, message.lock))
             return deferred
+        self._tell_decided(message.by, what, "nothing to do")
         # Nothing to do: already holding, or nothing energised to hold.
         safe_state = self._driver.fallbacks[message.reason]
         return StopReport(message.reason, safe_state, self._state.epoch, True, ())

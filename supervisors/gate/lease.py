@@ -6,6 +6,8 @@ robot is held before the answer is given: that is what ``stop_task()`` waits for
 
 from __future__ import annotations
 
+from hashlib import blake2b
+
 import msgspec
 
 from strands_actors.kernel.clock import NS
@@ -13,6 +15,8 @@ from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.messages import LEASE_TTL_S, MAX_LIFETIME_S, Acquire, Beat
 
 LEASE_TTL_NS = round(LEASE_TTL_S * NS)
+_PROOF_BITS = 32
+"""So many guesses would take weeks at the rate that is let through."""
 _MAX_LIFETIME_NS = round(MAX_LIFETIME_S * NS)
 
 
@@ -27,6 +31,7 @@ class Held(msgspec.Struct):
     pid: int  # of its process; 0: of another host
     channel: str  # over which it was acquired, and over which alone it counts
     under: Held | None = None
+    told: str = ""  # for the audit: how its setpoints were decided last
     refused: Refused | None = None  # what nobody waited to hear: the stream is over, and who asks next hears why
 
     @property
@@ -41,11 +46,13 @@ class Held(msgspec.Struct):
 
 class Leases(msgspec.Struct):
     """Who may write. ``given``: so many so far, which numbers them; ``ended``: the newest when it
-    was last stopped: a rollout of before begins no more."""
+    was last stopped: a rollout of before begins no more. ``secret``: a lease's number alone could
+    be guessed, and who knows a lease may write by it."""
 
     given: int
     held: Held | None = None
     ended: int = 0
+    secret: bytes = b""
 
     def acquire(self, message: Acquire, now_ns: int, holding: bool = False) -> int | Refused:
         """The number of a new lease. Who has a channel with a name (a policy process) gets one
@@ -55,7 +62,7 @@ class Leases(msgspec.Struct):
         if message.channel and not message.over:
             why = f"acquire: {message.channel} may write under its caller's lease alone"
             return Refused("channel", why, "name that lease")
-        if 0 < message.over <= self.ended:
+        if 0 < message.over >> _PROOF_BITS <= self.ended:
             return Refused("stopped", "acquire: the robot was stopped since the rollout began", "start it again")
         held = self.held
         under: Held | None = None
@@ -69,8 +76,14 @@ class Leases(msgspec.Struct):
             return Refused("lease", "acquire: the lease to write under has lapsed", "acquire it again")
         self.given += 1
         until_ns = now_ns + LEASE_TTL_NS
-        self.held = Held(self.given, message.holder, until_ns, until_ns, message.pid, message.channel, under)
-        return self.given
+        lease = self.given << _PROOF_BITS | self._proof(self.given)
+        self.held = Held(lease, message.holder, until_ns, until_ns, message.pid, message.channel, under)
+        return lease
+
+    def _proof(self, number: int) -> int:
+        """What goes with a number, for who knows the secret; the same when this is played again."""
+        digest = blake2b(str(number).encode(), key=self.secret, digest_size=_PROOF_BITS // 8).digest()
+        return int.from_bytes(digest, "big") if self.secret else 0
 
     def beat(self, message: Beat, now_ns: int) -> None:
         held = self.held

@@ -39,3 +39,4 @@ class GateMemory(msgspec.Struct, frozen=True):
     refusals: int
     last_refusal: str
     no_standby: str = ""
+    audited: bool = False

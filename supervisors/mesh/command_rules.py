@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import functools
 import secrets
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import msgspec
 
@@ -55,13 +55,14 @@ class Limit:
 
 
 class Clocks:
-    """Who has read our clock. A command names the reading it is dated by."""
+    """Who has read our clock. A command names the reading it is dated by. That name is told to the
+    sender alone, so it says who sends, too."""
 
     def __init__(self) -> None:
         self._read: dict[str, tuple[str, int]] = {}  # by sender: the reading's name, when it expires
 
     def read(self, sender: str, now_ns: int) -> str:
-        name = secrets.token_hex(4)
+        name = secrets.token_hex(16)
         self._read.pop(sender, None)
         if len(self._read) >= _MAX_CLOCKS:
             del self._read[next(iter(self._read))]
@@ -100,6 +101,7 @@ class Shared:
     def __init__(self) -> None:
         self.clocks = Clocks()
         self.resumed_epoch = 0  # in which the robot was last resumed over the mesh
+        self.audit: Callable[[str, str, str, str], None] = lambda *_: None  # who, what, how, over
         self.taken = 0  # commands that were read, good and bad
         self.turns = Turns()
         self.sessions = Sessions()  # of callers of other hosts

@@ -48,6 +48,7 @@ COMMANDS_PER_S = 20
 MOVES_PER_S = 100
 """Of the one who holds the lease."""
 REFUSALS_PER_S = 20
+MESH = "the mesh"
 ASK_S = 0.1
 
 
@@ -74,6 +75,7 @@ class Commands(Actor):
         self._ring = pubsub.poll(mesh_json.key(robot, "cmd"), RING)
         self._answers = answers
         self._shared = shared
+        self._what = "what is no command"
         self._commands = Limit(COMMANDS_PER_S, COMMANDS_PER_S)
         self._moves = Limit(MOVES_PER_S, MOVES_PER_S // 5)
         self._refusals = Limit(REFUSALS_PER_S, REFUSALS_PER_S)
@@ -111,6 +113,7 @@ class Commands(Actor):
             self._refuse(sender.sender_id if sender else "", sender.turn_id if sender else "", refused)
             return
         command = read_command(envelope)
+        self._what = type(command).__name__.lower() if isinstance(command, Command) else "what is no command"
         refused_now = command if isinstance(command, Refused) else self._check(envelope.sender_id, command, now_ns)
         if refused_now is not None:
             self._refuse(envelope.sender_id, envelope.turn_id, refused_now)
@@ -133,6 +136,8 @@ class Commands(Actor):
     def _refuse(self, sender: str, turn: str, refused: Refused) -> None:
         """Counted, and told to the sender as long as that is no flood of its own."""
         admitted = self._refusals.admits(self.context.clock.now_ns())
+        if admitted:
+            self._shared.audit(sender or "somebody", self._what, f"refused: {refused.text}", MESH)
         self._answers.refuse(sender if admitted else "", turn, refused)
 
     async def _obey(self, envelope: Envelope, command: Command) -> None:
@@ -149,6 +154,7 @@ class Commands(Actor):
                 self._gate.tell(messages.Beat(command.lease, command.answered_ago_s))
                 return
             case mesh_json.Motion():
+                self._shared.audit(sender, command.action, "taken up", MESH)
                 self._begin(sender, turn, command)
                 return
         try:

@@ -158,7 +158,11 @@ class Gateway(Actor):
         now_ns = self.context.received_ns
         self._shared.taken += 1
         if isinstance(message, Dated):
-            return self._refuse(message, now_ns) or self._obey(message)
+            refused = self._refuse(message, now_ns)
+            if refused is not None:
+                what = type(message.message).__name__.lower()
+                self._shared.audit("a caller elsewhere", what, f"refused: {refused.text}", "another host")
+            return refused or self._obey(message)
         refusal = self._refuse_rate(self._readings, READINGS_PER_S, now_ns)
         if refusal is not None:
             return refusal

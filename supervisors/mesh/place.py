@@ -45,9 +45,12 @@ class MeshPlace:
         driver: Driver,
         task: Callable[[], TaskStatus],
         rings: Callable[[], Mapping[str, FrameRing]] | None = None,
+        audit: Callable[[str, str, str, str], None] = lambda *_: None,
     ) -> None:
-        """``rings``: where the pictures of its cameras lie, if it has any."""
+        """``rings``: where the pictures of its cameras lie, if it has any. ``audit``: told who has
+        said what, how that was decided, and over what it came."""
         self._rings = rings
+        self._audit = audit
         self._node = node
         self._robot = robot
         self._driver = driver
@@ -89,6 +92,7 @@ class MeshPlace:
     def _supervisor(self, pubsub: PubSub) -> Supervisor:
         robot, driver, at, node = self._robot, self._driver, self._at, self._node
         answers, shared = Answers(pubsub, robot), Shared()
+        shared.audit = self._audit
         deadlines = StopDeadlines.of(driver.timing.safe_s)
 
         def counts() -> dict[str, int]:

@@ -186,6 +186,8 @@ class Safety(Actor):
 
     def _refuse(self, sender: str, turn: str, refused: Refused) -> None:
         admitted = self._refusals.admits(self.context.clock.now_ns())
+        if admitted:
+            self._shared.audit(sender or "somebody", "stop or resume", f"refused: {refused.text}", "the mesh")
         self._answers.refuse(sender if admitted else "", turn, refused)
 
     # -- stop

@@ -29,6 +29,7 @@ from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import Ref
 from strands_actors.supervisors.gate.failsafe import Mode, State
 from strands_actors.supervisors.messages import (
+    Decided,
     Fence,
     HandedOver,
     Handover,
@@ -132,6 +133,7 @@ class Guardian(Actor):
         standby: StandbyPlace | None = None,
         transport: str = "",
         owed: Owed | None = None,
+        on_decided: Callable[[Decided], None] = lambda _: None,
     ) -> None:
         self._driver = driver
         self._heartbeat = heartbeat
@@ -149,6 +151,7 @@ class Guardian(Actor):
         self._stop_channel: StopChannel | None = None
         self._stop_channel_scope = trio.CancelScope()
         self._keeper = keeper
+        self._on_decided = on_decided
         self.state = StateIs(Mode.DOWN, 0, "" if keeper is None else keeper.found_by, "")
         self.last_report: StopReport | None = None
         self._confirmed = True
@@ -174,7 +177,7 @@ class Guardian(Actor):
         self.context.every(self._driver.timing.tick_s, Tick)
 
     def receive(
-        self, message: Tick | SilentUntil | Renew | StateIs | Handover | Fence
+        self, message: Tick | SilentUntil | Renew | StateIs | Decided | Handover | Fence
     ) -> HandedOver | StopReport | Refused | Deferred | None:
         match message:
             case Tick():
@@ -193,6 +196,8 @@ class Guardian(Actor):
                     self._keep_lock()
                     if self._on_state is not None:
                         self._on_state(message)
+            case Decided():
+                self._on_decided(message)
             case Handover():
                 self._failure_detector.heard(self.context.received_ns)
                 return self._take(message)

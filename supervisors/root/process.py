@@ -62,9 +62,10 @@ from strands_actors.supervisors.messages import (
 from strands_actors.supervisors.wire.group import UNCONFIRMED, ProcessPlace
 from strands_actors.supervisors.wire.watchdog import Tick
 
+from .audit import Audit
 from .camera_keeper import CameraKeeper
 from .guardian import Guardian
-from .lock_keeper import LockKeeper
+from .lock_keeper import KEEP_S, LockKeeper
 from .locks import Locks
 from .standby_keeper import StandbyKeeper
 from .stop_channel import not_reached
@@ -151,8 +152,15 @@ class Tree:
         self.node = Node(f"{self.robot}.root.{os.getpid()}", MonotonicClock())
         # What the wire reports counts over its own link alone, and is not looked for elsewhere.
         self.node.linked = channels.of_wire(self.robot).hosts or frozenset()
+        self.audit = Audit(Path(args["audit"]) if args["audit"] else None)
         self.tasks = Tasks(
-            self.robot, spawner.start, args["policy_listen"], args["label"], self.driver.timing.safe_s
+            self.robot,
+            spawner.start,
+            args["policy_listen"],
+            args["label"],
+            self.driver.timing.safe_s,
+            args.get("policy_limits"),
+            self.audit.note,
         )
         self.cameras = CameraKeeper(
             self.node,
@@ -162,7 +170,7 @@ class Tree:
             lambda: self.guardian.state.mode in LINKED,
         )
         rings = (lambda: self.cameras.rings) if args.get("cameras") else None
-        self.mesh = MeshPlace(self.node, self.robot, self.driver, lambda: self.tasks.status, rings)
+        self.mesh = MeshPlace(self.node, self.robot, self.driver, lambda: self.tasks.status, rings, self.audit.note)
         self.keeper = LockKeeper(Locks(Path(args["locks"]), self.robot, args["lock_port"]))
         self.standby = StandbyKeeper(
             self.node,
@@ -187,6 +195,7 @@ class Tree:
             self.standby,
             self.at.transport,
             place.Owed(words),
+            lambda told: self.audit.note(told.who, told.what, told.how, told.over),
         )
         self.standby.on_lost = self.guardian.lose_standby
         self.standby.on_begun = self.guardian.begin_standby
@@ -209,6 +218,7 @@ class Tree:
             "listen": [self.args["wire_listen"]],
             "connect": self.args["connect"],
             "policy_listen": self.args["policy_listen"],
+            "audited": bool(self.args["audit"]),
             "page": self.ahead.page,
             "label": self.args["label"],
         }
@@ -244,6 +254,7 @@ class Tree:
             await nursery.start(self._contain, "the guardian", guardian.run)
             await nursery.start(self._contain, "the actors", Supervisor(self._actors(), budget=ACTORS_BUDGET).run)
             self._keep("the keeper of the lock", self.keeper.run)
+            self._keep("the audit", self.audit.run)
             self._keep("the keeper of the standby", self.standby.keep)
             self._keep("the watch over the caller", self._watch_caller, self.args["caller_pid"])
             link = Link(
@@ -356,6 +367,8 @@ class Tree:
         for waiting in self._waiting:  # who asked meanwhile
             waiting.send(self.guardian.last_report or report)
         await self.keeper.settle()
+        with trio.move_on_after(KEEP_S):
+            await self.audit.settle()
         await trio.sleep(LAST_WORDS_S)
         await self.standby.end()  # last: it has the port open, and is needed until now
         os._exit(0 if self.guardian.confirmed else UNCONFIRMED)
@@ -414,7 +427,7 @@ def main(args: dict[str, Any], sock: socket.socket) -> None:
     take_name(args["robot"], "root", args["label"])
     hand_over()
     spawner = Spawner(  # now: this process has one thread, and nothing is open yet
-        close=(sock.fileno(),), name=(args["robot"], "spawner", args["label"])
+        close=(sock.fileno(),), name=(args["robot"], "spawner", args["label"]), forget=args.clear
     )
     page = new_page()
     ahead = Ahead(spawner, ForkedAhead((page,)), ForkedAhead(session=True), page)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import os
 import socket
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from typing import Any
 
 import msgspec
@@ -20,6 +20,7 @@ from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import AskTimeout, Node, Ref, Unreachable
 from strands_actors.kernel.processes.identity import take_name
+from strands_actors.kernel.processes.limits import PolicyLimits
 from strands_actors.kernel.processes.process import ChildProcess
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors import permissions as channels
@@ -62,9 +63,13 @@ class Tasks(Actor):
         endpoint: str,
         label: str = "",
         safe_s: float = USUAL_SAFE_S,
+        limits: Mapping[str, Any] | None = None,
+        audit: Callable[[str, str, str, str], None] = lambda *_: None,
     ) -> None:
         """``endpoint``: where the wire lets policies in. ``label``: see ``take_name``. ``safe_s``:
-        what the robot's driver says that a stop may take."""
+        what the robot's driver says that a stop may take. ``limits``: ``PolicyLimits``."""
+        self._limits = dict(limits or {})
+        self._audit = audit
         self._label = label
         self._robot = robot
         self._start_process = start
@@ -98,8 +103,12 @@ class Tasks(Actor):
             case GetTask():
                 return self.status
             case StartTask():
-                return await self._start(message)
+                started = await self._start(message)
+                how = f"refused: {started.text}" if isinstance(started, Refused) else "started"
+                self._audit("the holder of the lease", f"start_task {message.provider}", how, "")
+                return started
             case StopTask():
+                self._audit("the holder of the lease", "stop_task", "ordered", "")
                 return await self._stop()
         return None
 
@@ -118,6 +127,7 @@ class Tasks(Actor):
             "rollout": msgspec.to_builtins(message.rollout),
             "deadline_ns": message.deadline_ns,
             "is_actor": message.is_actor,
+            "limits": self._limits,
         }
         if (late := self._refuse_late(message)) is not None:
             return late
@@ -221,6 +231,7 @@ class Tasks(Actor):
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
     """Entry of the policy process."""
+    os.environ.pop("STRANDS_ACTORS_MESH", None)  # where keys are: none of its business
     take_name(args["robot"], "policy", args["label"])
     trio.run(_main, args, sock)
 
@@ -260,6 +271,13 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
         mesh.attach(node)
         await nursery.start(mesh.run)
         await _until_reachable(node, at.gate)
+        try:  # now: who is another user, or may use no more memory, could not come so far
+            msgspec.convert(args["limits"], PolicyLimits).apply()
+        except (OSError, ValueError, KeyError) as error:
+            detail = f"policy_limits cannot be put on: {error}"
+            report(TaskStatus(False, exit_reason="refused", exit_detail=detail, instruction=rollout.instruction))
+            await trio.sleep(LAST_WORDS_S)
+            os._exit(0)
         nursery.start_soon(node.cell(at.introspection("policy"), Introspector, "introspection").run)
         nursery.start_soon(node.cell(at.path("policy"), attend).run)
         await ended.wait()

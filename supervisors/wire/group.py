@@ -62,11 +62,13 @@ async def run_group(
     locked_since: str = "",
     owed: place.Owed | None = None,
     no_standby: str = "",
+    audited: bool = False,
+    secret: bytes = b"",
     task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED,
 ) -> None:
     """Run until cancelled; raise when any of the three fails. ``orphaned``, ``root``: see
-    ``Watchdog``; ``made`` is given the transport. ``owed``, ``no_standby``: see ``Transport`` and
-    ``Gate``."""
+    ``Watchdog``; ``made`` is given the transport. ``owed``: see ``Transport``; ``no_standby`` and what
+    follows: ``Gate``."""
     at = addresses.of(robot)
     transport = Transport(
         driver, at.gate, at.watchdog, at.guardian, start_state.epoch, start_state.mode is Mode.LOST, owed
@@ -77,7 +79,16 @@ async def run_group(
         node.cell(
             at.path("gate"),
             lambda: Gate(
-                driver, at.transport, at.watchdog, at.guardian, start_state, cause, locked_since, no_standby
+                driver,
+                at.transport,
+                at.watchdog,
+                at.guardian,
+                start_state,
+                cause,
+                locked_since,
+                no_standby,
+                audited,
+                secret,
             ),
         ),
         node.cell(
@@ -268,6 +279,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
             await nursery.start(
                 run_group, node, driver, robot, state, args["cause"], end, heartbeat, lambda: suspected(root),
                 transports.append, args["locked_since"], owed, "none has said so far that it is ready",
+                args["audited"], os.urandom(16),
             )  # fmt: skip
             nursery.start_soon(link.run)
             nursery.start_soon(join_mesh)

@@ -97,13 +97,16 @@ def test_a_frozen_root_is_reported_and_its_wire_is_safe_by_itself(cli: Command, 
 
 
 def test_keys_are_made_once(cli: Command, tmp_path: Path) -> None:
-    done = cli.json("mesh", "keys", str(tmp_path / "keys"), "--name", "screen", "--host", "arm.example")
+    asked = ("--robot", "arm", "--name", "screen", "--host", "arm.example")
+    done = cli.json("mesh", "keys", str(tmp_path / "keys"), *asked)
     names = sorted(Path(file).name for file in done["files"])
     assert names == sorted(
-        f"{name}.{ending}" for name in ("ca", "robot", "operator", "viewer", "screen") for ending in ("pem", "key")
+        f"{name}.{ending}" for name in ("ca", "arm", "operator", "viewer", "screen") for ending in ("pem", "key")
     )
     again = cli.run("mesh", "keys", str(tmp_path / "keys"))
     assert again.returncode == 2 and "already there" in again.stderr
+    later = cli.json("mesh", "keys", str(tmp_path / "keys"), "--robot", "arm2")
+    assert sorted(Path(file).name for file in later["files"]) == ["arm2.key", "arm2.pem"]
 
 
 def test_a_mesh_file_that_would_open_the_robot_unasked_is_refused(cli: Command, tmp_path: Path) -> None:

@@ -7,17 +7,20 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import pytest
 import trio
+import zenoh
 
 from strands_actors import Robot
 from strands_actors.caller.robot import RealRobot
+from strands_actors.kernel.channels.zenoh_session import config
 from strands_actors.kernel.messages import Refused
-from strands_actors.surfaces.mesh import MeshConfig, control, open_mesh
+from strands_actors.surfaces.mesh import TLS, Access, MeshConfig, control, open_mesh
 from strands_actors.surfaces.mesh.keys import make
+from strands_actors.surfaces.mesh.outcome import outcome_of
 from strands_actors.testing import FakeHardware, Twin
 
 from .proxy import free_port
@@ -28,7 +31,7 @@ from .world import Samples, robot_on_mesh, run, tls, until
 def keys(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Ours, and a set of somebody else's with the same names."""
     directory = tmp_path_factory.mktemp("keys")
-    make(directory / "ours")
+    make(directory / "ours", ("operator", "viewer", "alice", "bob"), robots=("so101", "arm-b"))
     make(directory / "theirs")
     return directory
 
@@ -36,6 +39,17 @@ def keys(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def port() -> int:
     return free_port()
+
+
+def served(keys: Path, port: int, access: Access | None = None) -> Callable[[str], MeshConfig]:
+    """With a certificate of the robot's own."""
+
+    def config_of(robot: str) -> MeshConfig:
+        make(keys / "ours", (), robots=[robot])
+        own = tls(keys / "ours", robot)
+        return MeshConfig(listen=f"tls/127.0.0.1:{port}", tls=own, access=access or Access())
+
+    return config_of
 
 
 def away(run_dir: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -50,7 +64,7 @@ def test_a_viewer_reads_an_operator_commands_a_stranger_is_kept_out(
 ) -> None:
     async def test() -> None:
         hardware = FakeHardware()
-        here = MeshConfig(listen=f"tls/127.0.0.1:{port}", tls=tls(keys / "ours", "robot"))
+        here = served(keys, port)
         async with robot_on_mesh(hardware, here) as (robot, tree, _):
             away(run_dir, monkeypatch)
             endpoint = f"tls/localhost:{port}"
@@ -89,13 +103,167 @@ def test_a_viewer_reads_an_operator_commands_a_stranger_is_kept_out(
 
 def test_a_robot_whose_address_is_taken_does_not_start(keys: Path, port: int) -> None:
     async def test() -> None:
-        config = MeshConfig(listen=f"tls/127.0.0.1:{port}", tls=tls(keys / "ours", "robot"))
-        async with robot_on_mesh(config=config):
-            second = Robot("so101", mode="real", transport="twin", mesh=config)
+        taken = MeshConfig(listen=f"tls/127.0.0.1:{port}", tls=tls(keys / "ours", "so101"))
+        async with robot_on_mesh(config=served(keys, port)):
+            second = Robot("so101", mode="real", transport="twin", mesh=taken)
             problem = await trio.to_thread.run_sync(second.connect_eagerly)
             await trio.to_thread.run_sync(second.cleanup)
         assert problem is not None
         assert str(port) in problem and "in use" in problem
+
+    run(test)
+
+
+# -- who plays a robot
+
+
+class Impostor:
+    """A server that says to be ``robots``, and answers every e-stop and stop for each: safe."""
+
+    def __init__(self, port: int, tls_of: TLS, robots: Sequence[str]) -> None:
+        settings = MeshConfig(tls=tls_of).settings()
+        self.robots = robots
+        self.heard: list[str] = []
+        self._session = zenoh.open(config([f"tls/127.0.0.1:{port}"], [], settings))
+        self._tokens = [self._session.liveliness().declare_token(f"strands/{robot}/alive") for robot in robots]
+        self._inbox = self._session.declare_subscriber(
+            "strands/**", zenoh.handlers.Callback(self._on, indirect=False)
+        )
+
+    def _on(self, sample: zenoh.Sample) -> None:
+        key = str(sample.key_expr)
+        if not key.endswith(("/estop", "broadcast", "/cmd")):
+            return
+        self.heard.append(key)
+        asked = json.loads(sample.payload.to_bytes())
+        motors = [{"axis": "shoulder_pan", "id": 1, "safe": True, "detail": ""}]
+        for robot in self.robots:
+            result = {"outcome": "safe", "safe_state": "limp", "path": "wire", "motors": motors, "locked": True}
+            answer = {"type": "response", "responder_id": robot, "turn_id": asked["turn_id"], "timestamp": 0.0}
+            self._session.put(
+                f"strands/{asked['sender_id']}/response/{robot}/{asked['turn_id']}",
+                json.dumps({**answer, "result": result}),
+            )
+
+    def close(self) -> None:
+        self._session.close()  # type: ignore[no-untyped-call]
+
+
+def test_saf_017_who_watches_or_commands_cannot_be_a_server(keys: Path, port: int) -> None:
+    async def test() -> None:
+        impostor = Impostor(port, tls(keys / "ours", "viewer"), ["so101"])
+        endpoint = f"tls/localhost:{port}"
+        try:
+            async with open_mesh(MeshConfig(connect=endpoint, tls=tls(keys / "ours", "operator"))) as operator:
+                await operator.settle(1.0)
+                outcomes = await operator.estop(within_s=2.0)
+        finally:
+            impostor.close()
+        assert [(each.robot, each.outcome) for each in outcomes] == [(endpoint, "unreachable")]
+        assert not impostor.heard
+
+    run(test)
+
+
+def test_saf_017_one_robots_certificate_speaks_for_no_other(
+    keys: Path, port: int, run_dir: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Beside the true one, and for one that there never was."""
+
+    async def test() -> None:
+        here = served(keys, port)
+        second = free_port()
+        async with robot_on_mesh(config=here) as (robot, tree, _):
+            away(run_dir, monkeypatch)
+            impostor = Impostor(second, tls(keys / "ours", "arm-b"), [robot, "ghost"])
+            true, false = f"tls/localhost:{port}", f"tls/localhost:{second}"
+            there = MeshConfig(connect=[false, true], tls=tls(keys / "ours", "operator"))
+            try:
+                async with open_mesh(there) as operator:
+                    states = Samples(operator, "strands/*/state")
+                    await until(lambda: operator.is_there(robot), "the true one is there")
+                    await states.wait()
+                    assert operator.robots == [robot]
+                    outcomes = {each.robot: each for each in await operator.estop(within_s=5.0)}
+                    assert set(outcomes) == {robot, false}
+                    assert len(outcomes[robot].motors) == len(tree.driver.axes), "the forged answer names one"
+                    assert outcomes[false].outcome == "unreachable" and "arm-b" in outcomes[false].detail
+                    told = await operator.stop(robot)
+                    assert (told.outcome, len(told.motors)) == ("safe", len(tree.driver.axes))
+            finally:
+                impostor.close()
+
+    run(test)
+
+
+def test_saf_017_a_handle_on_a_robot_hears_that_robot_alone(keys: Path, port: int) -> None:
+    """Nothing is told to who has another robot's certificate."""
+    impostor = Impostor(port, tls(keys / "ours", "arm-b"), ["so101"])
+    mesh = MeshConfig(tls=tls(keys / "ours", "operator"))
+    arm = Robot("so101", mode="real", at=f"tls/localhost:{port}", mesh=mesh)
+    try:
+        assert "does not answer" in (arm.connect_eagerly() or "")
+    finally:
+        arm.cleanup()
+        impostor.close()
+
+
+def test_a_robot_with_another_ones_certificate_does_not_start(keys: Path, port: int) -> None:
+    others = MeshConfig(listen=f"tls/127.0.0.1:{port}", tls=tls(keys / "ours", "arm-b"))
+    arm = Robot("so101", mode="real", transport="twin", mesh=others)
+    try:
+        problem = arm.connect_eagerly() or ""
+        assert "certificate of 'arm-b'" in problem and "mesh keys DIR --robot so101" in problem
+    finally:
+        arm.cleanup()
+
+
+def test_safe_without_a_motor_is_not_safe() -> None:
+    assert outcome_of("so101", {"outcome": "safe"}).outcome == "unconfirmed"
+    assert (
+        outcome_of("so101", {"outcome": "safe", "motors": [{"axis": "a", "safe": False}]}).outcome == "unconfirmed"
+    )
+    assert outcome_of("so101", {"outcome": "safe", "motors": [{"axis": "a", "safe": True}]}).outcome == "safe"
+
+
+# -- who plays an operator
+
+
+def test_saf_017_one_operator_speaks_for_no_other_and_overhears_none(
+    keys: Path, port: int, run_dir: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The names of a robot's clock and of a lease are told to who asked alone, and without them
+    nothing is done in a sender's name."""
+
+    async def test() -> None:
+        hardware = FakeHardware()
+        access = Access(operators=["alice", "bob"])
+        here = served(keys, port, access)
+        async with robot_on_mesh(hardware, here) as (robot, tree, _):
+            away(run_dir, monkeypatch)
+            endpoint = f"tls/localhost:{port}"
+            async with (
+                open_mesh(MeshConfig(connect=endpoint, tls=tls(keys / "ours", "alice"))) as alice,
+                open_mesh(MeshConfig(connect=endpoint, tls=tls(keys / "ours", "bob"))) as bob,
+            ):
+                assert alice.sender.startswith("alice.")
+                overheard: list[str] = []
+                for session in bob._sessions.values():
+                    for key in ("strands/**", f"strands/{alice.sender}/response/**", "strands/*/response/**"):
+                        session.subscribe(key, lambda received: overheard.append(received.key))
+                await until(lambda: alice.is_there(robot) and bob.is_there(robot), "the robot is there")
+                async with control(alice, robot) as arm:
+                    assert not isinstance(await arm.send_action({"a": 1.0}), Refused)
+                    await until(lambda: hardware.of("setpoint"), "a setpoint")
+                    epoch = (await tree.status()).epoch
+                    bob.sender = alice.sender
+                    for clock in ("", "0" * 32):
+                        move = {"action": "move", "targets": {"a": 3.0}, "lease": arm._lease, "epoch": epoch}
+                        await bob.post(robot, {**move, "clock": clock or "x", "deadline_ns": 1 << 60})  # type: ignore[arg-type]
+                    resumed = bob.request(robot, {"action": "resume", "clock": "x", "deadline_ns": 1 << 60}, 0.3)
+                    assert isinstance(await resumed, Refused)
+                    assert {written.values for written in hardware.of("setpoint")} == {(1.0, 0.0)}
+                assert not [key for key in overheard if "/response/" in key]
 
     run(test)
 
@@ -133,7 +301,7 @@ def twin(tmp_path: Path) -> Iterator[Twin]:
 def stop_s(robot: RealRobot, twin: Twin) -> float:
     """From the call to the safe frame on the wire."""
     began_ns = time.monotonic_ns()
-    assert robot.stop()["status"] == "success"  # type: ignore[index]  # it is no pending answer here
+    assert robot.stop()["status"] == "success"  # it is no pending answer here
     return twin.log.safe_within(began_ns, 10.0)
 
 
@@ -144,7 +312,7 @@ def test_saf_006_a_flood_of_forged_commands_moves_nothing_and_delays_no_stop(
     """Of a viewer, who may send none of them, and of an operator, who may: they are forged all the
     same."""
     seconds = float(os.environ.get("STRANDS_ACTORS_FLOOD_S", "2"))
-    here = MeshConfig(listen=f"tls/127.0.0.1:{port}", tls=tls(keys / "ours", "robot"))
+    here = MeshConfig(listen=f"tls/127.0.0.1:{port}", tls=tls(keys / "ours", "so101"))
     robot = Robot("so101", mode="real", port=twin.port, mesh=here)
     settings = MeshConfig(tls=tls(keys / "ours", who)).settings()
     try:
@@ -182,6 +350,9 @@ def test_saf_006_a_flood_of_forged_commands_moves_nothing_and_delays_no_stop(
             f"calm, median, worst of {len(took)}: {figures}"
         )
         assert twin.log.host("setpoint", began_ns) == []
+        tree = robot.tree()
+        assert tree is not None
+        assert {each["role"]: each["restarts"] for each in tree["processes"]}["wire"] == 0, "no wire was lost"
         after = robot.get_observation()
         assert abs(after["shoulder_pan"] - before["shoulder_pan"]) < 3.0
         assert took[-1] < 0.5  # for a busy machine; 20 ms on a free one

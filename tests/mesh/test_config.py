@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import base64
+import contextlib
 import stat
 from pathlib import Path
 from typing import Any
 
 import pytest
 from cryptography import x509
+from cryptography.x509.oid import ExtendedKeyUsageOID
 
 from strands_actors import Robot
-from strands_actors.surfaces.mesh import TLS, MeshConfig
+from strands_actors.surfaces.mesh import TLS, Access, MeshConfig
 from strands_actors.surfaces.mesh.access import access_control
+from strands_actors.surfaces.mesh.certificate import common_name
 from strands_actors.surfaces.mesh.config import ENVIRONMENT
 from strands_actors.surfaces.mesh.keys import make
 
@@ -21,7 +25,7 @@ from .world import tls
 @pytest.fixture(scope="module")
 def keys(tmp_path_factory: pytest.TempPathFactory) -> Path:
     directory = tmp_path_factory.mktemp("keys") / "new"
-    make(directory, hosts=["arm.example", "192.0.2.7"])
+    make(directory, hosts=["arm.example", "192.0.2.7"], robots=["robot"])
     return directory
 
 
@@ -101,13 +105,54 @@ def test_a_set_of_keys(keys: Path) -> None:
         leaf = x509.load_pem_x509_certificate((keys / f"{name}.pem").read_bytes())
         leaf.verify_directly_issued_by(ca)
         assert leaf.subject.rfc4514_string() == f"CN={name}"
-        names = leaf.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
-        assert "arm.example" in names.get_values_for_type(x509.DNSName)
-        assert "192.0.2.7" in map(str, names.get_values_for_type(x509.IPAddress))
+        assert common_name(str(keys / f"{name}.pem")) == name
+        uses = leaf.extensions.get_extension_for_class(x509.ExtendedKeyUsage).value
+        assert (ExtendedKeyUsageOID.SERVER_AUTH in uses) is (name == "robot")
         assert stat.S_IMODE((keys / f"{name}.key").stat().st_mode) == 0o600
+    names = x509.load_pem_x509_certificate((keys / "robot.pem").read_bytes()).extensions
+    places = names.get_extension_for_class(x509.SubjectAlternativeName).value
+    assert "arm.example" in places.get_values_for_type(x509.DNSName)
+    assert "192.0.2.7" in map(str, places.get_values_for_type(x509.IPAddress))
     assert stat.S_IMODE(keys.stat().st_mode) == 0o700
     with pytest.raises(FileExistsError):
         make(keys)
+    make(keys, (), robots=["later"])  # one more, of the same authority
+    x509.load_pem_x509_certificate((keys / "later.pem").read_bytes()).verify_directly_issued_by(ca)
+
+
+@pytest.mark.parametrize(
+    ("names", "robots", "told"),
+    [(["a/b"], [], "no name"), ([], ["a*"], "no name"), (["ca"], [], "no name"), (["x"], ["x"], "robot's name")],
+)
+def test_names_that_cannot_be_one(tmp_path: Path, names: list[str], robots: list[str], told: str) -> None:
+    with pytest.raises(ValueError, match=told):
+        make(tmp_path / "keys", names, robots=robots)
+    assert not (tmp_path / "keys").exists()
+
+
+def test_a_name_is_read_from_a_certificate_and_from_nothing_else(keys: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other.pem"
+    for content in (b"", b"-----BEGIN CERTIFICATE-----\nAAAA\n-----END CERTIFICATE-----", b"\xff" * 100):
+        other.write_bytes(content)
+        with pytest.raises(ValueError, match="no certificate"):
+            common_name(str(other))
+    whole = (keys / "robot.pem").read_bytes().split(b"\n")
+    der = base64.b64decode(b"".join(whole[1:-2]))
+    for cut in range(0, len(der), 7):
+        cut_off = base64.encodebytes(der[:cut])
+        other.write_bytes(b"-----BEGIN CERTIFICATE-----\n" + cut_off + b"-----END CERTIFICATE-----\n")
+        with contextlib.suppress(ValueError):  # the name stands before the key, which need not be whole
+            assert common_name(str(other)) == "robot"
+
+
+@pytest.mark.parametrize(
+    ("operators", "told"),
+    [(["alice", "alice.smith"], "could hear"), (["a*"], "no name"), (["x" * 41], "longer")],
+)
+def test_operators_who_could_overhear_each_other_are_refused(keys: Path, operators: list[str], told: str) -> None:
+    access = Access(operators=operators)
+    with pytest.raises(ValueError, match=told):
+        MeshConfig(listen="tls/0.0.0.0:7447", tls=tls(keys, "robot"), access=access).check()
 
 
 def granted(role: str) -> list[dict[str, Any]]:

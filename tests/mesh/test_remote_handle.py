@@ -38,10 +38,10 @@ class Hosts(NamedTuple):
 def hosts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run_dir: Path) -> Iterator[Hosts]:
     """A robot that anybody may take, and a handle on it from elsewhere."""
     keys = tmp_path / "keys"
-    make(keys)
+    make(keys, robots=["so101"])
     port = free_port()
     with Twin("so101", tmp_path) as twin, Cable(port) as cable:
-        config = MeshConfig(listen=f"tls/127.0.0.1:{port}", tls=tls(keys, "robot"))
+        config = MeshConfig(listen=f"tls/127.0.0.1:{port}", tls=tls(keys, "so101"))
         here = Robot("so101", mode="real", port=twin.port, mesh=config)
         elsewhere = run_dir / "elsewhere"
         elsewhere.mkdir(mode=0o700)

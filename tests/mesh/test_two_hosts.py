@@ -46,10 +46,10 @@ def test_saf_001_a_cut_cable_is_safe_within_the_lifetime_and_moves_nothing_when_
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run_dir: Path
 ) -> None:
     keys = tmp_path / "keys"
-    make(keys)
+    make(keys, robots=["so101"])
     port = free_port()
     with Twin("so101", tmp_path) as twin, Cable(port) as cable:
-        here = MeshConfig(listen=f"tls/127.0.0.1:{port}", tls=tls(keys, "robot"))
+        here = MeshConfig(listen=f"tls/127.0.0.1:{port}", tls=tls(keys, "so101"))
         robot = Robot("so101", mode="real", port=twin.port, mesh=here)
         try:
             assert robot.connect_eagerly() is None

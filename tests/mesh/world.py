@@ -29,15 +29,15 @@ PATIENCE_S = 20.0
 
 @contextlib.asynccontextmanager
 async def robot_on_mesh(
-    hardware: FakeHardware | None = None, config: MeshConfig | None = None
+    hardware: FakeHardware | None = None, config: MeshConfig | Callable[[str], MeshConfig] | None = None
 ) -> AsyncIterator[tuple[str, InlineTree, MeshPlace]]:
-    """Armed. Its name, its tree, its place on the mesh."""
+    """Armed. Its name, its tree, its place on the mesh. ``config`` may depend on its name."""
     async with open_inline_tree(hardware, MonotonicClock()) as tree, trio.open_nursery() as nursery:
         robot = tree.gate.address.split("/")[1]
         name = Name(robot)
         endpoint = unix_endpoint(name.socket("mesh"))
         place = MeshPlace(tree.node, robot, tree.driver, TaskStatus)
-        config = config or MeshConfig()
+        config = config(robot) if callable(config) else config or MeshConfig()
         nursery.start_soon(place.run, [endpoint, *config.listens], config.connects, config.robot_settings())
         await place.settled.wait()
         assert not place.problem

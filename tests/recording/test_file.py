@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import math
 import random
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.instrument import Attached, Batch, Entry, Kind, encode
 from strands_actors.supervisors.messages import Happened, LinkLost, Observed, Resume, StateIs, Stop
 from strands_actors.surfaces.recording import RecordingError
+from strands_actors.surfaces.recording.code import build_driver
 from strands_actors.surfaces.recording.file import METADATA, RecordingFile, new_info, read
 from strands_actors.surfaces.recording.lines import CHANNELS, Gap, schema
 from strands_actors.surfaces.recording.views import View
@@ -265,3 +267,42 @@ def test_what_was_never_read_is_null(tmp_path: Path) -> None:
     assert seen["lifecycle"][0]["detail"] == "the cable is out"
     assert seen["gap"] == [{"source": "root", "missing": -1, "why": "the root process ended"}]
     assert not any(isinstance(part, Gap) for part in read(path).parts), "the root's is no gap of the wire's journal"
+
+
+# -- a small file that would become a large one
+
+
+def bomb(path: Path, chunk_bytes: int, chunks: int) -> int:
+    """An MCAP file of rows of zeros, which compress to next to nothing; its size."""
+    with path.open("xb") as stream:
+        writer = Writer(stream, chunk_size=chunk_bytes)
+        writer.start(profile="", library="strands-actors")
+        channel = writer.register_channel("/so101/other", "json", 0)
+        for number in range(chunks):
+            writer.add_message(channel, number, bytes(chunk_bytes), number)
+        writer.finish()  # type: ignore[no-untyped-call]
+    return path.stat().st_size
+
+
+@pytest.mark.parametrize(("chunk_bytes", "chunks"), [(64 << 20, 1), (8 << 20, 12)])
+def test_a_small_file_does_not_become_a_large_one(tmp_path: Path, chunk_bytes: int, chunks: int) -> None:
+    """131 kB took 4.2 GB."""
+    size = bomb(tmp_path / "bomb.mcap", chunk_bytes, chunks)
+    assert size < 100_000
+    tracemalloc.start()
+    try:
+        with pytest.raises(RecordingError, match="would become more"):
+            read(tmp_path / "bomb.mcap")
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert most < 64 << 20
+
+
+def test_what_a_file_says_of_its_driver_may_be_nonsense(run: Path) -> None:
+    info = read(run).info
+    for driver in ({"robot": "so101"}, {}, {**info.attached.driver, "options": 7}):
+        attached = msgspec.structs.replace(info.attached, driver=driver)
+        with pytest.raises((RecordingError, KeyError)) as refused:
+            build_driver(msgspec.structs.replace(info, attached=attached))
+        assert isinstance(refused.value, RecordingError), refused.value

@@ -118,6 +118,11 @@ class PubSub:
         info = self._session.info
         return len(info.peers_zid()) + len(info.routers_zid())
 
+    @property
+    def names(self) -> set[str]:
+        """The names in the certificates of those it is connected to; empty for one without."""
+        return {link.auth_identifier or "" for link in self._session.info.links()}
+
     async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         """Until the session is closed."""
         task_status.started()

@@ -20,7 +20,7 @@ import select
 import socket
 import struct
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import trio
@@ -144,9 +144,12 @@ class _Server:
 class Spawner:
     """Make it before there are threads, run ``run``, then ``start``."""
 
-    def __init__(self, close: tuple[int, ...] = (), name: Sequence[str] = ()) -> None:
+    def __init__(
+        self, close: tuple[int, ...] = (), name: Sequence[str] = (), forget: Callable[[], object] | None = None
+    ) -> None:
         """``close``: descriptors that are not for the spawner to keep open. ``name``: what it is
-        called, for ``take_name``."""
+        called, for ``take_name``. ``forget``: called in it, so that what it starts is not born with
+        passwords and the paths of keys."""
         self._name = tuple(name)
         ours, theirs = socket.socketpair()
         pid = os.fork()
@@ -155,6 +158,8 @@ class Spawner:
                 ours.close()
                 for fd in close:
                     os.close(fd)
+                if forget is not None:
+                    forget()
                 _serve(theirs, name)
             finally:
                 os._exit(0)

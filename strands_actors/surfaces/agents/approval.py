@@ -19,9 +19,12 @@ from typing import Any
 import trio
 
 from strands_actors.contract.driver import Driver
+from strands_actors.contract.shown import harmless, shown
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.processes.guard import not_approved, unapproved
 
+MOST_SHOWN = 64
+"""Keys of an action that an operator is shown; no robot has more axes."""
 APPROVE_S = 30.0
 """How long an operator may think."""
 
@@ -38,8 +41,16 @@ class Request:
     by: str = "agent"
 
     def __str__(self) -> str:
-        inputs = " ".join(f"{name}={value}" for name, value in self.inputs.items())
-        return f"{self.by} asks {self.robot}: {self.verb} {inputs}".rstrip()
+        inputs = " ".join(f"{name}={_plainly(value)}" for name, value in self.inputs.items())
+        return harmless(f"{self.by} asks {self.robot}: {self.verb} {inputs}".rstrip())
+
+
+def _plainly(value: object) -> str:
+    """All of an action, so that nobody agrees to what is not shown; cut where nothing could be
+    read."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{shown(key)}: {shown(part)}" for key, part in [*value.items()][:MOST_SHOWN]) + "}"
+    return shown(value, 200)
 
 
 Approve = Callable[[Request], bool]

@@ -3,21 +3,21 @@ Pure."""
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.plain_numbers import as_python
+from strands_actors.contract.shown import closest, shown
 from strands_actors.contract.tool_spec import tool_spec
 from strands_actors.contract.tool_verbs import ToolVerb
 from strands_actors.kernel.messages import Refused
 
 Kind = Literal["read", "motion", "stop"]
 
-_SHOWN = 40
-"""Characters of a wrong input that a refusal shows."""
+MAX_INPUTS = 64
+"""No verb takes so many."""
 
 _TYPES: Mapping[str, tuple[type, ...]] = {
     "object": (Mapping,),
@@ -62,15 +62,17 @@ def read(driver: Driver, given: object) -> Call | Refused:
     """What a model asks for. A null is an input that is not given; a stop minds no input."""
     names = ", ".join(verb.name for verb in driver.TOOL_VERBS)
     if not isinstance(given, Mapping):
-        return Refused("bad_input", f"tool: the input is {_shown(given)}", f"give an object with action: {names}")
+        return Refused("bad_input", f"tool: the input is {shown(given)}", f"give an object with action: {names}")
+    if len(given) > MAX_INPUTS:
+        return Refused("bad_input", f"tool: it has {len(given)} inputs", f"give at most {MAX_INPUTS}")
     said = given.get("action")
     wanted = said.strip().lower() if isinstance(said, str) else said
     if all(value is None for value in given.values()):
         wanted = "status"  # an empty input asks how the robot is
     verb = next((verb for verb in driver.TOOL_VERBS if verb.name == wanted), None)
     if verb is None:
-        what = "no action is given" if said is None else f"{_shown(said)} is not a verb of {driver.robot}"
-        return Refused("unknown_verb", f"tool: {what}", f"use {names}", _shown(said), names)
+        what = "no action is given" if said is None else f"{shown(said)} is not a verb of {driver.robot}"
+        return Refused("unknown_verb", f"tool: {what}", f"use {names}", shown(said), names)
     if verb.does == "stop":
         return Call(verb)
     inputs = {name: as_python(value) for name, value in given.items() if name != "action" and value is not None}
@@ -82,23 +84,19 @@ def _refuse_inputs(verb: ToolVerb, inputs: Mapping[str, Any]) -> Refused | None:
     takes = ", ".join(verb.inputs) or "no input"
     for name, value in inputs.items():
         if name not in verb.inputs:
-            close = difflib.get_close_matches(str(name), verb.inputs, n=1)
+            close = closest(name, verb.inputs)
             hint = f" ({close[0]!r}?)" if close else ""
-            what = f"{verb.name}: it takes no {_shown(name)}{hint}"
-            return Refused("unknown_input", what, f"it takes {takes}", _shown(name), takes)
+            what = f"{verb.name}: it takes no {shown(name)}{hint}"
+            return Refused("unknown_input", what, f"it takes {takes}", shown(name), takes)
         kind = verb.inputs[name]["type"]
         if not isinstance(value, _TYPES[kind]) or (isinstance(value, bool) and kind != "boolean"):
-            what = f"{verb.name}: {name} is {_shown(value)}"
-            return Refused("bad_input", what, f"give it as {kind}", _shown(value), kind)
+            what = f"{verb.name}: {name} is {shown(value)}"
+            return Refused("bad_input", what, f"give it as {kind}", shown(value), kind)
     for name in verb.required:
         if name not in inputs:
             what = f"{verb.name}: {name} is missing"
             return Refused("bad_input", what, f"it takes {takes}", "", takes)
     return None
-
-
-def _shown(value: object) -> str:
-    return repr(value)[:_SHOWN]
 
 
 __all__ = ["Call", "Kind", "read", "tool_spec"]

@@ -268,15 +268,17 @@ def status(mesh: Mesh = None, json: Json = False) -> None:
 @meshes.command()
 def keys(
     directory: Annotated[Path, typer.Argument(help="Where they go.")],
-    host: Annotated[list[str] | None, typer.Option(help="Under which a robot is connected to.")] = None,
-    name: Annotated[list[str] | None, typer.Option(help="Of one more certificate.")] = None,
+    robot: Annotated[list[str] | None, typer.Option(help="A robot, by its name on the mesh: one each.")] = None,
+    host: Annotated[list[str] | None, typer.Option(help="Under which these robots are connected to.")] = None,
+    name: Annotated[list[str] | None, typer.Option(help="Of one more who watches or commands.")] = None,
     days: Annotated[int, typer.Option(min=1, help="For which they are valid.")] = 365,
     json: Json = False,
 ) -> None:
-    """Make a certificate authority, and certificates for robot, operator and viewer."""
+    """Make a certificate authority, and certificates for robots, operator and viewer. Again for
+    robots that come later: the authority stays."""
     from .mesh import keys as run
 
-    run(directory, host or [], name or [], days, as_json=json)
+    run(directory, robot or [], host or [], name or [], days, as_json=json)
 
 
 @app.command()

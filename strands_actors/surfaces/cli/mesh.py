@@ -10,6 +10,7 @@ from typing import Any
 import msgspec
 import trio
 
+from strands_actors.contract.shown import harmless
 from strands_actors.kernel.channels.pubsub import Received
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.mesh.schemas import Status, key
@@ -22,12 +23,19 @@ PRESENCE_S = 0.7
 """Presence comes twice a second."""
 
 
-def keys(directory: Path, hosts: Sequence[str], names: Sequence[str], days: int, as_json: bool) -> None:
+def keys(
+    directory: Path, robots: Sequence[str], hosts: Sequence[str], names: Sequence[str], days: int, as_json: bool
+) -> None:
     try:
         from strands_actors.surfaces.mesh.keys import NAMES, make
     except ModuleNotFoundError as error:
         raise Problem(f"{error.name} is not installed: pip install 'strands-actors[mesh]'") from error
-    files = make(directory, (*NAMES, *(name for name in names if name not in NAMES)), hosts, days)
+    # Beside an authority that is there already, what is named; first, who watches and commands, too.
+    usual = () if (directory / "ca.pem").exists() and (names or robots) else NAMES
+    try:
+        files = make(directory, tuple(dict.fromkeys((*usual, *names))), hosts, days, robots)
+    except ValueError as error:
+        raise Problem(f"mesh keys: {error}") from error
     if as_json:
         print(json.dumps({"files": [str(file) for file in files]}))
         return
@@ -42,7 +50,7 @@ def status(mesh: Path | None, as_json: bool) -> None:
     if not robots:
         print("no robot is on the mesh")
     for robot in robots:
-        print("  ".join(_words(robot)))
+        print(harmless("  ".join(_words(robot))))
 
 
 def _words(robot: dict[str, Any]) -> list[str]:

@@ -10,6 +10,7 @@ import msgspec
 import trio
 
 from strands_actors.contract.driver import Driver
+from strands_actors.contract.shown import harmless
 from strands_actors.surfaces.recording.code import build_driver, fingerprint
 from strands_actors.surfaces.recording.errors import RecordingError
 from strands_actors.surfaces.recording.file import Info, RecordingFile, read
@@ -62,7 +63,7 @@ def replay(path: Path, as_json: bool) -> int:
         driver = build_driver(recording.info)
         outcome = play(recording, driver)
     except RecordingError as problem:
-        raise Problem(f"replay: {problem}") from problem
+        raise Problem(harmless(f"replay: {problem}")) from problem
     mismatch = _mismatch(recording.info, driver)
     if as_json:
         info = recording.info
@@ -70,8 +71,8 @@ def replay(path: Path, as_json: bool) -> int:
         print(json.dumps(plain | msgspec.to_builtins(outcome)))
     else:
         if mismatch:
-            print(f"{path}: {mismatch}", file=sys.stderr)
-        print(_told(path, outcome))
+            print(harmless(f"{path}: {mismatch}"), file=sys.stderr)
+        print("\n".join(map(harmless, _told(path, outcome).split("\n"))))
     return 0 if outcome.equal else DIFFERENT
 
 

@@ -1,6 +1,11 @@
 """Who may do what at a robot that others can reach, as zenoh's access rules. Whatever is not
 allowed is denied below the interpreter: a flood of forged commands costs the robot next to
-nothing."""
+nothing.
+
+Zenoh tells a robot nothing of who has put a sample. So each operator hears answers to its own name
+alone, and what it says counts by what such an answer has told it: the robot's clock under a name
+that cannot be guessed, a session, a lease. Who speaks for another cannot know these.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +31,6 @@ ORDERS = (
     ESTOP_KEY,
     RESUME_KEY,
 )
-ANSWERS = (key("*", "response/**"), key("node", "**"))
 TOKENS = (key("*", "alive"),)
 GATEWAYS = (key("*", "actor/gateway/**/alive"),)
 
@@ -37,7 +41,7 @@ LOCAL = "unixsock-stream"
 class Rule(NamedTuple):
     id: str
     messages: tuple[str, ...]
-    flow: str  # ingress: what they send, egress: what we send
+    flow: str  # ingress: what they send, egress: what we send; empty: both
     keys: tuple[str, ...]
 
 
@@ -50,11 +54,25 @@ VIEW = (
 OPERATE = (
     Rule("orders", ("put",), "ingress", ORDERS),
     Rule("offer", ("declare_subscriber",), "egress", ORDERS),
-    Rule("answers", ("put",), "egress", ANSWERS),
-    Rule("ask", ("declare_subscriber",), "ingress", ANSWERS),
     Rule("gateways", ("liveliness_token",), "egress", GATEWAYS),
     Rule("find", ("liveliness_query", "declare_liveliness_subscriber"), "ingress", GATEWAYS),
 )
+
+
+def own_prefix(name: str) -> str:
+    """With what senders and nodes of this certificate's holder begin."""
+    return f"{name}."
+
+
+def answers(name: str) -> tuple[Rule, ...]:
+    """What one operator is answered."""
+    keys = (key(f"{own_prefix(name)}$*", "response/**"), key("node", f"{own_prefix(name)}$*/**"))
+    return (
+        Rule(f"answers to {name}", ("put",), "egress", keys),
+        Rule(f"asked by {name}", ("declare_subscriber",), "ingress", keys),
+    )
+
+
 EVERYTHING = (
     "put",
     "delete",
@@ -68,40 +86,44 @@ EVERYTHING = (
 )
 
 
+_Granted = tuple[str, dict[str, list[str]], Sequence[Rule]]
+"""Who, by what that is known, and what for."""
+
+
 def access_control(viewers: Sequence[str], operators: Sequence[str]) -> dict[str, Any]:
-    """By common name of the certificate."""
-    rules = [
-        {
-            "id": rule.id,
-            "messages": list(rule.messages),
-            "flows": [rule.flow],
-            "permission": "allow",
-            "key_exprs": list(rule.keys),
-        }
-        for rule in (*VIEW, *OPERATE)
-    ]
-    rules.append(
-        {
-            "id": "local",
-            "messages": list(EVERYTHING),
-            "flows": ["ingress", "egress"],
-            "permission": "allow",
-            "key_exprs": ["**"],
-        }
-    )
-    subjects: list[dict[str, Any]] = [{"id": "local", "link_protocols": [LOCAL]}]
-    policies = [{"rules": ["local"], "subjects": ["local"]}]
-    for role, names, granted in (
-        ("viewers", viewers, VIEW),
-        ("operators", operators, (*VIEW, *OPERATE)),
-    ):
-        if names:
-            subjects.append({"id": role, "cert_common_names": list(names)})
-            policies.append({"rules": [rule.id for rule in granted], "subjects": [role]})
+    """Of a robot. By common name of the certificate."""
+    rules = [*VIEW, *OPERATE]
+    granted: list[_Granted] = [(f"viewer {name}", {"cert_common_names": [name]}, VIEW) for name in viewers]
+    for name in operators:
+        own = answers(name)
+        rules += own
+        granted.append((f"operator {name}", {"cert_common_names": [name]}, (*VIEW, *OPERATE, *own)))
+    everything = Rule("everything", EVERYTHING, "", ("**",))
+    granted.append(("local", {"link_protocols": [LOCAL]}, (everything,)))
+    return _control([*rules, everything], granted)
+
+
+def only(robot: str) -> dict[str, Any]:
+    """Of who talks with one robot: whoever else is at its address is neither heard nor told
+    anything."""
+    everything = Rule("everything", EVERYTHING, "", ("**",))
+    return _control([everything], [(robot, {"cert_common_names": [robot]}, (everything,))])
+
+
+def _control(rules: Sequence[Rule], granted: Sequence[_Granted]) -> dict[str, Any]:
     return {
         "enabled": True,
         "default_permission": "deny",
-        "rules": rules,
-        "subjects": subjects,
-        "policies": policies,
+        "rules": [
+            {
+                "id": rule.id,
+                "messages": list(rule.messages),
+                "flows": [rule.flow] if rule.flow else ["ingress", "egress"],
+                "permission": "allow",
+                "key_exprs": list(rule.keys),
+            }
+            for rule in rules
+        ],
+        "subjects": [{"id": who, **by} for who, by, _ in granted],
+        "policies": [{"rules": [rule.id for rule in allowed], "subjects": [who]} for who, _, allowed in granted],
     }

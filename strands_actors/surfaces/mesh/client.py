@@ -4,8 +4,10 @@
         for outcome in await mesh.estop():
             print(outcome.robot, outcome.outcome)
 
-One session for each robot of this user, and one for what the configuration names: a robot that is
-frozen keeps nobody from reaching the others. Robots that start later are joined within ``LOOK_S``.
+One session for each robot of this user, and for each endpoint that the configuration names: a robot
+that is frozen keeps nobody from reaching the others, and what is said of a robot counts from its own
+session alone. A session is of the robot whose socket it is, or whose certificate. Robots that start
+later are joined within ``LOOK_S``.
 """
 
 from __future__ import annotations
@@ -27,6 +29,7 @@ import zenoh
 from strands_actors.caller.background import open_background
 from strands_actors.caller.run_directory import notes
 from strands_actors.caller.strays import strays
+from strands_actors.contract.shown import shown
 from strands_actors.kernel.actor import describe
 from strands_actors.kernel.channels.pubsub import PubSub, Received
 from strands_actors.kernel.channels.zenoh_session import short
@@ -46,6 +49,8 @@ AWAY_S = 0.004
 """For an e-stop to be on the wires of this host. Who waits for its outcomes before that takes a
 processor from it: a quarter of 2.8 ms, on two."""
 ANSWER_S = 0.5
+_NO_ROBOTS = ("safety", "broadcast", "node")
+"""What may stand in a key where a robot's name does."""
 STOP_S = 3.0
 """Unless the robot says meanwhile that it has heard, and takes longer."""
 BEGIN_S = 2.0
@@ -91,11 +96,16 @@ class MeshClient:
         self, config: MeshConfig, nursery: trio.Nursery, now_ns: Callable[[], int] = time.monotonic_ns
     ) -> None:
         user = re.sub(r"[^A-Za-z0-9_-]", "-", getpass.getuser())[:32] or "user"
-        self.sender = f"{user}-{os.getpid()}-{secrets.token_hex(3)}"
+        self.sender = f"{config.own_prefix or user + '-'}{os.getpid()}-{secrets.token_hex(3)}"
         self.now_ns = now_ns
         self._config = config
         self._nursery = nursery
         self._sessions: dict[str, PubSub] = {}
+        """By endpoint: a socket of this user, or one that the configuration names."""
+        self._of_note: dict[PubSub, str] = {}
+        """Whose socket a session of this user is connected to."""
+        self._impostors: dict[str, str] = {}
+        """By endpoint: who there says to be a robot that it is not."""
         self._subscriptions: list[tuple[str, Callable[[Received], None]]] = []
         self._via: dict[str, PubSub] = {}
         self._expected: set[str] = set()
@@ -126,7 +136,7 @@ class MeshClient:
         self._expected = {note.robot for note in found.values()}
         for endpoint, session in list(self._sessions.items()):
             # A note may have been deleted while its robot runs.
-            if endpoint and endpoint not in found and not session.connections:
+            if session in self._of_note and endpoint not in found and not session.connections:
                 self._leave(self._sessions.pop(endpoint))
         for endpoint, note in found.items():
             if note.problem:
@@ -138,30 +148,41 @@ class MeshClient:
                     except (zenoh.ZError, OSError, RuntimeError) as error:  # no descriptor, no thread
                         problems[note.robot] = f"it cannot be joined: {error}"
                     else:
+                        self._of_note[session] = note.robot
                         await self._join(endpoint, session)
 
     async def join_configured(self) -> None:
         """Raise ``ValueError`` when a certificate cannot be used."""
-        connects = self._config.connects
-        if connects:
+        for endpoint in dict.fromkeys(self._config.connects):
             try:
-                session = await PubSub.open(connect=connects, settings=self._config.settings())
+                session = await PubSub.open(connect=[endpoint], settings=self._config.settings())
             except zenoh.ZError as error:
-                raise ValueError(f"mesh: {', '.join(connects)}: {short(error)}") from error
-            await self._join("", session)
+                raise ValueError(f"mesh: {endpoint}: {short(error)}") from error
+            await self._join(endpoint, session)
 
     async def _join(self, endpoint: str, session: PubSub) -> None:
         self._sessions[endpoint] = session
         session.get_ready(mesh_json.ESTOP_KEY, _COMMAND)
-        session.subscribe(mesh_json.response_key(self.sender, "*", "*"), self._on_response)
-        session.watch_tokens(mesh_json.key("*", "alive"), lambda token: self._on_token(session, token))
+        responses = mesh_json.response_key(self.sender, "*", "*")
+        session.subscribe(responses, lambda received: self._on_response(session, received))
+        tokens = mesh_json.key("*", "alive")
+        session.watch_tokens(tokens, lambda token: self._on_token(endpoint, session, token))
         for key, handler in self._subscriptions:
-            session.subscribe(key, handler)
+            self._subscribe(session, key, handler)
         await self._nursery.start(session.run)
+
+    def _speaks_for(self, session: PubSub, robot: str) -> bool:
+        """Whether what comes over this session may be of that robot."""
+        if session in self._of_note:
+            return self._of_note[session] == robot
+        if self._config.tls is not None:
+            return session.names == {robot}
+        return self._via.get(robot, session) is session  # nobody has a proof: who came first
 
     def _leave(self, session: PubSub) -> None:
         for robot in [robot for robot, via in self._via.items() if via is session]:
             del self._via[robot]
+        self._of_note.pop(session, None)
         self._nursery.start_soon(trio.to_thread.run_sync, session.close)
 
     async def keep_looking(self) -> None:
@@ -174,14 +195,23 @@ class MeshClient:
             await trio.to_thread.run_sync(session.close)
         self._sessions.clear()
 
-    def _on_token(self, session: PubSub, token: Received) -> None:
+    def _on_token(self, endpoint: str, session: PubSub, token: Received) -> None:
         robot = token.key.split("/")[1]
-        if token.alive:
-            self._via[robot] = session
-            appeared, self._appeared = self._appeared, trio.Event()
-            appeared.set()
-        elif self._via.get(robot) is session:
-            del self._via[robot]
+        if not token.alive:
+            if self._via.get(robot) is session:
+                del self._via[robot]
+            return
+        if not mesh_json.is_name(robot):
+            self._impostors[endpoint] = f"who is there says to be {shown(robot)}, which is no name"
+            return
+        if not self._speaks_for(session, robot):
+            who = " and ".join(sorted(name for name in session.names if name)) or "another robot"
+            self._impostors[endpoint] = f"who is there says to be {robot}, and is {who}"
+            return
+        self._impostors.pop(endpoint, None)
+        self._via[robot] = session
+        appeared, self._appeared = self._appeared, trio.Event()
+        appeared.set()
 
     # -- reading
 
@@ -204,7 +234,16 @@ class MeshClient:
         """Call ``handler`` for each sample, of robots that come later too."""
         self._subscriptions.append((key, handler))
         for session in self._sessions.values():
-            session.subscribe(key, handler)
+            self._subscribe(session, key, handler)
+
+    def _subscribe(self, session: PubSub, key: str, handler: Callable[[Received], None]) -> None:
+        def handle(received: Received) -> None:
+            parts = received.key.split("/")
+            robot = parts[3] if parts[2:3] == ["response"] and len(parts) > 3 else parts[1]
+            if robot in _NO_ROBOTS or self._speaks_for(session, robot):
+                handler(received)
+
+        session.subscribe(key, handle)
 
     # -- asking
 
@@ -327,13 +366,15 @@ class MeshClient:
         self._waiting[turn] = send
         return turn, receive
 
-    def _on_response(self, received: Received) -> None:
+    def _on_response(self, session: PubSub, received: Received) -> None:
         try:
             response = _decode_response(received.payload)
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
             return  # nobody waits for what cannot be read
         waiting = self._waiting.get(response.turn_id)
-        if waiting is not None and response.responder_id == received.key.split("/")[3]:
+        if waiting is None or response.responder_id != received.key.split("/")[3]:
+            return
+        if self._speaks_for(session, response.responder_id):
             with contextlib.suppress(trio.WouldBlock):
                 waiting.send_nowait(response)
 
@@ -400,12 +441,17 @@ class MeshClient:
         return {name for name in self.robots if robot in ("*", name)}
 
     def _not_connected(self) -> list[Outcome]:
-        connects = self._config.connects
-        missing = len(connects) - self._sessions[""].connections if connects else 0
-        if missing <= 0:
-            return []
-        detail = f"{missing} of {len(connects)} endpoints are not connected: who is behind them is not known"
-        return [Outcome(", ".join(connects), "unreachable", detail)]
+        """Endpoints that the configuration names, and where no robot is that proves its name."""
+        found = []
+        for endpoint in dict.fromkeys(self._config.connects):
+            session = self._sessions[endpoint]
+            if (why := self._impostors.get(endpoint)) is not None:
+                found.append(Outcome(endpoint, "unreachable", why))
+            elif not session.connections:
+                found.append(Outcome(endpoint, "unreachable", "it is not connected: who is there is not known"))
+            elif not any(via is session for via in self._via.values()):
+                found.append(Outcome(endpoint, "unreachable", "it is connected, and no robot answers there"))
+        return found
 
     async def _collect(
         self,

@@ -3,12 +3,13 @@ else.
 
     MeshConfig(
         listen="tls/0.0.0.0:7447",
-        tls=TLS("keys/ca.pem", "keys/robot.pem", "keys/robot.key"),
+        tls=TLS("keys/ca.pem", "keys/so101.pem", "keys/so101.key"),
         access=Access(viewers=["viewer"], operators=["operator"]),
     )
 
 or the same as TOML, in a file that ``STRANDS_ACTORS_MESH`` or ``--mesh`` names. What leaves this host needs TLS
-with certificates on both ends; the name in a certificate decides what its holder may do.
+with certificates on both ends; the name in a certificate says which robot it is of, or decides what
+its holder may do.
 """
 
 from __future__ import annotations
@@ -21,10 +22,16 @@ from typing import Any
 
 import msgspec
 
-from .access import access_control
+from strands_actors.supervisors.mesh.schemas import is_name
+
+from .access import access_control, only, own_prefix
+from .certificate import common_name
 
 ENVIRONMENT = "STRANDS_ACTORS_MESH"
 PROTOCOLS = ("tcp", "tls", "unixsock-stream")
+
+MAX_OPERATOR = 40
+"""Characters of an operator's name: it begins the names of its senders."""
 
 Names = str | Sequence[str]
 
@@ -97,6 +104,11 @@ class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 )
 
         _check_key(self.tls.key)
+        try:
+            common_name(self.tls.certificate)
+        except ValueError as error:
+            raise ValueError(f"mesh: {error}") from error
+        _check_access(_list(self.access.viewers), _list(self.access.operators))
 
     def _check_endpoint(self, endpoint: str) -> None:
         protocol, _, address = endpoint.partition("/")
@@ -115,6 +127,28 @@ class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise ValueError(
                 f"mesh: {endpoint} {whom} could move the robot. use tls/ and tls=TLS(...), or say insecure=True"
             )
+
+    @property
+    def identity(self) -> str:
+        """The name in our certificate; empty without one."""
+        return "" if self.tls is None else common_name(self.tls.certificate)
+
+    @property
+    def own_prefix(self) -> str:
+        """With what the names of our senders and nodes begin: robots answer no others of us."""
+        return own_prefix(self.identity) if self.tls is not None else ""
+
+    def check_robot(self, robot: str) -> None:
+        """Raise ``ValueError`` when nobody would believe that a robot of this name is meant."""
+        if self.tls is not None and self.identity != robot:
+            raise ValueError(
+                f"mesh: {self.tls.certificate} is the certificate of {self.identity!r}, this robot is {robot!r}: "
+                f"nobody would believe its answers. `strands-actors mesh keys DIR --robot {robot}` makes one"
+            )
+
+    def settings_for(self, robot: str) -> dict[str, Any]:
+        """As ``settings``, for who wants to talk with this robot and nobody else."""
+        return {} if self.tls is None else {**self.settings(), "access_control": only(robot)}
 
     def settings(self) -> dict[str, Any]:
         """zenoh's own, by its paths."""
@@ -149,6 +183,18 @@ def _check_key(path: str) -> None:
             f"mesh: the key {path} can be read by others (mode {status.st_mode & 0o777:03o}), who then are you. "
             f"chmod 600 {path}"
         )
+
+
+def _check_access(viewers: list[str], operators: list[str]) -> None:
+    for name in (*viewers, *operators):
+        if not is_name(name):
+            raise ValueError(f"mesh: access: {name!r} is no name: give letters, digits, _ . and -, 64 at most")
+    for name in operators:
+        if len(name) > MAX_OPERATOR:
+            raise ValueError(f"mesh: access: {name!r} is longer than {MAX_OPERATOR} characters")
+        for other in operators:
+            if other.startswith(own_prefix(name)):
+                raise ValueError(f"mesh: access: {name} could hear what {other} is answered: give it another name")
 
 
 def _list(names: str | Sequence[str]) -> list[str]:

@@ -1,7 +1,8 @@
 """A certificate authority and its certificates, for a mesh of one's own or for tests. Needs the
 extra ``[mesh]``.
 
-``ca.key`` signs whoever is let in: keep it off the robots.
+``ca.key`` signs whoever is let in: keep it off the robots. A robot has a certificate of its own,
+with its name; whoever watches or commands has one that can be no server's, and so play no robot.
 """
 
 from __future__ import annotations
@@ -18,31 +19,66 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-NAMES = ("robot", "operator", "viewer")
+from strands_actors.supervisors.mesh.schemas import is_name
+
+NAMES = ("operator", "viewer")
 DAYS = 365
 LOCAL = ("localhost", "127.0.0.1")
 
 _Key = ec.EllipticCurvePrivateKey
 
 
-def make(directory: Path, names: Sequence[str] = NAMES, hosts: Sequence[str] = (), days: int = DAYS) -> list[Path]:
-    """Write ``ca.pem``, ``ca.key`` and a certificate and key for each name; the paths. ``hosts``:
-    names and addresses under which robots are connected to, beside this host's. Raise
-    ``FileExistsError`` rather than replace any."""
-    files = [directory / f"{name}.{ending}" for name in ("ca", *names) for ending in ("pem", "key")]
-    there = [str(file) for file in files if file.exists()]
+def make(
+    directory: Path,
+    names: Sequence[str] = NAMES,
+    hosts: Sequence[str] = (),
+    days: int = DAYS,
+    robots: Sequence[str] = (),
+) -> list[Path]:
+    """Write a certificate and key for each, signed by the authority in ``directory``, which is made
+    if need be; the paths. ``names``: who watches and commands. ``robots``: by the name that each
+    has on the mesh. ``hosts``: names and addresses under which robots are connected to, beside this
+    host's. Raise ``FileExistsError`` rather than replace any, ``ValueError`` for a name that cannot
+    be one."""
+    for name in (*names, *robots):
+        if not is_name(name) or name == "ca":
+            raise ValueError(f"{name!r} is no name: give letters, digits, _ . and -, 64 at most")
+    if both := sorted({*names} & {*robots}):
+        raise ValueError(f"{both[0]} is a robot's name, so nobody else's")
+    leaves = [directory / f"{name}.{ending}" for name in (*names, *robots) for ending in ("pem", "key")]
+    there = [str(file) for file in leaves if file.exists()]
     if there:
-        raise FileExistsError(f"{there[0]} is already there: name another directory")
+        raise FileExistsError(f"{there[0]} is already there: name another directory, or others")
     directory.mkdir(mode=0o700, parents=True, exist_ok=True)
     end = datetime.datetime.now(datetime.UTC) + datetime.timedelta(days=days)
-    ca_key = ec.generate_private_key(ec.SECP256R1())
-    ca = _authority(ca_key, end)
-    _write(directory, "ca", ca, ca_key)
+    authority = [directory / "ca.pem", directory / "ca.key"]
+    if any(file.exists() for file in authority):
+        ca, ca_key = _read_authority(*authority)
+        made = leaves
+    else:
+        ca_key = ec.generate_private_key(ec.SECP256R1())
+        ca = _authority(ca_key, end)
+        _write(directory, "ca", ca, ca_key)
+        made = [*authority, *leaves]
     alternatives = [_alternative(host) for host in dict.fromkeys((*LOCAL, socket.gethostname(), *hosts))]
     for name in names:
         key = ec.generate_private_key(ec.SECP256R1())
+        _write(directory, name, _leaf(name, key, ca, ca_key, (), end), key)
+    for name in robots:
+        key = ec.generate_private_key(ec.SECP256R1())
         _write(directory, name, _leaf(name, key, ca, ca_key, alternatives, end), key)
-    return files
+    return made
+
+
+def _read_authority(certificate: Path, key: Path) -> tuple[x509.Certificate, _Key]:
+    try:
+        found = serialization.load_pem_private_key(key.read_bytes(), None)
+        ca = x509.load_pem_x509_certificate(certificate.read_bytes())
+    except (OSError, ValueError, TypeError) as error:
+        raise FileExistsError(f"{certificate.parent} has an authority that cannot be used: {error}") from error
+    if not isinstance(found, ec.EllipticCurvePrivateKey):
+        raise FileExistsError(f"{key} is no key of ours: name another directory")
+    return ca, found
 
 
 def _authority(key: _Key, end: datetime.datetime) -> x509.Certificate:
@@ -63,15 +99,19 @@ def _leaf(
     alternatives: Sequence[x509.GeneralName],
     end: datetime.datetime,
 ) -> x509.Certificate:
-    both = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]
-    return (
+    """``alternatives``: where it is reached. Nowhere: it can be a client only."""
+    uses = [ExtendedKeyUsageOID.CLIENT_AUTH]
+    if alternatives:  # a robot may also be told to connect
+        uses.insert(0, ExtendedKeyUsageOID.SERVER_AUTH)
+    builder = (
         _builder(_name(name), ca.subject, key, end)
         .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
         .add_extension(_usage(signs=False), critical=True)
-        .add_extension(x509.ExtendedKeyUsage(both), critical=False)
-        .add_extension(x509.SubjectAlternativeName(alternatives), critical=False)
-        .sign(ca_key, hashes.SHA256())
+        .add_extension(x509.ExtendedKeyUsage(uses), critical=False)
     )
+    if alternatives:
+        builder = builder.add_extension(x509.SubjectAlternativeName(alternatives), critical=False)
+    return builder.sign(ca_key, hashes.SHA256())
 
 
 def _builder(subject: x509.Name, issuer: x509.Name, key: _Key, end: datetime.datetime) -> x509.CertificateBuilder:

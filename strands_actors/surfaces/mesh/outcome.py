@@ -7,6 +7,7 @@ from typing import Any
 
 import msgspec
 
+from strands_actors.contract.shown import harmless
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.mesh.schemas import Response
 
@@ -28,27 +29,31 @@ class Outcome(msgspec.Struct, frozen=True):
 
 def result_of(response: Response) -> dict[str, Any] | Refused:
     if response.refused is not None:
-        return Refused(**msgspec.structs.asdict(response.refused))
+        return Refused(**{name: harmless(text) for name, text in msgspec.structs.asdict(response.refused).items()})
     if response.type != "response":
-        return Refused("error", response.error or "the robot refused")
+        return Refused("error", harmless(response.error) or "the robot refused")
     return response.result
 
 
 def outcome_of(robot: str, result: Mapping[str, Any]) -> Outcome:
     motors = tuple(motor for motor in result.get("motors", ()) if isinstance(motor, dict))
     detail = str(result.get("detail", ""))
-    if not detail and result.get("outcome") != "safe":
+    says_safe = result.get("outcome") == "safe"
+    safe = says_safe and bool(motors) and all(motor.get("safe") is True for motor in motors)
+    if says_safe and not motors:
+        detail = "it says that it is safe, and of no motor that it was read back"
+    elif not detail and not safe:
         detail = ", ".join(
             f"{motor.get('axis')}: {motor.get('detail')}" for motor in motors if not motor.get("safe")
         )
     return Outcome(
-        robot,
-        "safe" if result.get("outcome") == "safe" else "unconfirmed",
-        detail,
-        str(result.get("safe_state", "")),
-        str(result.get("path", "")),
+        harmless(robot),
+        "safe" if safe else "unconfirmed",
+        harmless(detail),
+        harmless(str(result.get("safe_state", ""))),
+        harmless(str(result.get("path", ""))),
         bool(result.get("locked")),
         float(result.get("took_ms", 0.0)),
         motors,
-        str(result.get("note", "")),
+        harmless(str(result.get("note", ""))),
     )

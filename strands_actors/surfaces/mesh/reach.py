@@ -51,10 +51,10 @@ async def _find(robot: str, config: MeshConfig) -> tuple[str, str]:
 
 
 async def _ask(robot: str, endpoint: str, config: MeshConfig, within_s: float) -> Synced | None:
-    name = f"visitor.{os.getpid()}.{secrets.token_hex(4)}"
+    name = f"{config.own_prefix}visitor.{os.getpid()}.{secrets.token_hex(4)}"
     gateway = addresses.of(robot).gateway
     tokens = f"{gateway}/**/alive"
-    async with open_node(name, connect=[endpoint], settings=config.settings(), tokens=tokens) as (node, _):
+    async with open_node(name, connect=[endpoint], settings=config.settings_for(robot), tokens=tokens) as (node, _):
         with trio.move_on_after(within_s):
             while True:
                 try:

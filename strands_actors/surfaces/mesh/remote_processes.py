@@ -46,7 +46,7 @@ class RemoteProcesses(Processes):
 
     def __init__(self, nursery: trio.Nursery, plan: Plan, driver: Driver) -> None:
         host = re.sub(r"[^A-Za-z0-9_-]", "-", socket.gethostname())[:32] or "host"
-        name = f"caller.{host}.{os.getpid()}.{secrets.token_hex(4)}"
+        name = f"{plan.mesh.own_prefix}caller.{host}.{os.getpid()}.{secrets.token_hex(4)}"
         super().__init__(Node(name, MonotonicClock()), nursery, plan, driver)
         self.holder = f"{self.holder} on {host}"
         self._scope: trio.CancelScope | None = None
@@ -62,7 +62,7 @@ class RemoteProcesses(Processes):
     async def start(self, beside: Callable[[], Awaitable[None]]) -> None:
         mesh = self.plan.mesh
         try:
-            session = await ZenohMesh.open(connect=mesh.connects, settings=mesh.settings())
+            session = await ZenohMesh.open(connect=mesh.connects, settings=mesh.settings_for(self.robot))
         except zenoh.ZError as error:
             raise NotConnected(f"{self.plan.at}: {short(error)}") from error
         session.attach(self.node, f"{addresses.of(self.robot).gateway}/**/alive")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from strands_actors.contract import driver as contract
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.loading import load
+from strands_actors.contract.shown import shown
 from strands_actors.drivers import PLAIN, get_native_driver_class
 from strands_actors.supervisors import messages
 from strands_actors.supervisors.gate import failsafe, gate
@@ -50,7 +51,11 @@ def driver_from(attached: Attached) -> Driver:
     """Raise ``RecordingError`` when the robot's driver is not here."""
     description = attached.driver
     driver_class = driver_class_of(description)
-    return driver_class(str(description["robot"]), str(description["port"]), dict(description["options"]))
+    kind = str(description["robot"])
+    try:
+        return driver_class(kind, str(description["port"]), dict(description["options"]))
+    except (KeyError, TypeError, ValueError, OSError) as error:
+        raise RecordingError(f"what it says of {shown(kind)} makes no driver: {shown(error, 200)}") from error
 
 
 def fingerprint(driver_class: type[Driver]) -> str:

@@ -19,10 +19,11 @@ require("record", "a recording")  # before the imports below say only which modu
 import zstandard  # noqa: E402
 from mcap.exceptions import McapError  # noqa: E402
 from mcap.records import Channel as McapChannel  # noqa: E402
-from mcap.records import Message, Metadata  # noqa: E402
-from mcap.stream_reader import StreamReader  # noqa: E402
+from mcap.records import Chunk, McapRecord, Message, Metadata  # noqa: E402
+from mcap.stream_reader import StreamReader, breakup_chunk  # noqa: E402
 from mcap.writer import Writer  # noqa: E402
 
+from strands_actors.contract.shown import harmless, shown  # noqa: E402
 from strands_actors.supervisors.instrument import FORMAT, Attached, Batch, Entry  # noqa: E402
 from strands_actors.version import __version__  # noqa: E402
 
@@ -33,6 +34,10 @@ from .views import Row, View, decode_entries  # noqa: E402
 METADATA = "strands-actors"
 CHUNK_BYTES = 64 * 1024
 """About a second: what a recorder that is killed has not written yet."""
+MAX_CHUNK_BYTES = 16 << 20
+"""A chunk ends with the first message beyond ``CHUNK_BYTES``."""
+FLOOR_BYTES, MOST_COMPRESSED = 64 << 20, 100
+"""What a whole file may become: so much, or so many times its size. Ours come to 10 to 20 times."""
 END = b"\x89MCAP0\r\n"
 
 encode_json = msgspec.json.Encoder().encode
@@ -152,7 +157,7 @@ def _read(path: Path, stream: IO[bytes]) -> Recording:
     info: Info | None = None
     topics: dict[int, str] = {}
     parts: list[Journal | Gap] = []
-    for record in StreamReader(stream, validate_crcs=True).records:
+    for record in _records(path, stream, size):
         if isinstance(record, Metadata) and record.name == METADATA:
             info = _info(path, record.metadata)
         elif isinstance(record, McapChannel):
@@ -172,12 +177,33 @@ def _read(path: Path, stream: IO[bytes]) -> Recording:
     return Recording(info, parts)
 
 
+def _records(path: Path, stream: IO[bytes], size: int) -> Iterator[McapRecord]:
+    """What is in the file. A small file may say that it becomes a large one: it is believed as far
+    as recordings are compressed, and each chunk as far as ours are long."""
+    most = max(FLOOR_BYTES, MOST_COMPRESSED * size)
+    for record in StreamReader(stream, emit_chunks=True, record_size_limit=size).records:
+        if not isinstance(record, Chunk):
+            yield record
+            continue
+        length = record.uncompressed_size
+        if record.compression == "zstd":
+            length = max(length, zstandard.frame_content_size(record.data))
+        elif record.compression:
+            raise RecordingError(f"{path}: a chunk is compressed by {shown(record.compression)}, ours are by zstd")
+        most -= length
+        if length > MAX_CHUNK_BYTES or most < 0:
+            raise RecordingError(
+                f"{path} is damaged: {size} bytes would become more than any recording of that size"
+            )
+        yield from breakup_chunk(record, validate_crc=True)
+
+
 def _info(path: Path, metadata: dict[str, str]) -> Info:
     plain: Any = msgspec.json.decode(metadata["info"])
     if plain.get("format") != FORMAT:
-        written = plain.get("version")
+        written, form = (harmless(str(plain.get(name))[:40]) for name in ("version", "format"))
         raise RecordingError(
-            f"{path} has format {plain.get('format')}, written by strands-actors {written}; this one reads {FORMAT}"
+            f"{path} has format {form}, written by strands-actors {written}; this one reads {FORMAT}"
         )
     return msgspec.json.decode(metadata["info"], type=Info)
 

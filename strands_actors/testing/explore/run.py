@@ -124,6 +124,7 @@ class Run:
             "note": "",
             "twin_pid": 0,
             "locks": "",
+            "audit": "",
             "lock_port": model.PORT,
             "listen": "root",
             "wire_listen": "wire",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -153,3 +154,19 @@ def test_a_calibration_may_be_a_path_or_a_dict(tmp_path: Path) -> None:
     assert from_dict["calibration_source"] == "given as a dict"
     with pytest.raises(ValueError, match=r"calibration is 3\. Give a path, a dict or None"):
         Feetech.resolve("so101", {"calibration": 3})
+
+
+def test_what_has_no_end_is_not_read(tmp_path: Path) -> None:
+    """``/dev/zero`` took 3.5 GB; a pipe without a writer would be waited for."""
+    os.mkfifo(tmp_path / "pipe")
+    for path in (Path("/dev/zero"), tmp_path / "pipe", tmp_path):
+        with pytest.raises(ValueError, match=r"cannot be read \(it is no file\)"):
+            calibration.load(path, MOTORS, 2047)
+    long = write(tmp_path / "long.json", " " * (calibration.MAX_BYTES + 1))
+    with pytest.raises(ValueError, match="longer than"):
+        calibration.load(long, MOTORS, 2047)
+    deep = write(tmp_path / "deep.json", "[" * 100_000)
+    with pytest.raises(ValueError, match="cannot be read"):
+        calibration.load(deep, MOTORS, 2047)
+    with pytest.raises(ValueError, match="calibration"):
+        Feetech.resolve("so101", {"calibration": "/dev/zero"})

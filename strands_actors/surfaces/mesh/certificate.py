@@ -1,0 +1,57 @@
+"""The name in a certificate: who its holder is to all others. Read without a library, since robots
+and scripts need this one field."""
+
+from __future__ import annotations
+
+import binascii
+import re
+from collections.abc import Iterator
+
+_PEM = re.compile(rb"-----BEGIN CERTIFICATE-----(.*?)-----END CERTIFICATE-----", re.DOTALL)
+_COMMON_NAME = bytes((0x55, 0x04, 0x03))  # the object identifier 2.5.4.3
+_EXPLICIT_VERSION = 0xA0
+_SUBJECT_AT = 4
+"""Behind serial number, algorithm, issuer and validity (RFC 5280, 4.1)."""
+MAX_BYTES = 64 * 1024
+
+
+def common_name(path: str) -> str:
+    """Of the first certificate in a PEM file. Raise ``ValueError``, ``OSError``."""
+    with open(path, "rb") as file:
+        found = _PEM.search(file.read(MAX_BYTES))
+    if found is None:
+        raise ValueError(f"{path} is no certificate in PEM")
+    try:
+        return _common_name(binascii.a2b_base64(found.group(1)))
+    except (ValueError, IndexError, StopIteration) as error:
+        raise ValueError(f"{path} is no certificate with a common name ({error or 'cut off'})") from None
+
+
+def _common_name(der: bytes) -> str:
+    (_, certificate), *_ = _elements(der)
+    (_, signed), *_ = _elements(certificate)
+    fields = list(_elements(signed))
+    if fields[0][0] == _EXPLICIT_VERSION:
+        del fields[0]
+    for _, group in _elements(fields[_SUBJECT_AT][1]):
+        for _, pair in _elements(group):
+            (_, kind), (_, value), *_ = _elements(pair)
+            if kind == _COMMON_NAME:
+                return value.decode()
+    raise ValueError("it has none")
+
+
+def _elements(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """Tag and content of what stands in a row (DER)."""
+    at = 0
+    while at < len(data):
+        tag, length = data[at], data[at + 1]
+        at += 2
+        if length & 0x80:
+            count = length & 0x7F
+            length = int.from_bytes(data[at : at + count], "big")
+            at += count
+        if at + length > len(data):
+            raise ValueError("cut off")
+        yield tag, data[at : at + length]
+        at += length
