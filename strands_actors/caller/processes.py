@@ -22,6 +22,7 @@ from strands_actors.surfaces.cameras.handle import Cameras
 from .plan import Plan
 
 CONNECT_S = 12.0
+"""Longer where the driver announces that its SDK is silent for longer (``Timing.silent_s``)."""
 LOOK_S = 0.02
 """Between two looks for a tree that starts. It has half a second to compute, which the looks should
 leave it."""
@@ -133,7 +134,8 @@ class Processes(ABC):
     async def wait_linked(self, patience_s: float = 0.0) -> Status:
         """``patience_s``: how long to wait for a link that was lost. Raise ``NotConnected``."""
         began = trio.current_time()
-        deadline = began + CONNECT_S
+        within_s = max(CONNECT_S, self.driver.timing.silent_s)
+        deadline = began + within_s
         status: Status | None = None
         while trio.current_time() < deadline:
             if not self.alive:
@@ -154,7 +156,7 @@ class Processes(ABC):
                 raise NotConnected(status.connect_error)
             await trio.sleep(LOOK_S)
         if status is None:
-            raise NotConnected(f"no answer within {CONNECT_S:g} s")
+            raise NotConnected(f"no answer within {within_s:g} s")
         raise NotConnected(status.connect_error or f"the robot is {status.mode}")
 
     async def ask_status(self, verb: str) -> Status | Refused:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 BIN = Path(sys.executable).parent
-RUN_S = 120.0
+RUN_S = 300.0
 """Of one command: the import of torch alone takes ten seconds on a busy machine."""
 SINE = ("--teleop.discover_packages_path=tests.lerobot.sine", "--teleop.type=sine")
 

@@ -32,7 +32,7 @@ OWN_STOP_S = 2.5
 
 class LeRobotDriver(PlainDriver):
     WIRE: ClassVar[str] = "strands_actors.drivers.plain.lerobot.wire:LeRobotWire"
-    DEADLINES: ClassVar[Deadlines] = Deadlines(connect_s=60.0, call_s=0.5, stop_s=2.0, cleanup_s=2.0, load_s=30.0)
+    DEADLINES: ClassVar[Deadlines] = Deadlines(connect_s=90.0, call_s=0.5, stop_s=2.0, cleanup_s=2.0, load_s=30.0)
     """Connecting imports torch: five seconds, and a minute on a small or busy machine."""
     SIMULATION: ClassVar[str] = "LeRobot's classes have none"
 
