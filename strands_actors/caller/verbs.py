@@ -232,6 +232,8 @@ def describe(tree: RobotTree, status: Status | None) -> dict[str, Any]:
     told = answers.status(
         tree.plan.tool_name, tree.plan.robot, tree.driver, problem, status, tree.facts, tree.standby_report
     )
+    if tree.caveats:
+        told["caveats"] = list(tree.caveats)
     if (busy := pressure()) is not None:
         told["machine_busy_pct"] = round(100 * busy)  # whoever looks for a loose cable may find it here
     return told
