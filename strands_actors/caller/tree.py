@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -38,6 +39,8 @@ from .rollouts import Rollouts
 from .tree_processes import TreeProcesses
 from .writer import Writer
 
+_log = logging.getLogger("strands_actors")
+
 RETRY_S = 3.0
 """The wire's longest pause between two attempts to open it, and one attempt."""
 
@@ -64,6 +67,7 @@ class RobotTree:
         self._orders = Orders(self.driver, node.clock, self._processes.patience)
         self._commanding = Commanding(self._processes, self._writer, self.rollouts)
         self._stops = 0
+        self._told_caveats = False
         self._starting = trio.Lock()
 
     @property
@@ -84,6 +88,11 @@ class RobotTree:
     @property
     def cameras(self) -> Cameras:
         return self._processes.cameras
+
+    @property
+    def caveats(self) -> tuple[str, ...]:
+        """What its user should know; nothing of a twin, which is as its model."""
+        return () if self.plan.twin_process is not None else self.driver.caveats
 
     @property
     def standby_report(self) -> str | None:
@@ -119,6 +128,10 @@ class RobotTree:
             except (NotConnected, OSError):
                 await self._end()  # it would go on trying, and take the port from whoever has it next
                 raise
+        if not self._told_caveats:
+            self._told_caveats = True
+            for caveat in self.caveats:
+                _log.warning("%s: %s", self.robot, caveat)
         if not arm:
             return None
         if status.mode != Mode.ARMED and (status.mode != Mode.HOLDING or processes.elsewhere):

@@ -234,6 +234,8 @@ def describe(tree: RobotTree, status: Status | None) -> dict[str, Any]:
     )
     if tree.cameras:
         told["cameras"] = tree.cameras.status()
+    if tree.caveats:
+        told["caveats"] = list(tree.caveats)
     if (busy := pressure()) is not None:
         told["machine_busy_pct"] = round(100 * busy)  # whoever looks for a loose cable may find it here
     return told

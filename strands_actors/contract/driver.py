@@ -368,6 +368,8 @@ class Driver(ABC):
     """What ``WIRE`` and ``STOP_CHANNEL`` know of the robot: a frozen struct. Neither is given the
     driver itself."""
     gates: tuple[GateCheck, ...]
+    caveats: tuple[str, ...] = ()
+    """What its user should know of this robot when it is connected: in the log, and in status."""
     conditions: tuple[Condition, ...] = ()
     """Asked before the gates, and at every tick while a setpoint is live: it ends when one of them
     refuses. Those that are ``always`` looked at also end a hold."""

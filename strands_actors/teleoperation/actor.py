@@ -42,6 +42,7 @@ from strands_actors.supervisors.messages import (
 )
 
 from .machine import SILENT_NS, Frame, Kind, Machine, Squeezes, State, Step
+from .page.server import Page
 from .sources import Arm, Asked, Operator, Reading, Source, made_of
 
 ASK_S = 0.1
@@ -88,6 +89,7 @@ class Teleoperation(Actor):
         self._newest = Frame(0, False, {})
         self._steps = 0
         self._leader = "connecting"
+        self._position: dict[str, float] = {}
         self._ended: TaskStatus | None = None
 
     async def started(self) -> None:
@@ -122,6 +124,9 @@ class Teleoperation(Actor):
                 return Asked(made_of(told), clock)
             case "operator":
                 return self._operator
+            case "page":
+                self.context.start_soon(self._serve, told)
+                return self._operator
         raise ValueError(f"teleoperation: no source {told['type']!r}")
 
     async def _lead(self) -> None:
@@ -140,6 +145,18 @@ class Teleoperation(Actor):
                     await trio.sleep(AGAIN_S)
         except Exception as error:  # code of others: a leader's object, a map_fn
             await self._end("policy", describe(error))
+
+    async def _serve(self, told: Mapping[str, Any]) -> None:
+        axes = [axis.key for axis in self._axes]
+        page = Page(self.context.clock, self._operator.take, self._shown, axes, self._rollout.instruction)
+        try:
+            await page.serve(told["host"], told["port"], told["address_file"])
+        except OSError as failure:
+            await self._end("policy", f"no page at {told['host']}:{told['port']}: {failure}")
+
+    def _shown(self) -> dict[str, Any]:
+        """What the page is told: where the robot was last sent, besides."""
+        return {"state": str(self._machine.state), "why": self._machine.why, "position": self._position}
 
     async def _read(self, source: Source) -> None:
         next_s = trio.current_time()
@@ -195,8 +212,9 @@ class Teleoperation(Actor):
         seen = await self._ask(GetObservation())
         if not isinstance(seen, Observation):
             return self._not_engaged(_text(seen))
+        self._position = dict(zip(self._rollout.axes, seen.position, strict=True))
         now_ns = self.context.clock.now_ns()
-        step = self._machine.engage(frame, dict(zip(self._rollout.axes, seen.position, strict=True)), now_ns)
+        step = self._machine.engage(frame, self._position, now_ns)
         return step if self._machine.state is not State.IDLE else self._not_engaged(self._machine.why)
 
     def _not_engaged(self, why: str) -> Step:
@@ -219,6 +237,7 @@ class Teleoperation(Actor):
             await self._refused(answer)
         else:
             self._steps += 1
+            self._position |= target
 
     async def _refused(self, answer: Message | None) -> None:
         self._machine.not_engaged(_text(answer))

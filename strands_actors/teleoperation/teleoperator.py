@@ -5,30 +5,39 @@ from __future__ import annotations
 
 import difflib
 import inspect
+import itertools
+import os
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 from strands_actors.caller.portal import portal
+from strands_actors.caller.run_directory import run_dir
 from strands_actors.caller.twin_process import TwinProcess, TwinProcessDown
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.loading import load
 from strands_actors.drivers import leader_name, list_leaders
 from strands_actors.supervisors.loading import build_driver, describe_driver
 
+from . import lerobot
 from .machine import Kind
 
 KEYBOARD = "keyboard"
-OPERATED = (KEYBOARD,)
+PAGES = ("page", "gamepad", "phone")
+OPERATED = (KEYBOARD, *PAGES)
 """What somebody does with keys or sticks, in the process of the teleoperation or told to it."""
+
+_numbers = itertools.count(1)
 
 HAND = "strands_actors.drivers.sim.world:move_by_hand"
 
 
 class Teleoperator:
-    """A leader arm (``so101_leader``, at ``port``, or its twin), ``keyboard``, or any object with
-    ``get_action()``, made in the process of the teleoperation: ``"module:Class"`` with its
-    ``options``.
+    """A leader arm (``so101_leader``, at ``port``, or its twin), ``keyboard``, a ``page`` for
+    touch, ``gamepad`` and ``phone``, served at ``address``, or any object with ``get_action()``,
+    made in the process of the teleoperation: ``"module:Class"`` with its ``options``;
+    ``"lerobot:TYPE"`` is LeRobot's own of that type, with the fields of its config.
 
     ``id``: under which its calibration is kept, LeRobot's word; ``relative``: it leads from where
     it and the robot are when it is engaged, not to where it is. Nothing is opened before
@@ -47,6 +56,8 @@ class Teleoperator:
     ) -> None:
         self._twin: TwinProcess | None = None
         self._hand: dict[str, float] = {}
+        self._address_file: Path | None = None
+        self._listen = "127.0.0.1", 0
         self._options = options
         self._driver: Driver | None = None
         self._driver_class: type[Driver] | None = None
@@ -64,11 +75,17 @@ class Teleoperator:
             }
             if wrong := [key for key, value in given.items() if value is not None]:
                 raise TypeError(f"Teleoperator: {name} has no {', '.join(wrong)}. leave that out")
+            if name.startswith(lerobot.PREFIX) and not lerobot.is_there():
+                raise ValueError(
+                    f"{name} needs lerobot, in this environment. pip install 'strands-actors[lerobot]'"
+                )
             if ":" in name:
                 own = {"port": port, "id": id}
                 self._options = {**{key: value for key, value in own.items() if value is not None}, **options}
             else:
                 self.kind = Kind.JOG
+                if name in PAGES:
+                    self._listen = _where(options.pop("listen", ""))
                 if options or relative:
                     raise TypeError(
                         f"Teleoperator: {name} takes no {', '.join(options) or 'relative'}. leave that out"
@@ -120,7 +137,14 @@ class Teleoperator:
         Raise ``TwinProcessDown``."""
         if self._driver is None or self._driver_class is None:
             if ":" in self.name:
+                if self.name.startswith(lerobot.PREFIX):
+                    options = {"type": self.name.removeprefix(lerobot.PREFIX), **self._options}
+                    return {"type": "object", "factory": lerobot.FACTORY, "options": options}
                 return {"type": "object", "factory": self.name, "options": self._options}
+            if self.name in PAGES:
+                self._address_file = Path(f"{run_dir()}/teleop-{os.getpid()}-{next(_numbers)}.url")
+                host, number = self._listen
+                return {"type": "page", "host": host, "port": number, "address_file": str(self._address_file)}
             return {"type": "operator"}
         if self._twin is not None:
             await self._twin.start()
@@ -155,8 +179,19 @@ class Teleoperator:
         except TwinProcessDown as down:
             raise RuntimeError(f"move_by_hand: {down}") from None
 
+    @property
+    def address(self) -> str:
+        """Where the page is served, with the token that opens it: for its operator alone. Empty:
+        it is not (yet)."""
+        try:
+            return "" if self._address_file is None else self._address_file.read_text()
+        except FileNotFoundError:
+            return ""
+
     def cleanup(self) -> None:
         """End its twin, if it has one."""
+        if self._address_file is not None:
+            self._address_file.unlink(missing_ok=True)
         if self._twin is not None:
             portal().call(self._twin.close)
 
@@ -167,6 +202,14 @@ class Teleoperator:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.cleanup()
+
+
+def _where(listen: object) -> tuple[str, int]:
+    """``host``, ``host:port`` or nothing. Raise ``ValueError``."""
+    host, _, number = str(listen).partition(":")
+    if not isinstance(listen, str) or (number and not (number.isdigit() and int(number) < 65536)):
+        raise ValueError(f"Teleoperator: listen is {listen!r}. give an address of this host, or address:port")
+    return host or "127.0.0.1", int(number or 0)
 
 
 def _unknown(name: object) -> str:

@@ -103,8 +103,8 @@ def test_a_refusal_reaches_the_model_as_a_typed_result_and_the_next_call_moves(a
 
     assert (refused["toolUseId"], refused["status"]) == ("use-0", "error")
     text, details = refused["content"]
-    assert text == {"text": "move: shoulder_pan 400.0 deg is past 180.0. stay within -180.0..180.0"}
-    assert details["json"]["refused"] == {"code": "past_travel", "offered": "400.0", "limit": "-180.0..180.0"}
+    assert text == {"text": "move: shoulder_pan 400.0 deg is past 110.1. stay within -110.0..110.1"}
+    assert details["json"]["refused"] == {"code": "past_travel", "offered": "400.0", "limit": "-110.0..110.1"}
 
     assert (moved["toolUseId"], moved["status"]) == ("use-1", "success")
     assert moved["content"][0]["json"]["commanded"] == {"shoulder_pan": 10.0}

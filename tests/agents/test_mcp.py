@@ -87,7 +87,7 @@ def test_without_allow_motion_nothing_is_energised_and_stop_works(twin: Twin, ru
 def test_with_allow_motion_it_moves_within_limits_and_is_safe_at_the_end(twin: Twin, run_dir: Path) -> None:
     async def main() -> None:
         async with served(run_dir, "--port", twin.port, "--allow-motion") as client:
-            assert "is past 180.0" in why(await use(client, action="move_to", targets={"shoulder_pan": 400.0}))
+            assert "is past 110.1" in why(await use(client, action="move_to", targets={"shoulder_pan": 400.0}))
             moved = json_of(await use(client, action="move_to", targets={"shoulder_pan": 10.0}))
             assert moved["commanded"] == {"shoulder_pan": 10.0}
             assert "so101 in process" in json_of(await use(client, action="status"))["lease"]

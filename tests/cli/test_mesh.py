@@ -52,7 +52,7 @@ def test_a_target_is_sent_once_the_script_has_given_the_lease_up(cli: Command, r
 
     done = cli.run("send", "so101", "shoulder_pan=500", "--resume")
     assert (done.returncode, done.stdout) == (1, "")
-    assert "past 180" in done.stderr
+    assert "past 110" in done.stderr
 
     done = cli.run("send", "so101", "shoulder_pan=far")
     assert done.returncode == 2 and "joint=number" in done.stderr

@@ -91,7 +91,7 @@ REFUSALS: list[tuple[Any, str]] = [
     ({"shoulder_pan": "10"}, "shoulder_pan is 10"),
     ({"shoulder_pan": None}, "shoulder_pan is None"),
     ({"shoulder_pan": {"value": 1.0}}, "shoulder_pan is"),
-    ({"shoulder_pan": 181.0}, "past 180.0. stay within -180.0..180.0"),
+    ({"shoulder_pan": 181.0}, "past 110.1. stay within -110.0..110.1"),
     ({"shoulder_pan": 10.0, "gripper": 101.0}, "gripper 101.0 % is past 100.0. stay within 0.0..100.0"),
     ({"gripper": -1.0}, "gripper -1.0 % is past 0.0"),
     ({}, "names no joint. use shoulder_pan"),

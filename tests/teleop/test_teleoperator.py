@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,7 @@ from strands_actors.contract.driver import PermitDenied, WireDown
 from strands_actors.drivers import list_leaders, list_robots
 from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.surfaces.cli.teleop import leader_of
+from strands_actors.teleoperation import lerobot
 from strands_actors.teleoperation.machine import Kind
 from tests.answers import json_of, task, until, why
 
@@ -122,3 +125,57 @@ def test_the_command_says_where_a_leader_is(text: str, expected: str) -> None:
 def test_the_command_wants_to_know_where() -> None:
     with pytest.raises(ValueError, match="does not say where it is"):
         leader_of("so101_leader")
+
+
+def test_lerobots_own_are_made_by_their_type(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Against a stand-in of lerobot's package: its registry, its discovery, its factory."""
+    if "lerobot" not in sys.modules and not lerobot.is_there():
+        with pytest.raises(ValueError, match="needs lerobot, in this environment"):
+            Teleoperator("lerobot:stick")
+    stand_in(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    for name in [name for name in sys.modules if name == "lerobot" or name.startswith("lerobot.")]:
+        monkeypatch.delitem(sys.modules, name)
+    importlib.invalidate_caches()
+    made = lerobot.make("stick", gain=2.0)
+    assert made.get_action() == {"shoulder_pan.pos": 2.0}
+    with pytest.raises(ValueError, match="no teleoperator 'wheel'"):
+        lerobot.make("wheel")
+    leader = Teleoperator("lerobot:stick", gain=2.0, id="right", port="/dev/ttyACM9")
+    told = trio.run(leader.source)
+    assert told["factory"] == lerobot.FACTORY
+    assert told["options"] == {"type": "stick", "gain": 2.0, "id": "right", "port": "/dev/ttyACM9"}
+
+
+def stand_in(root: Path) -> None:
+    """What the adapter uses of lerobot, in its places."""
+    package = root / "lerobot" / "teleoperators"
+    for folder in (package / "stick", package / "wants_more", root / "lerobot" / "utils"):
+        folder.mkdir(parents=True)
+    for folder in (root / "lerobot", package, root / "lerobot" / "utils"):
+        (folder / "__init__.py").touch()
+    (root / "lerobot" / "utils" / "import_utils.py").write_text("def register_third_party_plugins(): pass\n")
+    (package / "config.py").write_text(
+        "class TeleoperatorConfig:\n"
+        "    known = {}\n"
+        "    @classmethod\n"
+        "    def get_known_choices(cls):\n"
+        "        return dict(cls.known)\n"
+    )
+    (package / "wants_more" / "__init__.py").write_text("import a_package_that_is_not_there\n")
+    (package / "stick" / "__init__.py").write_text(
+        "from ..config import TeleoperatorConfig\n"
+        "class Config:\n"
+        "    def __init__(self, gain):\n"
+        "        self.gain = gain\n"
+        "TeleoperatorConfig.known['stick'] = Config\n"
+    )
+    (package / "utils.py").write_text(
+        "class Stick:\n"
+        "    def __init__(self, config):\n"
+        "        self.config = config\n"
+        "    def get_action(self):\n"
+        "        return {'shoulder_pan.pos': self.config.gain}\n"
+        "def make_teleoperator_from_config(config):\n"
+        "    return Stick(config)\n"
+    )

@@ -69,8 +69,8 @@ class Axis(msgspec.Struct, frozen=True):
 def axes_of(
     joints: Iterable[Mapping[str, Any]], calibration: Mapping[str, MotorCalibration] | None, host_inverts: bool
 ) -> tuple[Axis, ...]:
-    """The ``joints`` of a robot's table, in their order. Without a calibration a joint in degrees
-    has the whole turn, and a gripper's percent spans the range of its model. ``host_inverts``:
+    """The ``joints`` of a robot's table, in their order. Without a calibration each has the range of
+    its model, around the middle of its servo. ``host_inverts``:
     drive mode 1 of the calibration is ours to apply; otherwise the servo does it."""
     return tuple(
         _axis(joint, None if calibration is None else calibration[joint["key"]], host_inverts) for joint in joints
@@ -81,16 +81,14 @@ def _axis(joint: Mapping[str, Any], motor: MotorCalibration | None, host_inverts
     percent = joint["unit"] == "percent"
     if motor is not None:
         low, high = motor.range_min, motor.range_max
-    elif percent:
-        low, high = (round(MIDDLE + angle * COUNTS_PER_RADIAN) for angle in joint["range_rad"])
     else:
-        low, high = 0, TOP
+        low, high = (round(MIDDLE + angle * COUNTS_PER_RADIAN) for angle in joint["range_rad"])
     inverted = host_inverts and motor is not None and motor.drive_mode == 1
     if percent:
         zero = float(high if inverted else low)
         scale = (high - low) / 100
     else:
-        zero = (low + high) / 2
+        zero = TOP / 2 if motor is None else (low + high) / 2
         scale = COUNTS_PER_DEGREE
     return Axis(
         key=joint["key"],
@@ -99,7 +97,7 @@ def _axis(joint: Mapping[str, Any], motor: MotorCalibration | None, host_inverts
         unit=joint["unit"],
         zero=zero,
         scale=-scale if inverted else scale,
-        low=low,
-        high=high,
+        low=max(0, low),
+        high=min(TOP, high),
         speed=joint["speed_rad_s"] * COUNTS_PER_RADIAN / scale,
     )

@@ -25,14 +25,14 @@ SHORTEST_TIMEOUT_S = 0.1
 LAST_ID = 252
 """Both protocols keep the ids above for all servos, and for errors."""
 
-NO_CALIBRATION = "none: full servo travel"
+NO_CALIBRATION = "none: the travel of its model"
 
 
 def options_of(default_baud: int, baud_rates: Sequence[int]) -> dict[str, str]:
     """The constructor keywords of such a driver, with what each means."""
     return {
         "calibration": "path of a lerobot calibration file, or its content; "
-        "default: lerobot's file of this tool_name, else full servo travel",
+        "default: lerobot's file of this tool_name, else the travel of its model",
         "baud": f"speed of the bus, one of {', '.join(map(str, baud_rates))}; default {default_baud}",
         "motor_ids": "ids of the servos, one per joint and in their order, where they are not the usual ones",
         "timeout": "seconds the whole bus may be silent before it counts as lost; default "
@@ -113,6 +113,11 @@ class ServoDriver(Driver):
         groups = groupby((axis.declared for axis in self.joints), key=lambda axis: axis.unit)
         kinds = {"percent": PartKind.GRIPPER}
         self.declare(*(Part(kinds.get(unit, PartKind.ARM), tuple(group)) for unit, group in groups))
+        if calibration is None:
+            self.caveats = (
+                f"{self.robot} is not calibrated: its limits are those of its model, and 0 degrees is the middle "
+                f"of each servo. run `strands-actors calibrate {self.robot} --port {port or 'P'}`",
+            )
         self.gates = all_gates(self.joints, self.timing.state_ttl_s, self.FAULT_CODES, self.REMEDIES)
 
     def preload(self) -> None:

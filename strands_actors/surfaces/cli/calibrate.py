@@ -99,7 +99,8 @@ def ports(also: Sequence[str], as_json: bool) -> int:
         await person.ready("unplug the adapter of the robot")
         return serial_ports(also)
 
-    gone = {path: about for path, about in before.items() if path not in _run(run, "ports")}
+    after = _run(run, "ports")
+    gone = {path: about for path, about in before.items() if path not in after}
     if len(gone) != 1:
         raise Problem(f"ports: {', '.join(gone) or 'none'} went away, and it must be one. try again")
     (path, about), *_ = gone.items()

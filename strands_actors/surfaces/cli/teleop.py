@@ -16,8 +16,7 @@ from strands_actors.caller.robot import RealRobot, Robot
 from strands_actors.contract.loading import load
 from strands_actors.teleoperation.actor import KEY
 from strands_actors.teleoperation.keys import Keys
-from strands_actors.teleoperation.machine import Kind
-from strands_actors.teleoperation.teleoperator import KEYBOARD, Teleoperator
+from strands_actors.teleoperation.teleoperator import KEYBOARD, PAGES, Teleoperator
 
 from .errors import Problem
 
@@ -53,7 +52,7 @@ def teleop(
         arm = _robot(robot, port, twin, robot_id)
     except (ValueError, TypeError) as refusal:
         raise Problem(f"teleop: {refusal}") from refusal
-    if led_by.kind is Kind.JOG and not is_terminal:
+    if led_by.name == KEYBOARD and not is_terminal:
         raise Problem(f"teleop: {led_by.name} needs a terminal, and standard input is none")
     if led_by.is_arm and deadman is None and is_terminal:
         deadman = KEY
@@ -61,9 +60,11 @@ def teleop(
         begun = arm.attach_teleop(led_by, hz, mapped, deadman, max_speed, seconds)
         if begun["status"] != "success":
             raise Problem(begun["content"][0]["text"])
-        axes = arm.driver.axes if led_by.kind is Kind.JOG else ()
-        keys = Keys(axes) if is_terminal and (led_by.kind is Kind.JOG or deadman == KEY) else None
-        told = _run(arm, keys, is_terminal, quiet=as_json)
+        axes = arm.driver.axes if led_by.name == KEYBOARD else ()
+        keys = Keys(axes) if is_terminal and (led_by.name == KEYBOARD or deadman == KEY) else None
+        if led_by.name in PAGES:
+            print(_page(arm, led_by), file=sys.stderr, flush=True)
+        told = _run(arm, keys, led_by.is_arm, is_terminal, quiet=as_json)
     if as_json:
         print(json.dumps(told))
     else:
@@ -77,6 +78,8 @@ def leader_of(text: str, relative: bool = False) -> Teleoperator:
     """Return what ``--from`` says: ``NAME:PORT``, ``NAME:twin``, ``keyboard``, ``module:Class``.
     Raise ``ValueError``, ``TypeError``."""
     name, _, where = text.partition(":")
+    if name in PAGES and where:
+        return Teleoperator(name, listen=where)
     if name == KEYBOARD or not name.endswith("_leader"):
         return Teleoperator(text, relative=relative)
     if not where:
@@ -105,13 +108,13 @@ def _connected(arm: RealRobot) -> Iterator[None]:
         arm.cleanup()
 
 
-def _run(arm: RealRobot, keys: Keys | None, is_terminal: bool, quiet: bool) -> dict[str, Any]:
+def _run(arm: RealRobot, keys: Keys | None, is_arm: bool, is_terminal: bool, quiet: bool) -> dict[str, Any]:
     """Until it has ended. Return its last status."""
     shown_s, told = 0.0, _status(arm)
     try:
         with _keys_at_once() if is_terminal else contextlib.nullcontext():
             if not quiet:
-                print(_help(keys, is_terminal), file=sys.stderr)
+                print(_help(keys, is_arm, is_terminal), file=sys.stderr)
             while told["running"]:
                 if is_terminal and not _read(arm, keys):
                     break
@@ -170,8 +173,23 @@ def _show(told: dict[str, Any]) -> None:
     print(f"{start}{line[:width]}", end="" if start else "\n", file=sys.stderr, flush=True)
 
 
-def _help(keys: Keys | None, is_terminal: bool) -> str:
+def _page(arm: RealRobot, page: Teleoperator) -> str:
+    """For the operator: where the page is."""
+    while not (address := page.address) and _status(arm)["running"]:
+        time.sleep(TURN_S)
+    number = address.rpartition(":")[2].partition("/")[0]
+    told = f"open {address or 'nothing: it has ended'}"
+    if page.name == "phone" and "//127." in address:
+        told += f"\non a phone that is plugged in: adb reverse tcp:{number} tcp:{number}, then open it there"
+    elif "//127." not in address:
+        told += "\nit is not encrypted: whoever listens on that network can read the address, and move the robot"
+    return told
+
+
+def _help(keys: Keys | None, is_arm: bool, is_terminal: bool) -> str:
     ends = "x ends it, Enter de-energises" if is_terminal else "Ctrl-C ends it"
+    if keys is None and not is_arm:
+        return f"operate it there. {ends}"
     if keys is None:
         return f"squeeze the leader's gripper twice to engage, and twice to let go. {ends}"
     if not keys.bindings:

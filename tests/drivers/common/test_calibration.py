@@ -137,7 +137,7 @@ def test_without_a_file_the_status_says_so(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setenv("HF_LEROBOT_CALIBRATION", str(tmp_path))
     resolved = Feetech.resolve("so101", {"tool_name": "blue"})
     assert resolved["calibration"] is None
-    assert resolved["calibration_source"] == "none: full servo travel"
+    assert resolved["calibration_source"] == "none: the travel of its model"
 
 
 def test_a_path_that_was_given_must_be_there(tmp_path: Path) -> None:

@@ -75,8 +75,8 @@ def test_axes_fallbacks_and_the_firmwares_watchdog() -> None:
 def test_units_without_a_calibration() -> None:
     driver = koch()
     pan, gripper = driver.joints[0], driver.joints[5]
-    assert driver.config.calibration_source == "none: full servo travel"
-    assert pan.limits == pytest.approx((-180.0, 180.0))
+    assert driver.config.calibration_source == "none: the travel of its model"
+    assert pan.limits == pytest.approx((-126.0, 126.1), abs=0.05)
     assert pan.count(90.0) == round(2047.5 + 90 * 4095 / 360)
     assert gripper.limits == pytest.approx((0.0, 100.0))
     assert gripper.count(0.0) == gripper.low < gripper.count(100.0) == gripper.high

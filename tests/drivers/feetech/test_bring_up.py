@@ -24,7 +24,7 @@ def test_open_tells_who_is_there_and_moves_nothing() -> None:
         assert facts["firmware"] == dict.fromkeys(JOINTS, "3.10")
         assert facts["voltage_v"] == dict.fromkeys(JOINTS, 7.4)
         assert facts["energised"] == dict.fromkeys(JOINTS, False)
-        assert facts["calibration_source"] == "none: full servo travel"
+        assert facts["calibration_source"] == "none: the travel of its model"
         json.dumps(facts)
         assert rig.requests("setpoint", "enable", "safe", "other") == []
         assert rig.torque() == [0] * 6

@@ -153,10 +153,11 @@ def test_the_ends_themselves_are_accepted(driver: Feetech) -> None:
         assert isinstance(decide(driver, {"gripper": percent}), Candidate)
 
 
-def test_without_calibration_a_joint_has_the_whole_turn() -> None:
+def test_without_calibration_a_joint_has_the_range_of_its_model() -> None:
     assert FREE.config.calibration_source.startswith("none")
-    assert FREE.joints[0].limits == pytest.approx((-180.0, 180.0))
-    assert (FREE.joints[0].low, FREE.joints[0].high) == (0, 4095)
+    assert FREE.joints[0].limits == pytest.approx((-110.0, 110.1), abs=0.05)
+    assert (FREE.joints[0].low, FREE.joints[0].high) == (796, 3300)
+    assert "so101 is not calibrated" in FREE.caveats[0] and ARM.caveats == ()
     gripper = FREE.joints[5]
     assert (gripper.low, gripper.high) == (1934, 3186), "the range of its model, around 2048"
 

@@ -1,0 +1,194 @@
+"""Serves the page to one operator at a time, in the process of the teleoperation."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import secrets
+from collections.abc import Callable
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import trio
+from wsproto import ConnectionType, WSConnection
+from wsproto.events import AcceptConnection, CloseConnection, Message, Ping, Request, TextMessage
+from wsproto.utilities import ProtocolError
+
+from strands_actors.kernel.clock import Clock
+from strands_actors.supervisors.messages import Operate
+
+from .requests import HEAD_END, MAX_HEAD, Lateness, parse, refuse
+
+HEAD_S = 5.0
+SEND_S = 1.0
+TELL_S = 0.1
+MAX_MESSAGE = 4096
+MOST_CLIENTS = 16
+REASONS = {400: "Bad Request", 403: "Forbidden", 404: "Not Found", 405: "Method Not Allowed", 409: "Conflict",
+           421: "Misdirected Request"}  # fmt: skip
+
+
+class Told(msgspec.Struct):
+    """What the page says, 30 times a second. ``at_ms``: by its own clock."""
+
+    held: bool
+    at_ms: float
+    rates: dict[str, float] = {}
+
+
+class _Client:
+    """One page, from its first message to its last."""
+
+    def __init__(self) -> None:
+        self.lateness = Lateness()
+        self.has_let_go = False
+        """One that begins with the dead-man held has pressed nothing."""
+
+
+class Page:
+    """``operate``: is told what the operator does; ``status``: what the page shows; ``axes``: what
+    can be moved."""
+
+    def __init__(
+        self,
+        clock: Clock,
+        operate: Callable[[Operate], None],
+        status: Callable[[], dict[str, Any]],
+        axes: list[str],
+        title: str,
+    ) -> None:
+        self._clock = clock
+        self._operate = operate
+        self._status = status
+        self._axes = axes
+        self._title = title
+        self._token = secrets.token_urlsafe(24)
+        self._hosts: frozenset[str] = frozenset()
+        self._operated = False
+        self._clients = trio.CapacityLimiter(MOST_CLIENTS)
+
+    async def serve(self, host: str, port: int, address_file: str) -> None:
+        """Until cancelled. The address, with its token, is written to a file that its user alone can
+        read. Raise ``OSError``."""
+        (listener, *_) = await trio.open_tcp_listeners(port, host=host)
+        number = listener.socket.getsockname()[1]
+        names = {host, "localhost"} if host.startswith("127.") else {host}
+        self._hosts = frozenset(f"{name}:{number}" for name in names)
+        _write(Path(address_file), f"http://{host}:{number}/?token={self._token}")
+        await trio.serve_listeners(self._attend, [listener])
+
+    async def _attend(self, stream: trio.SocketStream) -> None:
+        with contextlib.suppress(trio.BrokenResourceError, trio.ClosedResourceError, trio.TooSlowError):
+            async with stream, self._clients:
+                await self._answer(stream)
+
+    async def _answer(self, stream: trio.SocketStream) -> None:
+        data = b""
+        with trio.fail_after(HEAD_S):
+            while HEAD_END not in data:
+                more = await stream.receive_some(MAX_HEAD)
+                data += more
+                if not more or len(data) > MAX_HEAD:
+                    return
+        asked = parse(data.partition(HEAD_END)[0])
+        refusal = refuse(asked, self._token, self._hosts)
+        if refusal is None and asked is not None and asked.wants_websocket:
+            if not self._operated:
+                self._operated = True
+                try:
+                    await self._converse(stream, data)
+                finally:
+                    self._operated = False
+                    self._operate(Operate(self._clock.now_ns(), False))
+                return
+            refusal = 409, "somebody else operates it"
+        if refusal is not None:
+            await _respond(stream, refusal[0], "text/plain", refusal[1].encode())
+            return
+        nonce = secrets.token_urlsafe(12)
+        page = resources.files(__package__).joinpath("page.html").read_text("utf-8")
+        told = json.dumps({"axes": self._axes, "title": self._title}).replace("<", "\\u003c")
+        body = page.replace("NONCE", nonce).replace("/*TOLD*/null", told).encode()
+        policy = (
+            f"default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; connect-src 'self'; "
+            "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+        )
+        await _respond(stream, 200, "text/html; charset=utf-8", body, policy)
+
+    async def _converse(self, stream: trio.SocketStream, data: bytes) -> None:
+        """One operator: whatever ends it, the dead-man is let go of."""
+        end = WSConnection(ConnectionType.SERVER)
+        client = _Client()
+        async with trio.open_nursery() as nursery:
+            try:
+                while True:
+                    end.receive_data(data or None)
+                    for event in end.events():
+                        if isinstance(event, Request):
+                            await _send(stream, end.send(AcceptConnection()))
+                            nursery.start_soon(self._tell, stream, end, nursery.cancel_scope)
+                        elif isinstance(event, Ping):
+                            await _send(stream, end.send(event.response()))
+                        elif isinstance(event, Message):
+                            if not isinstance(event, TextMessage) or not event.message_finished:
+                                return
+                            self._take(event.data, client)
+                        elif isinstance(event, CloseConnection):
+                            await _send(stream, end.send(event.response()))
+                            return
+                    data = await stream.receive_some(MAX_MESSAGE)
+                    if not data:
+                        return
+            except (ProtocolError, msgspec.MsgspecError):
+                return  # no page of ours says that
+            finally:
+                nursery.cancel_scope.cancel()
+
+    def _take(self, text: str, client: _Client) -> None:
+        now_ns = self._clock.now_ns()
+        told = msgspec.json.decode(text, type=Told)
+        client.has_let_go = client.has_let_go or not told.held
+        held = told.held and client.has_let_go
+        self._operate(Operate(now_ns - client.lateness.of(told.at_ms, now_ns), held, told.rates))
+
+    async def _tell(self, stream: trio.SocketStream, end: WSConnection, scope: trio.CancelScope) -> None:
+        """What the page shows; a page that does not read is gone."""
+        try:
+            while True:
+                await _send(stream, end.send(TextMessage(json.dumps(self._status()))))
+                await trio.sleep(TELL_S)
+        except (trio.BrokenResourceError, trio.ClosedResourceError, trio.TooSlowError, ProtocolError):
+            scope.cancel()
+
+
+async def _send(stream: trio.SocketStream, data: bytes) -> None:
+    with trio.fail_after(SEND_S):
+        await stream.send_all(data)
+
+
+async def _respond(stream: trio.SocketStream, code: int, kind: str, body: bytes, policy: str = "") -> None:
+    reason = REASONS.get(code, "OK")
+    rows = [
+        f"HTTP/1.1 {code} {reason}",
+        f"Content-Type: {kind}",
+        f"Content-Length: {len(body)}",
+        "Cache-Control: no-store",
+        "Referrer-Policy: no-referrer",
+        "X-Content-Type-Options: nosniff",
+        "Connection: close",
+        *([f"Content-Security-Policy: {policy}"] if policy else []),
+    ]
+    await _send(stream, "\r\n".join(rows).encode() + HEAD_END + body)
+
+
+def _write(path: Path, text: str) -> None:
+    """For its user's eyes alone, whole or not at all."""
+    new = path.with_suffix(f".{os.getpid()}.new")
+    with contextlib.suppress(FileNotFoundError):
+        new.unlink()
+    with open(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
+        file.write(text)
+    os.replace(new, path)

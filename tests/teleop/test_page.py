@@ -1,0 +1,152 @@
+"""The operator's page: who may open it, what it does to a robot, and that it lets go."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import stat
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import ClientConnection, connect
+from websockets.typing import Origin
+
+from strands_actors import Teleoperator
+from strands_actors.teleoperation.page.requests import Lateness, parse, refuse
+from tests.answers import json_of, until
+
+from .conftest import Pair
+
+HOSTS = {"127.0.0.1:80", "localhost:80"}
+MS = 1_000_000
+
+
+def head(target: str, **headers: str) -> bytes:
+    rows = [f"{name}: {value}" for name, value in {"Host": "127.0.0.1:80", **headers}.items()]
+    return "\r\n".join([f"GET {target} HTTP/1.1", *rows]).encode()
+
+
+UPGRADE = {"Upgrade": "websocket", "Origin": "http://127.0.0.1:80"}
+
+
+@pytest.mark.parametrize(
+    ("data", "code"),
+    [
+        (head("/?token=t"), None),
+        (head("/operate?token=t", **UPGRADE), None),
+        (head("/"), 403),
+        (head("/?token=other"), 403),
+        (head("/?token="), 403),
+        (head("/?token=t", Host="evil.example"), 421),
+        (head("/?token=t", Host="evil.example:80"), 421),
+        (head("/operate?token=t", **{**UPGRADE, "Origin": "http://evil.example"}), 403),
+        (head("/operate?token=t", **{**UPGRADE, "Origin": "https://127.0.0.1:80"}), 403),
+        (head("/operate?token=t", **{**UPGRADE, "Origin": "null"}), 403),
+        (head("/operate?token=t", Upgrade="websocket"), 403),
+        (head("/operate?token=t"), 404),
+        (head("/etc/passwd?token=t"), 404),
+        (head("/?token=t").replace(b"GET", b"POST"), 405),
+        (head("/?token=t").replace(b"HTTP/1.1", b"SMTP"), 400),
+        (head("/?token=t") + b"\r\nHost: evil.example", 400),
+        (b"", 400),
+        (b"\xff\xfe\r\n\r\n", 400),
+    ],
+)
+def test_who_may(data: bytes, code: int | None) -> None:
+    refusal = refuse(parse(data), "t", HOSTS)
+    assert (None if refusal is None else refusal[0]) == code
+
+
+def test_what_was_stuck_in_a_network_is_late() -> None:
+    lateness = Lateness()
+    assert lateness.of(1000.0, 50_000 * MS) == 0
+    assert lateness.of(1033.0, 50_035 * MS) == 2 * MS
+    assert lateness.of(1066.0, 52_066 * MS) == 2000 * MS, "it came two seconds after it was sent"
+    assert lateness.of(3000.0, 51_999 * MS) == 0, "a quicker one is the new measure"
+
+
+@contextmanager
+def operated(pair: Pair) -> Iterator[tuple[str, ClientConnection]]:
+    page = Teleoperator("page")
+    json_of(pair.arm.attach_teleop(page))
+    try:
+        address = until(lambda: page.address, "it is served")
+        with operator(address) as socket:
+            yield address, socket
+    finally:
+        page.cleanup()
+
+
+@contextmanager
+def operator(address: str) -> Iterator[ClientConnection]:
+    parts = urlsplit(address)
+    with connect(f"ws://{parts.netloc}/operate?{parts.query}", origin=Origin(f"http://{parts.netloc}")) as socket:
+        yield socket
+
+
+def say(socket: ClientConnection, held: bool, **rates: float) -> None:
+    socket.send(json.dumps({"held": held, "rates": rates, "at_ms": time.monotonic() * 1e3}))
+
+
+def test_a_page_jogs_and_letting_go_of_it_in_any_way_is_a_hold(pair: Pair) -> None:
+    with operated(pair) as (address, socket):
+        before = pair.arm.get_observation()["wrist_roll"]
+
+        def jogged() -> bool:
+            say(socket, True, wrist_roll=1.0)
+            return bool(pair.arm.get_observation()["wrist_roll"] > before + 3)
+
+        say(socket, False)
+        until(jogged, "it is jogged")
+        assert json.loads(socket.recv())["state"] in ("idle", "engaged")
+        with pytest.raises(InvalidStatus) as second, operator(address):
+            pass
+        assert second.value.response.status_code == 409
+        gone_ns = time.monotonic_ns()
+        socket.close()  # while it is held
+        safe = until(lambda: pair.follower.log.first_safe(gone_ns), "it holds")
+        assert safe.safe_state == "hold"
+        with operator(address) as again:
+            say(again, True, wrist_roll=1.0)  # held from the beginning: no new press
+            time.sleep(0.2)
+            say(again, True, wrist_roll=1.0)
+            pair.follower.log.no_setpoint_after_safe(gone_ns)
+            again.send("what?")
+            with pytest.raises(ConnectionClosed):
+                while True:
+                    again.recv(timeout=20.0)
+    json_of(pair.arm.stop_task())
+
+
+def test_the_address_is_for_its_user_alone_and_without_its_token_there_is_nothing(
+    pair: Pair, run_dir: Path
+) -> None:
+    with operated(pair) as (address, _):
+        (file,) = run_dir.glob("teleop-*.url")
+        assert stat.S_IMODE(os.stat(file).st_mode) == 0o600 and file.read_text() == address
+        host, _, number = urlsplit(address).netloc.partition(":")
+        assert host == "127.0.0.1"
+        for target, code in ((f"/?{urlsplit(address).query}", 200), ("/", 403)):
+            with socket.create_connection((host, int(number)), 20.0) as plain:
+                plain.sendall(f"GET {target} HTTP/1.1\r\nHost: {host}:{number}\r\n\r\n".encode())
+                answer = b"".join(iter(lambda plain=plain: plain.recv(65536), b""))  # type: ignore[misc]
+            assert answer.startswith(f"HTTP/1.1 {code} ".encode())
+            assert (b"frame-ancestors 'none'" in answer) == (code == 200)
+            assert (b'"wrist_roll"' in answer) == (code == 200)
+    assert not list(run_dir.glob("teleop-*.url"))
+
+
+def test_a_port_that_is_taken_is_told(pair: Pair) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        where = f"127.0.0.1:{taken.getsockname()[1]}"
+        json_of(pair.arm.attach_teleop(Teleoperator("gamepad", listen=where)))
+        ended = until(lambda: None if (now := json_of(pair.arm.get_task_status()))["running"] else now, "it ends")
+    assert f"no page at {where}" in ended["exit_detail"]
+    with pytest.raises(ValueError, match="give an address of this host"):
+        Teleoperator("page", listen="127.0.0.1:http")
