@@ -219,6 +219,12 @@ def _eyes(config: Any, robot: str, cameras: Sequence[str], rename_map: Mapping[s
     """Return one for each picture that the checkpoint wants. Raise ``ValueError`` for one that no
     camera gives."""
     wanted = dict(config.image_features or {})
+    if not wanted:
+        return []
+    from strands_actors.surfaces.cameras import attach_camera
+    from strands_actors.surfaces.cameras.places import cameras_of
+
+    cameras = cameras or cameras_of(robot)  # who asks from elsewhere does not know them
     named = {rename_map.get(f"{IMAGES}{camera}", f"{IMAGES}{camera}"): camera for camera in cameras}
     if missing := sorted(set(wanted) - set(named)):
         has = f"cameras {', '.join(cameras)}" if cameras else "no cameras"
@@ -226,10 +232,6 @@ def _eyes(config: Any, robot: str, cameras: Sequence[str], rename_map: Mapping[s
             f"lerobot_local: {folder} needs images ({', '.join(missing)}), and the robot has {has}. give Robot "
             f"cameras={{{missing[0].removeprefix(IMAGES)!r}: {{...}}}}, or rename_map"
         )
-    if not wanted:
-        return []
-    from strands_actors.surfaces.cameras import attach_camera
-
     return [Eye(key, attach_camera(robot, named[key]), feature.shape) for key, feature in wanted.items()]
 
 

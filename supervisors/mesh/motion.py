@@ -207,7 +207,7 @@ class Motion:
     async def _start(
         self, sender: str, own: messages.Lease | None, command: mesh_json.Start
     ) -> dict[str, Any] | Refused:
-        chosen = await choose(self._driver, command)
+        chosen = await choose(self._driver, command, self._robot)
         if isinstance(chosen, Refused):
             return chosen
         where, options = chosen

@@ -24,8 +24,9 @@ ALLOW_HOSTS = "STRANDS_MESH_POLICY_HOST_ALLOW"
 OWN_HOST = frozenset({"localhost", "127.0.0.1", "::1"})
 
 
-async def choose(driver: Driver, command: Start) -> tuple[str, dict[str, Any]] | Refused:
-    """Return ``module:factory`` of the policy and its options, or why not."""
+async def choose(driver: Driver, command: Start, robot: str) -> tuple[str, dict[str, Any]] | Refused:
+    """Return ``module:factory`` of the policy and its options, or why not. ``robot``: the name that
+    it runs by."""
     action, name, host = command.action, command.policy_provider, command.policy_host
     if ":" in name:  # code of the sender's choice
         why = f"{action}: policy_provider is {name[:40]!r}"
@@ -40,7 +41,7 @@ async def choose(driver: Driver, command: Start) -> tuple[str, dict[str, Any]] |
 
     def run() -> tuple[str, dict[str, Any]]:  # it looks through what is installed: milliseconds
         provider, options = load(CHOOSE)(name, host, command.policy_port, {})
-        return provider.where, {**load(FACTS)(provider, driver), **options}
+        return provider.where, {**load(FACTS)(provider, driver, robot), **options}
 
     try:
         return await trio.to_thread.run_sync(run)

@@ -28,7 +28,7 @@ LOOK_S = 0.5
 LINK_LOOK_S = 0.02
 FIRST_S = 5.0
 """After which cameras start beside a robot that is not there yet."""
-SILENT_S = 8.0
+SILENT_S = 5.0
 """A process that has not beaten for so long is ended: it is frozen, or was. It computes after
 everything else, so that on a busy machine a second is nothing."""
 PAUSES_S = (0.5, 1.0, 2.0, 4.0, 8.0)
@@ -81,8 +81,8 @@ class CameraKeeper:
         """Until cancelled. Raise nothing: a robot does not end with its cameras."""
         for camera in self._cameras:
             try:
-                self._rings[camera.name] = FrameRing(camera.ring, writes=True)
-            except NoRing as failure:
+                self._rings[camera.name] = FrameRing(camera.ring, writes=True, front=True)
+            except (NoRing, OSError) as failure:
                 report_failure(f"camera {camera.name}", failure)
         with trio.move_on_after(FIRST_S if self._rings else 0.0):
             while not self._linked():  # noqa: ASYNC110  # nothing tells

@@ -6,6 +6,8 @@ made safe and the whole tree goes.
 
 from __future__ import annotations
 
+import contextlib
+import itertools
 import os
 import socket
 from collections.abc import Awaitable, Callable
@@ -409,17 +411,23 @@ class Tree:
             report.append(ProcessInfo(f"camera/{name}", camera.pid, max(0, self.cameras.starts[name] - 1)))
         if self.args.get("twin_pid"):
             report.append(ProcessInfo("twin", self.args["twin_pid"], 0))
-        actors: list[ActorInfo] = []
         cameras = [f"camera/{name}" for name in self.cameras.processes]
-        for process in ("root", "wire", "policy", "standby", *cameras):
-            try:
-                ref: Ref = self.node.ref(f"strands/{self.at.introspection(process)}", Introspector)
+        actors: dict[str, tuple[ActorInfo, ...]] = dict.fromkeys(
+            ("root", "wire", "policy", "standby", *cameras), ()
+        )
+
+        async def ask(process: str) -> None:
+            ref: Ref = self.node.ref(f"strands/{self.at.introspection(process)}", Introspector)
+            with contextlib.suppress(AskTimeout, Unreachable):
                 introspection = await ref.ask(Describe(), 0.1)
-            except (AskTimeout, Unreachable):
-                continue
-            if isinstance(introspection, Introspection):
-                actors.extend(introspection.actors)
-        return TreeReport(self.robot, mode, state.epoch, tuple(report), tuple(actors), self.guardian.last_report)
+                if isinstance(introspection, Introspection):
+                    actors[process] = introspection.actors
+
+        async with trio.open_nursery() as nursery:  # at once: who asks does not wait for each that is frozen
+            for process in actors:
+                nursery.start_soon(ask, process)
+        found = tuple(itertools.chain.from_iterable(actors.values()))
+        return TreeReport(self.robot, mode, state.epoch, tuple(report), found, self.guardian.last_report)
 
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:

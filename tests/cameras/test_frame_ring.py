@@ -11,6 +11,7 @@ import pytest
 
 from strands_actors.kernel.channels.frame_ring import (
     COMPRESSED_ROOM,
+    FRONT,
     HEAD,
     PAGE,
     SLOTS,
@@ -75,7 +76,7 @@ def test_a_writer_that_ends_in_the_middle_leaves_the_picture_before_it(path: str
     for value in range(1, 6):
         put(writer, value)
     # what a process that was killed while it wrote number 6 leaves
-    slot = PAGE + (6 % SLOTS) * (HEAD + BYTES)
+    slot = FRONT + (6 % SLOTS) * (HEAD + BYTES)
     with open(path, "r+b") as file:
         file.seek(slot)
         file.write((11).to_bytes(8, "little"))
@@ -130,6 +131,19 @@ def test_compressed_pictures_lie_beside_and_only_if_they_fit(path: str) -> None:
     assert reader.read_compressed() == Shot(4, 44, SIDE, SIDE, b"jpeg")
     assert not writer.put_compressed(Shot(5, 55, SIDE, SIDE, bytes(COMPRESSED_ROOM + 1)))
     assert reader.newest_compressed == 4
+
+
+def test_who_needs_no_pictures_maps_none(tmp_path: Path) -> None:
+    """A root locks all that it maps, and may lock little."""
+    path = str(tmp_path / "large")
+    create(path, 4096 * 4096 * 3, 1)
+    root, camera = FrameRing(path, writes=True, front=True), FrameRing(path, writes=True)
+    assert put(camera, 1) == root.newest == 1
+    assert camera.put_compressed(Shot(1, 11, SIDE, SIDE, b"jpeg"))
+    assert root.read_compressed() == Shot(1, 11, SIDE, SIDE, b"jpeg")
+    root.want(7)
+    assert camera.wanted_until_ns == 7
+    assert root.mapped_bytes < 4 << 20
 
 
 def test_a_file_that_was_replaced_is_known_as_such(path: str) -> None:

@@ -31,6 +31,8 @@ TRIES = 8
 
 _MAGIC, _ROOM, _NEWEST, _BEAT, _TOLD, _TOLD_BYTES, _WANTED, _STALE, _NEWEST_COMPRESSED = range(9)
 _TOLD_AT = 512
+FRONT = PAGE + COMPRESSED_SLOTS * (HEAD + COMPRESSED_ROOM)
+"""Where the pictures themselves begin."""
 
 
 class NoRing(Exception):
@@ -109,8 +111,10 @@ class _Slots:
 class FrameRing:
     """One file, mapped. Whoever has it open may go on reading after it was removed."""
 
-    def __init__(self, path: str, writes: bool = False) -> None:
-        """Raise ``NoRing``. ``writes``: the one process that may."""
+    def __init__(self, path: str, writes: bool = False, front: bool = False) -> None:
+        """Raise ``NoRing``. ``writes``: for the one process that puts pictures, and for the one
+        that wants them compressed. ``front``: everything but the pictures themselves, for a process
+        that locks what it maps in memory."""
         self.path = path
         try:
             fd = os.open(path, (os.O_RDWR if writes else os.O_RDONLY) | os.O_CLOEXEC | os.O_NOFOLLOW)
@@ -122,7 +126,7 @@ class FrameRing:
             if status.st_uid != os.getuid() or status.st_size < PAGE:
                 raise NoRing(f"{path} is no ring of pictures of this user")
             access = mmap.ACCESS_WRITE if writes else mmap.ACCESS_READ
-            self._map = mmap.mmap(fd, status.st_size, access=access)
+            self._map = mmap.mmap(fd, min(FRONT, status.st_size) if front else status.st_size, access=access)
         except BaseException:
             os.close(fd)
             raise
@@ -133,11 +137,10 @@ class FrameRing:
         if self._words[_MAGIC] != MAGIC or status.st_size != _size(room):
             self.close()
             raise NoRing(f"{path} is no ring of pictures of this version")
-        self._pictures = _Slots(self._memory, self._words, PAGE, SLOTS, room, _NEWEST)
-        behind = PAGE + SLOTS * (HEAD + room)
         self._compressed = _Slots(
-            self._memory, self._words, behind, COMPRESSED_SLOTS, COMPRESSED_ROOM, _NEWEST_COMPRESSED
+            self._memory, self._words, PAGE, COMPRESSED_SLOTS, COMPRESSED_ROOM, _NEWEST_COMPRESSED
         )
+        self._pictures = _Slots(self._memory, self._words, FRONT, SLOTS, room, _NEWEST)
         self._reserved = 0
 
     def close(self) -> None:
@@ -145,6 +148,10 @@ class FrameRing:
         self._memory.release()
         self._map.close()
         os.close(self._fd)
+
+    @property
+    def mapped_bytes(self) -> int:
+        return len(self._memory)
 
     @property
     def is_current(self) -> bool:
@@ -282,7 +289,7 @@ def create(path: str, room: int, stale_ns: int) -> None:
 
 
 def _size(room: int) -> int:
-    return PAGE + SLOTS * (HEAD + room) + COMPRESSED_SLOTS * (HEAD + COMPRESSED_ROOM)
+    return FRONT + SLOTS * (HEAD + room)
 
 
 _fence = threading.Lock()

@@ -50,7 +50,7 @@ class Cameras:
         self._robot = robot
         kept = []
         for name, settings in self._settings.items():
-            path = str(ring_path(robot, name))
+            path = str(ring_path(robot, name, make=True))
             pixels = UNKNOWN if settings.width is None else settings.width * (settings.height or 0)
             create(path, pixels * COLOURS, round(stale_s(settings) * 1e9))
             own: dict[str, Any] = {"robot": kind, "port": control if settings.type == SCENE else port}

@@ -17,22 +17,25 @@ SHARED = Path("/dev/shm")
 SUFFIX = ".pictures"
 
 
-def pictures_dir() -> Path:
-    """Raise ``OSError`` when it is not ours alone."""
+def pictures_dir(make: bool = False) -> Path:
+    """``make``: it need not be there yet. Raise ``OSError`` when it is not ours alone, or not
+    there."""
     own = run_dir()
     if not os.access(SHARED, os.W_OK):
         return own
     mark = hashlib.sha256(str(own.resolve()).encode()).hexdigest()[:12]
     path = SHARED / f"strands-actors-{os.getuid()}-{mark}"
-    path.mkdir(mode=0o700, exist_ok=True)
+    if make:
+        path.mkdir(mode=0o700, exist_ok=True)
     status = path.lstat()
     if status.st_uid != os.getuid() or status.st_mode & 0o077 or not path.is_dir() or path.is_symlink():
         raise PermissionError(f"{path} is open to others, or no directory: remove it")
     return path
 
 
-def ring_path(robot: str, camera: str) -> Path:
-    return pictures_dir() / f"{robot}@{camera}{SUFFIX}"
+def ring_path(robot: str, camera: str, make: bool = False) -> Path:
+    """As ``pictures_dir``."""
+    return pictures_dir(make) / f"{robot}@{camera}{SUFFIX}"
 
 
 def cameras_of(robot: str) -> list[str]:
