@@ -103,6 +103,10 @@ async def _record(
                 begun.set()
                 return opened
 
+            def progress(seconds: float, session: Session) -> None:
+                if session.is_ready:
+                    show(session.progress())
+
             async def after(what: Callable[[], Awaitable[None]]) -> None:
                 await begun.wait()
                 await what()
@@ -111,7 +115,7 @@ async def _record(
                 async for _ in signals:
                     recorder.end("interrupted")
 
-            recorder = Recorder(order.robot, open_sink, lambda seconds, session: show(session.progress(seconds)))
+            recorder = Recorder(order.robot, open_sink, progress)
             nursery.start_soon(listen)
             nursery.start_soon(after, session.run)
             nursery.start_soon(after, session.work)
