@@ -51,6 +51,9 @@ class SceneCamera:
         number = since_ns // self._period_ns
         return Frame(scene(FRONT, number), self._began_ns + number * self._period_ns, number)
 
+    def close(self) -> None:
+        """Nothing is open."""
+
 
 class SlowFile:
     """Each write takes so long."""

@@ -257,8 +257,9 @@ class Dataset:
         last = {INFO: self._stage(folder, "info.json", _json(info))}
         where = [str(path) for path in (*first, *counted)]
         self.storage.write(folder / PLACING, json.dumps([number, *where]).encode())
-        # Nothing points at the videos yet. Between data and info.json as little as possible happens.
-        for files in (first, counted, last):
+        # Nothing points at the videos yet. Between data and info.json there are three renames and nothing
+        # else: LeRobot would read what is not counted. The system keeps them in their order.
+        for files in (first, counted | last):
             self._place(files)
 
         self._info, self.layout = info, layout

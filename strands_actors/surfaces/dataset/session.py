@@ -110,7 +110,7 @@ class Session:
         size = max(1, sum(shape.height * shape.width * 3 for shape in shapes))
         self._worker = Worker(max(2, min(QUEUE_FRAMES, QUEUE_BYTES // size)))
         self._state = State.IDLE
-        self.is_ready = self._leaving = False
+        self.is_ready = self._leaving = self._has_ended = False
         self._number = len(dataset.episodes)  # of the running episode, or the next
         self._finished = 0
         self._episode: StagedEpisode | None = None  # the worker's
@@ -248,6 +248,8 @@ class Session:
             self._fail(DatasetError(f"a video cannot be written: {failure}"))
 
     def tick(self, now_ns: int) -> None:
+        if self._has_ended:
+            return
         if not self.is_ready:
             self._look_whether_ready(now_ns)
             return
@@ -365,6 +367,7 @@ class Session:
 
     async def leave(self) -> str:
         """Let the worker finish what it has. Return what is left to repair, in words."""
+        self._has_ended = True  # no frame comes behind what is waited for
         with trio.move_on_after(LEAVE_S) as scope:
             await self._worker.drain()
         if scope.cancelled_caught:
