@@ -8,7 +8,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 import msgspec
 import numpy as np
@@ -19,6 +19,7 @@ from strands_actors.surfaces.dataset.child import _say
 from strands_actors.surfaces.dataset.keys import read_words
 from strands_actors.surfaces.dataset.run import Summary, record_episodes
 from strands_actors.surfaces.dataset.session import Order
+from strands_actors.surfaces.dataset.staging import FRAMES
 from strands_actors.surfaces.dataset.storage import Storage
 
 from .made import FRONT, scene
@@ -50,21 +51,35 @@ class SceneCamera:
         number = since_ns // self._period_ns
         return Frame(scene(FRONT, number), self._began_ns + number * self._period_ns, number)
 
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+class SlowFile:
+    """Each write takes so long."""
+
+    def __init__(self, file: IO[bytes], slow_s: float) -> None:
+        self._file = file
+        self._slow_s = slow_s
+
+    def write(self, data: bytes) -> int:
+        time.sleep(self._slow_s)
+        return self._file.write(data)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._file, name)
+
 
 class SlowStorage(Storage):
-    """Each write into a growing file takes so long."""
+    """A disk that is slow at what a running episode writes."""
 
     def __init__(self, slow_s: float) -> None:
         self._slow_s = slow_s
 
     def create(self, path: Path) -> IO[bytes]:
-        if self._slow_s and path.suffix == ".arrows":
-            time.sleep(self._slow_s)
-        return super().create(path)
-
-    def sync(self, file: IO[bytes]) -> None:
-        time.sleep(self._slow_s)
-        super().sync(file)
+        file = super().create(path)
+        slow: Any = SlowFile(file, self._slow_s)
+        return slow if path.name == FRAMES and self._slow_s else file
 
 
 async def main() -> Summary:

@@ -236,6 +236,37 @@ def test_a_folder_of_an_episode_that_is_counted_already_goes(root: Path) -> None
     assert len(again.episodes) == 1 and not again.recovered and not episode.folder.exists()
 
 
+def test_a_folder_that_was_being_removed_means_nothing(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    dataset = Dataset(root)
+    episode = begin(dataset)
+    fill(episode, [row(0), row(1)])
+    episode.finish()
+
+    def killed(path: Path) -> None:
+        (path / "frames.arrows").unlink()
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr("strands_actors.surfaces.dataset.storage.shutil.rmtree", killed)
+        dataset.commit(episode.folder)
+    dataset.close()
+    again = Dataset(root)
+    assert len(again.episodes) == 1 and not again.recovered and not any(again.staging.iterdir())
+
+
+def test_a_finished_episode_that_was_damaged_keeps_nobody_from_recording(root: Path) -> None:
+    dataset = Dataset(root)
+    episode = begin(dataset)
+    fill(episode, [row(0), row(1)])
+    episode.finish()
+    os.truncate(episode.folder / "front.mp4", 10)
+    dataset.close()
+    again = Dataset(root)
+    assert again.unfinished() == [episode.folder]
+    add_episode(again, 4)
+    assert check(root) == 1
+
+
 def test_an_unfinished_episode_stays_in_staging(root: Path) -> None:
     dataset = Dataset(root)
     fill(episode := begin(dataset), [row(number) for number in range(40)])

@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from strands_actors.surfaces.dataset.compact import compact as make_compact
-from strands_actors.surfaces.dataset.keys import HELP, read_keys, read_words, single_keys
+from strands_actors.surfaces.dataset.keys import HELP, STDIN, read_keys, read_words, single_keys
 from strands_actors.surfaces.dataset.repair import repair as do_repair
 from strands_actors.surfaces.dataset.run import EpisodeSummary, Summary, record_episodes
 from strands_actors.surfaces.dataset.session import Event, Order, Progress, give_way
@@ -80,7 +80,7 @@ def line_of(now: Progress) -> str:
 
 def record(order: Order, as_json: bool) -> int:
     screen = Screen(order.episodes, as_json)
-    is_terminal = sys.stdin.isatty()
+    is_terminal = os.isatty(STDIN)
 
     async def controls(command: Callable[[str], None]) -> None:
         if is_terminal:
@@ -93,7 +93,7 @@ def record(order: Order, as_json: bool) -> int:
 
     give_way()
     try:
-        with single_keys(sys.stdin.fileno()) if is_terminal else nullcontext():
+        with single_keys(STDIN) if is_terminal else nullcontext():
             summary = trio.run(run)
     except RecordingError as problem:
         raise Problem(f"record: {problem}") from problem

@@ -39,6 +39,8 @@ class CameraReader(Protocol):
         none. Does not wait."""
         ...
 
+    def close(self) -> None: ...
+
 
 Attach = Callable[[str, str], CameraReader]
 """A robot's name and a camera's."""

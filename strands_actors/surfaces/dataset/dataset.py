@@ -7,7 +7,9 @@ file it finds.
 
 from __future__ import annotations
 
+import contextlib
 import json
+import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO, Any
@@ -43,7 +45,7 @@ from .layout import (
 )
 from .staging import FINISHED, Staged, read_staged, staged_folders
 from .statistics import aggregate
-from .storage import STAGED_SUFFIX, Lock, Storage
+from .storage import REMOVED, STAGED_SUFFIX, Lock, Storage
 from .video import count_frames, remux
 
 PLACING = "placing.json"
@@ -143,13 +145,12 @@ class Dataset:
         root.mkdir(parents=True, exist_ok=True)
         self._lock = Lock(root)
         self.swept: list[str] = []
+        self.recovered: list[Episode] = []
         try:
             index = Index(root)
             self._take(index)
             self._sweep(index)
-            self.recovered = [
-                self.commit(folder) for folder in staged_folders(self.staging) if (folder / FINISHED).exists()
-            ]
+            self._recover()
         except BaseException:
             self._lock.release()
             raise
@@ -168,7 +169,7 @@ class Dataset:
         return self.root / STAGING
 
     def unfinished(self) -> list[Path]:
-        """Return the folders of episodes that nobody has finished."""
+        """Return the folders of episodes that nobody has finished, or that could not be counted."""
         return list(staged_folders(self.staging))
 
     def require(self, layout: Layout) -> Layout:
@@ -192,7 +193,16 @@ class Dataset:
 
     # -- what is not counted
 
+    def _recover(self) -> None:
+        """Commit what was finished. What cannot be, stays for ``repair``, which says why."""
+        for folder in staged_folders(self.staging):
+            if (folder / FINISHED).exists():
+                with contextlib.suppress(DatasetError):
+                    self.recovered.append(self.commit(folder))
+
     def _sweep(self, index: Index) -> None:
+        for gone in self.staging.glob(REMOVED + "*"):
+            shutil.rmtree(gone)
         ours: set[Path] = set()
         for folder in staged_folders(self.staging):
             placing = folder / PLACING
@@ -247,8 +257,9 @@ class Dataset:
         last = {INFO: self._stage(folder, "info.json", _json(info))}
         where = [str(path) for path in (*first, *counted)]
         self.storage.write(folder / PLACING, json.dumps([number, *where]).encode())
-        # Nothing points at the videos yet. Between data and info.json as little as possible happens.
-        for files in (first, counted, last):
+        # Nothing points at the videos yet. Between data and info.json there are three renames and nothing
+        # else: LeRobot would read what is not counted. The system keeps them in their order.
+        for files in (first, counted | last):
             self._place(files)
 
         self._info, self.layout = info, layout

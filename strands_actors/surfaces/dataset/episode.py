@@ -66,8 +66,7 @@ def columns_of(layout: Layout, table: pa.Table, episode: int, first: int, task: 
 
 def _rows(table: pa.Table, name: str, width: int) -> NDArray[np.float32]:
     values = [chunk.flatten().to_numpy(zero_copy_only=False) for chunk in table[name].chunks]
-    rows: NDArray[np.float32] = np.concatenate(values).reshape(-1, width).astype(np.float32)
-    return rows
+    return np.concatenate(values, dtype=np.float32).reshape(-1, width)
 
 
 def data_table(columns: Mapping[str, NDArray[Any]]) -> pa.Table:
@@ -90,8 +89,7 @@ def figures_of(
     for camera in layout.cameras:
         pictures = PictureFigures()
         if staged.finished is not None:
-            pictures.seen = np.array(staged.finished.levels[camera.name], np.int64)
-            pictures.pictures = staged.finished.frames
+            pictures.take(staged.finished.levels[camera.name], staged.finished.frames)
         else:
             for picture in pictures_of(videos[camera.name]):
                 pictures.add(picture)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 import termios
 import tty
 from collections.abc import AsyncIterator, Callable, Iterator
@@ -21,6 +20,7 @@ KEYS = {
 }
 HELP = "space: start, finish    d: discard    a: again    q: quit"
 LINE_BYTES = 200
+STDIN = 0
 
 
 @contextmanager
@@ -37,7 +37,7 @@ def single_keys(descriptor: int) -> Iterator[None]:
 async def read_keys(command: Callable[[str], None]) -> None:
     """Obey the terminal on standard input, until cancelled. Its keys are taken one by one
     meanwhile."""
-    async for piece in _pieces(sys.stdin.fileno()):
+    async for piece in _pieces(STDIN):
         for key in piece.decode(errors="replace"):
             if key in KEYS:
                 command(KEYS[key])
@@ -47,7 +47,7 @@ async def read_words(command: Callable[[str], None], at_end: Callable[[], None])
     """Obey the words on standard input, one a line, until cancelled. ``at_end``: nothing more will
     come."""
     rest = b""
-    async for piece in _pieces(sys.stdin.fileno()):
+    async for piece in _pieces(STDIN):
         *lines, rest = (rest + piece).split(b"\n")
         for line in lines:
             if word := line.decode(errors="replace").strip():

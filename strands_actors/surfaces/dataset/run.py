@@ -10,6 +10,7 @@ import msgspec
 import trio
 
 from strands_actors.caller.background import open_background
+from strands_actors.supervisors.instrument import Attached
 from strands_actors.surfaces.recording.recorder import Recorder, visit
 
 from .cameras import Attach, attach_camera, wait_for_shapes
@@ -98,10 +99,14 @@ async def _record(
             )
             begun = trio.Event()
 
-            def open_sink(attached: object) -> Session:
-                opened = session.open_sink(attached)  # type: ignore[arg-type]
+            def open_sink(attached: Attached) -> Session:
+                opened = session.open_sink(attached)
                 begun.set()
                 return opened
+
+            def progress(seconds: float, session: Session) -> None:
+                if session.is_ready:
+                    show(session.progress())
 
             async def after(what: Callable[[], Awaitable[None]]) -> None:
                 await begun.wait()
@@ -111,7 +116,7 @@ async def _record(
                 async for _ in signals:
                     recorder.end("interrupted")
 
-            recorder = Recorder(order.robot, open_sink, lambda seconds, session: show(session.progress(seconds)))
+            recorder = Recorder(order.robot, open_sink, progress)
             nursery.start_soon(listen)
             nursery.start_soon(after, session.run)
             nursery.start_soon(after, session.work)
@@ -121,6 +126,8 @@ async def _record(
             finally:
                 with trio.CancelScope(shield=True):
                     left = await session.leave()
+                for reader in readers.values():
+                    reader.close()
     saved = [
         EpisodeSummary(one.index, one.frames, round(one.frames / order.fps, 3), one.marks.gaps, one.marks.told)
         for one in session.saved

@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import aclosing
 
 import msgspec
+import numpy as np
 import trio
 
 from strands_actors.contract.axis import AxisMode
@@ -27,7 +28,7 @@ from .errors import DatasetError
 from .frames import Assembler, Axes, Made, missed
 from .layout import CameraShape, Layout
 from .staging import Picture, StagedEpisode, new_folder
-from .video import DEFAULT
+from .video import DEFAULT, VideoError
 from .worker import Worker
 
 QUEUE_FRAMES = 60
@@ -109,7 +110,7 @@ class Session:
         size = max(1, sum(shape.height * shape.width * 3 for shape in shapes))
         self._worker = Worker(max(2, min(QUEUE_FRAMES, QUEUE_BYTES // size)))
         self._state = State.IDLE
-        self._is_ready = self._leaving = False
+        self.is_ready = self._leaving = self._has_ended = False
         self._number = len(dataset.episodes)  # of the running episode, or the next
         self._finished = 0
         self._episode: StagedEpisode | None = None  # the worker's
@@ -156,7 +157,7 @@ class Session:
         """``start``, ``finish``, ``discard``, ``again`` or ``quit``; ``toggle`` starts or
         finishes."""
         if word == "toggle":
-            word = "start" if self._state is State.IDLE else "finish"
+            word = "finish" if self._state is State.RECORDING else "start"
         do = {
             "start": self._start,
             "finish": self._finish,
@@ -186,8 +187,10 @@ class Session:
     def _cannot_start(self) -> str:
         if self._leaving:
             return "the recording ends"
-        if self._state is not State.IDLE:
+        if self._state is State.RECORDING:
             return "an episode runs. finish or discard it first"
+        if self._state is State.FINISHING:
+            return "the last frames of an episode are still on their way"
         if self._order.episodes is not None and self._finished >= self._order.episodes:
             return "the last episode is being saved"
         if not self._assembler.has_state(self._clock.now_ns()):
@@ -241,9 +244,13 @@ class Session:
             await self._worker.run()
         except (OSError, DatasetError) as failure:
             self._fail(failure)
+        except VideoError as failure:
+            self._fail(DatasetError(f"a video cannot be written: {failure}"))
 
     def tick(self, now_ns: int) -> None:
-        if not self._is_ready:
+        if self._has_ended:
+            return
+        if not self.is_ready:
             self._look_whether_ready(now_ns)
             return
         if self._state is State.RECORDING:
@@ -264,7 +271,7 @@ class Session:
 
     def _look_whether_ready(self, now_ns: int) -> None:
         if self._assembler.has_state(now_ns):
-            self._is_ready = True
+            self.is_ready = True
             self._tell(Event("ready", self._number, text=self._about()))
         elif now_ns - self._opened_ns > FIRST_S * NS:
             self._fail(DatasetError(f"nothing is read of {self._order.robot}"))
@@ -281,12 +288,14 @@ class Session:
         pictures, age_ms = {}, {}
         for name, reader in self._cameras.items():
             frame = frame_of(reader.newest())
-            if frame is not None:
-                self._shown[name] = frame.image, frame.captured_ns
-            elif name not in self._shown:
+            shown = self._shown.get(name)
+            if frame is not None and (shown is None or frame.captured_ns != shown[1]):
+                # Its own: a reader may have the picture in memory that the camera fills again.
+                shown = self._shown[name] = np.array(frame.image), frame.captured_ns
+            if shown is None:
                 self._assembler.miss()  # it had one when the episode began
                 return
-            pictures[name], captured_ns = self._shown[name]
+            pictures[name], captured_ns = shown
             age_ms[name] = max(0.0, (now_ns - captured_ns) / 1e6)
         self._assembler.due(now_ns, pictures, age_ms)
 
@@ -340,7 +349,7 @@ class Session:
 
     # -- for who looks on, and the end
 
-    def progress(self, seconds: float) -> Progress:
+    def progress(self) -> Progress:
         """Once a second."""
         runs = self._state is not State.IDLE
         seen, self._seen = self._seen, 0
@@ -358,6 +367,7 @@ class Session:
 
     async def leave(self) -> str:
         """Let the worker finish what it has. Return what is left to repair, in words."""
+        self._has_ended = True  # no frame comes behind what is waited for
         with trio.move_on_after(LEAVE_S) as scope:
             await self._worker.drain()
         if scope.cancelled_caught:

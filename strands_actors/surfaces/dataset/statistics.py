@@ -40,6 +40,11 @@ class PictureFigures:
             self.seen[colour] += np.bincount(few[..., colour].ravel(), minlength=LEVELS)
         self.pictures += 1
 
+    def take(self, seen: list[list[int]], pictures: int) -> None:
+        """What was counted before."""
+        self.seen[:] = seen
+        self.pictures = pictures
+
     def figures(self) -> Figures:
         """Levels from 0 to 1, one row a colour."""
         levels = np.arange(LEVELS) / (LEVELS - 1)

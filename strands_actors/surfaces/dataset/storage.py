@@ -11,6 +11,8 @@ from typing import IO
 from .errors import DatasetError
 
 STAGED_SUFFIX = ".staged"
+REMOVED = "removed-"
+"""Before the name of a folder that is being removed."""
 
 
 class Storage:
@@ -48,9 +50,12 @@ class Storage:
         self.place(staged, path)
 
     def remove(self, path: Path) -> None:
-        """Remove a file or a folder, if it is there."""
+        """Remove a file or a folder, if it is there. A folder loses its name first: half of one
+        means nothing."""
         if path.is_dir():
-            shutil.rmtree(path)
+            gone = path.with_name(REMOVED + path.name)
+            os.replace(path, gone)
+            shutil.rmtree(gone)
         else:
             path.unlink(missing_ok=True)
 

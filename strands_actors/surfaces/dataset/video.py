@@ -22,11 +22,17 @@ import av
 from av.container import OutputContainer
 from av.video.stream import VideoStream
 
+VideoError = av.error.FFmpegError
+
 PIXELS = "yuv420p"
 KEY_EVERY = 2
 """Frames from one key frame to the next: training reads single frames, anywhere."""
 FRAGMENT_S = 0.5
 """What a recorder that is killed has not written yet."""
+
+
+QUALITY_UNIT = 118
+"""FFmpeg's, of one step of a quantiser."""
 
 
 class Codec(msgspec.Struct, frozen=True):
@@ -45,7 +51,9 @@ CODECS = {
         {"preset": "13", "crf": "30", "svtav1-params": "lp=1:pred-struct=1"},  # each frame leaves at once
         64,
     ),
-    "mpeg4": Codec("mpeg4", "mpeg4", {"qscale": "4"}, 16),  # FFmpeg's own, LGPL: a third of the time, larger
+    "mpeg4": Codec(
+        "mpeg4", "mpeg4", {"flags": "+qscale", "global_quality": str(4 * QUALITY_UNIT)}, 16
+    ),  # FFmpeg's own, LGPL: a third of the time, larger
 }
 DEFAULT = "av1"
 
@@ -72,7 +80,11 @@ class Encoder:
         how = require_codec(codec, [camera])
         self._shape = (camera.height, camera.width, 3)
         self._base = Fraction(1, fps)
-        options = {"movflags": "empty_moov+default_base_moof", "frag_duration": str(int(FRAGMENT_S * 1e6))}
+        options = {
+            "movflags": "empty_moov+default_base_moof",
+            "frag_duration": str(int(FRAGMENT_S * 1e6)),
+            "flush_packets": "1",  # a fragment that waits in a buffer of ours dies with us
+        }
         self._container = _writer(path, fps, options)
         self._stream = cast(VideoStream, self._container.add_stream(how.encoder, rate=fps, options=how.options))
         self._stream.width, self._stream.height, self._stream.pix_fmt = camera.width, camera.height, PIXELS

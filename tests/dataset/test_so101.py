@@ -1,0 +1,244 @@
+"""An SO-101 twin is recorded into a dataset by a process beside it; who is slow there, or dies, costs
+the arm nothing."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pyarrow.parquet as pq
+import pytest
+
+from strands_actors import Robot, record_dataset
+from strands_actors.surfaces import cli
+from strands_actors.surfaces.dataset import DatasetError
+from strands_actors.surfaces.dataset.dataset import Index
+from strands_actors.surfaces.dataset.repair import repair
+from strands_actors.surfaces.dataset.session import Order
+from strands_actors.surfaces.dataset.show import show
+from strands_actors.testing import Twin
+from tests.cli.command import Command, refusal_code
+from tests.cli.terminal import Terminal
+
+from .made import check, decoded, info_of
+
+PATIENCE_S = 90.0
+AXES = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
+
+
+@pytest.fixture
+def twin(tmp_path: Path) -> Iterator[Twin]:
+    with Twin("so101", tmp_path) as twin:
+        yield twin
+
+
+@pytest.fixture
+def arm(twin: Twin) -> Iterator[Any]:
+    with Robot("so101", mode="real", port=twin.port) as arm:
+        yield arm
+
+
+def wave(arm: Any, seconds: float, until: Callable[[], bool] = lambda: False) -> int:
+    """Move, and return how many setpoints were accepted: all but those that a busy machine made
+    late before they were sent."""
+    began, count = time.monotonic(), 0
+    while not until() and (since := time.monotonic() - began) < seconds:
+        answer = arm.send_action({"shoulder_pan": 10 * math.sin(since), "gripper": 30 + 10 * math.cos(since)})
+        assert answer["status"] == "success" or refusal_code(answer) == "expired", answer
+        count += answer["status"] == "success"
+        time.sleep(0.02)
+    return count
+
+
+@contextmanager
+def stand_in(root: Path, slow_s: float = 0.0) -> Iterator[subprocess.Popen[str]]:
+    """A recorder with a camera of its own, under way."""
+    order = Order("so101", str(root), "wave", 30, ("front",))
+    with subprocess.Popen(
+        [sys.executable, "-m", "tests.dataset.stand_in", msgspec.json.encode(order).decode(), str(slow_s)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+        try:
+            assert heard(process, "ready")
+            yield process
+        finally:
+            process.kill()
+
+
+def say(process: subprocess.Popen[str], word: str) -> None:
+    assert process.stdin is not None
+    process.stdin.write(word + "\n")
+    process.stdin.flush()
+
+
+def heard(process: subprocess.Popen[str], what: str) -> dict[str, Any]:
+    assert process.stdout is not None
+    for line in process.stdout:
+        event: dict[str, Any] = json.loads(line)
+        if event.get("what") == what:
+            return event
+    raise AssertionError(f"it ended before it said {what}")
+
+
+def rows_of(root: Path, episode: int = 0) -> list[dict[str, Any]]:
+    found: list[dict[str, Any]] = pq.read_table(root / f"data/chunk-000/file-{episode:03d}.parquet").to_pylist()
+    return found
+
+
+def test_a_script_records_episodes_and_what_was_asked_stands_beside_what_was_done(arm: Any, tmp_path: Path) -> None:
+    root = tmp_path / "set"
+    with record_dataset(arm, root, task="wave") as recording:
+        with recording.episode():
+            wave(arm, 1.5)
+            assert arm.send_action({"shoulder_pan": 400.0})["status"] == "error"
+            time.sleep(0.2)
+        with pytest.raises(ZeroDivisionError), recording.episode():
+            wave(arm, 0.1)
+            raise ZeroDivisionError
+        with pytest.raises(DatasetError, match="no episode runs"):
+            recording.finish()
+        with recording.episode():
+            wave(arm, 0.5)
+        assert [one["episode"] for one in recording.saved] == [0, 1]
+    assert check(root) == 2 and info_of(root)["robot_type"] == "strands_so101"
+    assert info_of(root)["features"]["action"]["names"] == [f"{axis}.pos" for axis in AXES]
+    rows = rows_of(root)
+    assert len({tuple(row["action"]) for row in rows}) > 5
+    last = rows[-1]
+    assert last["action.requested"][0] == 400.0 and abs(last["action"][0]) <= 10.0
+    assert all(0.0 <= row["observation.age_ms"] < 5000 for row in rows)
+    assert all(abs(row["observation.state"][0]) <= 15 for row in rows)
+
+
+def test_saf_001_a_slow_disk_costs_frames_which_are_counted_and_no_setpoint(
+    arm: Any, twin: Twin, tmp_path: Path
+) -> None:
+    root = tmp_path / "set"
+    with stand_in(root, slow_s=1.0) as recorder:
+        say(recorder, "start")
+        heard(recorder, "started")
+        began_ns = time.monotonic_ns()
+        sent = wave(arm, 5.0)
+        ended_ns = time.monotonic_ns()
+        say(recorder, "finish")
+        saved = heard(recorder, "saved")
+        recorder.send_signal(signal.SIGINT)
+        recorder.wait(PATIENCE_S)
+    written = [entry for entry in twin.log.host("setpoint", began_ns) if entry.t_ns <= ended_ns]
+    assert len(written) >= sent > 20, "each left"
+    assert not [entry for entry in twin.log.host("safe", began_ns) if entry.t_ns <= ended_ns], "nothing was late"
+    (episode,) = Index(root).episodes
+    assert episode.marks.gaps > 20 and saved["frames"] == episode.frames >= 30
+    assert f"{episode.marks.gaps} frames missing" in saved["marks"]
+    assert show(root).good == []
+
+
+def test_saf_003_a_recorder_that_freezes_and_dies_costs_the_arm_nothing_and_its_episode_is_repaired(
+    arm: Any, twin: Twin, tmp_path: Path
+) -> None:
+    root = tmp_path / "set"
+    with stand_in(root) as recorder:
+        say(recorder, "start")
+        heard(recorder, "started")
+        wave(arm, PATIENCE_S, lambda: any(path.stat().st_size > 8000 for path in root.glob(".staging/*/*.arrows")))
+        began_ns = time.monotonic_ns()
+        recorder.send_signal(signal.SIGSTOP)
+        wave(arm, 0.5)
+        recorder.kill()
+        recorder.wait(PATIENCE_S)
+        wave(arm, 0.5)
+        ended_ns = time.monotonic_ns()
+    assert not [entry for entry in twin.log.host("safe", began_ns) if entry.t_ns <= ended_ns]
+    assert not (root / "meta/info.json").exists(), "nothing is counted yet"
+    report = repair(root)
+    assert [one.episode for one in report.repaired] == [0] and report.repaired[0].frames >= 15
+    pictures = decoded(root / "videos/observation.images.front/chunk-000/file-000.mp4")
+    assert [at_s for at_s, _ in pictures] == [number / 30 for number in range(len(rows_of(root)))]
+    assert len({picture.tobytes() for _, picture in pictures}) > len(pictures) / 4, "the scene changes"
+    assert info_of(root)["features"]["observation.age_ms"]["names"] == ["state", "front"]
+    assert Index(root).episodes[0].marks.repaired
+
+
+def test_the_command_records_by_keys(arm: Any, tmp_path: Path) -> None:
+    root = tmp_path / "set"
+    command = Command(Path(os.environ["STRANDS_ACTORS_RUN"]))
+    with Terminal(
+        command, "record", "so101", "--dataset", str(root), "--task", "wave", "--episodes", "2"
+    ) as terminal:
+
+        def shown(text: bytes, times: int = 1) -> None:
+            wave(arm, PATIENCE_S, lambda: terminal.shown.count(text) >= times)
+            assert terminal.shown.count(text) >= times, terminal.shown.decode()
+
+        shown(b"30 fps, no cameras")
+        shown(b"space: start, finish")
+        terminal.press(b"x d ")  # no key; nothing to discard; start... all of it is obeyed in order
+        shown(b"episode 0: recording")
+        terminal.press(b"a")
+        shown(b"episode 0: discarded")
+        shown(b"episode 0: recording", 2)
+        wave(arm, 0.5)
+        terminal.press(b" ")
+        shown(b"; saved")
+        terminal.press(b" ")
+        shown(b"episode 1: recording")
+        shown(b" gaps, ")
+        terminal.press(b"q")
+        assert terminal.process.wait(PATIENCE_S) == 0
+        assert terminal.settings() == terminal.settings_before
+    assert b"1/2 saved" in terminal.shown and b"GB left" in terminal.shown
+    assert check(root) == 2
+
+
+def test_the_command_records_by_itself_and_tells_in_json(
+    arm: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("strands_actors.surfaces.cli.dataset.give_way", lambda: None)  # this process goes on
+
+    def run(*arguments: str) -> Any:
+        code = cli.run([*arguments, "--json"])
+        told = capsys.readouterr()
+        assert code == 0, told.err
+        return json.loads(told.out)
+
+    root = tmp_path / "set"
+    said = run("record", "so101", "--dataset", str(root), "--task", "w", "--episodes", "2", "--seconds", "0.5")
+    assert said["total_episodes"] == 2 and len(said["episodes"]) == 2 and said["left"] == ""
+    assert check(root) == 2
+    assert run("dataset", "show", str(root))["total_frames"] == sum(one["frames"] for one in said["episodes"])
+    assert run("dataset", "repair", str(root))["repaired"] == []
+    copy = tmp_path / "copy"
+    assert run("dataset", "compact", str(root), "-o", str(copy))["episodes"] == 2 and check(copy) == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("record", "so101"), "give -o FILE, or --dataset DIR"),
+        (("record", "so101", "--dataset", "set"), "a dataset needs a task"),
+        (("record", "so101", "--dataset", "set", "--task", "x", "--codec", "h264"), "use av1 or mpeg4"),
+        (("record", "nobody", "--dataset", "set", "--task", "x"), "no robot 'nobody'"),
+        (("dataset", "show", "set"), "is no dataset"),
+        (("dataset", "repair", "set"), "is no dataset"),
+    ],
+)
+def test_what_cannot_be_is_told_in_a_line(
+    arguments: tuple[str, ...], told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    assert cli.run(arguments) == cli.USAGE
+    said = capsys.readouterr().err
+    assert told in said and said.count("\n") == 1
