@@ -93,8 +93,15 @@ class Client(Hand):
         self._robot.stop()
 
     def again(self) -> None:
-        self._until(self._robot.resume, "resume")
+        self._until(self._resume, "resume")
         self._prepare()
+
+    def _resume(self) -> Any:
+        """An arm whose commands came late, on a busy machine, is in a reflex that somebody has to clear."""
+        answer = self._robot.resume()
+        if answer["status"] != "success" and "recover" in self._robot.driver.SERVICES:
+            self._robot.recover()
+        return answer
 
     def stream(self, hz: float, seconds: float) -> None:
         if self._robot.driver.WHOLE_ACTIONS:  # one motion, whose cycle is the wire's
