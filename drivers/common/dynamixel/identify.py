@@ -66,7 +66,7 @@ async def identify(bus: HalfDuplexBus[protocol.Packet], axis: Axis) -> Identity:
     """Read one servo's registers. Raise ``WireDown``."""
     base = table.EEPROM_END
     eeprom = await block(bus, protocol, axis, 0, base)
-    ram = await block(bus, protocol, axis, base, table.TABLE_SIZE - base)
+    ram = await block(bus, protocol, axis, base, table.TEMPERATURE.address + table.TEMPERATURE.size - base)
     return Identity(
         model=table.MODEL.decode(eeprom, 0),
         firmware=table.FIRMWARE.decode(eeprom, 0),

@@ -146,12 +146,11 @@ def fast_sync_read(ids: Sequence[int], address: int, size: int) -> bytes:
     return frame(BROADCAST, FAST_SYNC_READ, _words(address, size) + bytes(ids))
 
 
-def fast_status(answers: Sequence[tuple[int, int, bytes]], expected: int) -> bytes:
-    """The one frame that answers a fast sync read: (id, error, data) of each servo in turn, each
-    closed by the CRC of everything so far. Each is as long as was asked for, so nothing is stuffed
-    [assumed]. When fewer than ``expected`` answer, the frame ends early."""
-    size = len(answers[0][2]) if answers else 0
-    data = HEADER + bytes((BROADCAST,)) + _words(1 + expected * (4 + size)) + bytes((STATUS,))
+def fast_status(answers: Sequence[tuple[int, int, bytes]], sizes: Sequence[int]) -> bytes:
+    """The one frame that answers a fast read: (id, error, data) of each servo in turn, each closed
+    by the CRC of everything so far. Each is as long as was asked for, so nothing is stuffed
+    [assumed]. ``sizes``: of all that were asked; when fewer answer, the frame ends early."""
+    data = HEADER + bytes((BROADCAST,)) + _words(1 + sum(4 + size for size in sizes)) + bytes((STATUS,))
     for servo_id, error, block in answers:
         data += bytes((error, servo_id)) + block
         data += crc16(data).to_bytes(2, "little")

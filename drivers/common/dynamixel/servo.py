@@ -11,6 +11,7 @@ from strands_actors.drivers.common.twin.servo_bus import COUNTS, COUNTS_PER_RAD,
 
 from . import protocol as p
 from . import table as t
+from .indirect import Indirect, Run, Where
 
 FIRMWARE_VERSION = 52
 ROOM_TEMPERATURE_C = 30
@@ -19,12 +20,34 @@ VELOCITY_UNITS = 60 / math.tau / 0.229
 """Register counts per rad/s."""
 
 PWM_MAX = 885
+GAIN_MAX = 16_383
+TOP_RAD_S = 6.0
+"""Without load, at full power [assumed]."""
+
 OVERLOAD_LOAD = 0.9
 OVERLOAD_S = 1.0
 """A push this hard, of what it can, for this long is an overload [assumed]."""
 
 INVERTED = 0x01
 """Bit of DRIVE_MODE: it counts the other way round."""
+TIMED_PROFILE = 0x04
+"""Bit of DRIVE_MODE: the profile velocity is how long a move takes, in ms."""
+
+IN_POSITION, PROFILE_ONGOING, FOLLOWING_ERROR, RECTANGULAR_PROFILE = 0x01, 0x02, 0x08, 0x10
+"""Bits of MOVING_STATUS."""
+IN_POSITION_COUNTS = 20
+"""[assumed]"""
+
+CLEAR_TURNS = b"\x01\x44\x58\x4c\x22"
+"""What a CLEAR has to say."""
+
+ALL, ALL_BUT_ID, ALL_BUT_ID_AND_RATE = 0xFF, 0x01, 0x02
+"""What a factory reset resets."""
+FACTORY_BAUD = 57_600
+
+
+POSITION_MODES = frozenset((t.POSITION_MODE, t.EXTENDED_POSITION_MODE, t.CURRENT_POSITION_MODE))
+WITHOUT_CURRENT = frozenset((t.VELOCITY_MODE, t.POSITION_MODE, t.EXTENDED_POSITION_MODE, t.PWM_MODE))
 
 
 class Kind(NamedTuple):
@@ -37,11 +60,18 @@ class Kind(NamedTuple):
     current_limit: int  # mA; 0: it has no current sensor, and reports its load
     shutdown: int
     stall_current: int  # mA at the stall torque
+    velocity_max: int  # that may be set as the limit
+    gains: tuple[int, int, int, int]  # velocity I and P, position D and P
+    modes: frozenset[int]
+    indirect: tuple[t.IndirectBlock, ...]
 
 
-XL430 = Kind(72, 60, 140, 265, 0, 0x34, 0)
-XL330 = Kind(70, 35, 70, 445, 1750, 0x35, 1470)
-XM430 = Kind(80, 95, 160, 200, 1193, 0x34, 2300)
+_LARGE = t.IndirectBlock(168, 224, 28), t.IndirectBlock(578, 634, 28)
+_SMALL = (t.IndirectBlock(168, 208, 20),)
+
+XL430 = Kind(72, 60, 140, 265, 0, 0x34, 0, 1023, (1000, 100, 4000, 640), WITHOUT_CURRENT, _LARGE)
+XL330 = Kind(70, 35, 70, 445, 1750, 0x35, 1470, 2047, (1600, 180, 0, 400), frozenset(t.MODE_NAMES), _SMALL)
+XM430 = Kind(80, 95, 160, 200, 1193, 0x34, 2300, 1023, (1920, 100, 0, 800), frozenset(t.MODE_NAMES), _LARGE)
 KINDS = {
     "XL430-W250": XL430,
     "XM430-W350": XM430,
@@ -54,7 +84,10 @@ RANGES: dict[t.Register, tuple[int, int]] = {
     t.ID: (0, p.MAX_ID),
     t.BAUD: (0, len(t.BAUD_RATES) - 1),
     t.RETURN_DELAY: (0, 254),
-    t.MODE: (0, 16),
+    t.DRIVE_MODE: (0, 13),
+    t.SECONDARY_ID: (0, 255),
+    t.PROTOCOL_TYPE: (2, 2),
+    t.MOVING_THRESHOLD: (0, 1023),
     t.HOMING_OFFSET: (-1_044_479, 1_044_479),
     t.MAX_TEMPERATURE: (0, 100),
     t.MAX_VOLTAGE: (31, 160),
@@ -65,6 +98,10 @@ RANGES: dict[t.Register, tuple[int, int]] = {
     t.TORQUE_ENABLE: (0, 1),
     t.LED: (0, 1),
     t.STATUS_LEVEL: (0, 2),
+    **dict.fromkeys((t.VELOCITY_I, t.VELOCITY_P, t.POSITION_D, t.POSITION_I, t.POSITION_P), (0, GAIN_MAX)),
+    **dict.fromkeys((t.FEEDFORWARD_1, t.FEEDFORWARD_2), (0, GAIN_MAX)),
+    t.PROFILE_ACCELERATION: (0, 32_767),
+    t.PROFILE_VELOCITY: (0, 32_767),
     t.BUS_WATCHDOG: (t.WATCHDOG_OFF, 127),
 }
 """What a register takes; anything else is a data range error."""
@@ -72,7 +109,10 @@ RANGES: dict[t.Register, tuple[int, int]] = {
 GOALS = (t.GOAL_PWM, t.GOAL_CURRENT, t.GOAL_VELOCITY, t.GOAL_POSITION)
 """Read-only while the bus watchdog has tripped."""
 
-WORDS = (*RANGES, *GOALS, t.PROFILE_ACCELERATION, t.PROFILE_VELOCITY)
+LIMITS = {t.GOAL_PWM: t.PWM_LIMIT, t.GOAL_CURRENT: t.CURRENT_LIMIT, t.GOAL_VELOCITY: t.VELOCITY_LIMIT}
+"""Which register says how far each goal may go, to either side."""
+
+WORDS = (*RANGES, *GOALS, t.MODE, t.CURRENT_LIMIT, t.VELOCITY_LIMIT)
 """Registers that are written whole or not at all."""
 
 
@@ -88,6 +128,9 @@ def factory_table(servo_id: int, model: int, mode: int) -> bytearray:
         t.BAUD: t.BAUD_RATES.index(1_000_000),
         t.RETURN_DELAY: 250,
         t.MODE: mode,
+        t.SECONDARY_ID: 255,
+        t.PROTOCOL_TYPE: 2,
+        t.MOVING_THRESHOLD: 10,
         t.MAX_TEMPERATURE: kind.max_temperature_c,
         t.MAX_VOLTAGE: kind.max_voltage,
         t.MIN_VOLTAGE: kind.min_voltage,
@@ -97,16 +140,14 @@ def factory_table(servo_id: int, model: int, mode: int) -> bytearray:
         t.MAX_POSITION: COUNTS - 1,
         t.SHUTDOWN: kind.shutdown,
         t.STATUS_LEVEL: 2,
-        t.GOAL_PWM: PWM_MAX,
-        t.GOAL_CURRENT: kind.current_limit,
-        t.GOAL_VELOCITY: kind.velocity_limit,
+        **dict(zip((t.VELOCITY_I, t.VELOCITY_P, t.POSITION_D, t.POSITION_P), kind.gains, strict=True)),
     }.items():
         table[register.address : register.address + register.size] = register.encode(value)
     return table
 
 
 class Servo(TwinServo):
-    """The position modes (3, 4, 5); in others it does not move. Profiles are not modelled."""
+    """All modes that its model has. Of profiles the velocity counts, the acceleration does not."""
 
     def __init__(self, plant: Plant, joint: int, servo_id: int, model: int, mode: int, voltage_v: float) -> None:
         self.zero_count = float(ZERO_COUNT)
@@ -117,7 +158,7 @@ class Servo(TwinServo):
         self._overload_since_s: float | None = None
         self._heard_s = math.inf
         self._waiting = b""
-        self.indirect = bytearray(len(t.INDIRECT_DATA))
+        self._indirect = Indirect(self._kind.indirect)
         self.power_cycle()
 
     @property
@@ -146,49 +187,94 @@ class Servo(TwinServo):
         [assumed]."""
         self.table[:] = self.factory
         self.table[: t.EEPROM_END] = self._eeprom
-        self.indirect[:] = bytes(len(self.indirect))
-        self.put(t.GOAL_PWM, self.get(t.PWM_LIMIT))
-        self.put(t.GOAL_CURRENT, self.get(t.CURRENT_LIMIT))
+        self._indirect = Indirect(self._kind.indirect)
+        self._begin_mode()
         self._overload_since_s = None
         self._waiting = b""
         self.sense()
         self.put(t.GOAL_POSITION, self.get(t.POSITION))
         self._apply()
 
-    def reset(self) -> None:
-        """Everything as at delivery but the id and the rate."""
-        kept = {register: self.get(register) for register in (t.ID, t.BAUD)}
+    def reset(self, option: int) -> int:
+        """Error number. As at delivery: ``ALL``, or without the id, or without id and rate."""
+        kept = {ALL: (), ALL_BUT_ID: (t.ID,), ALL_BUT_ID_AND_RATE: (t.ID, t.BAUD)}.get(option)
+        if kept is None:
+            return p.RANGE_ERROR
+        values = {t.ID: 1, t.BAUD: t.BAUD_RATES.index(FACTORY_BAUD), t.MODE: t.POSITION_MODE}
+        values |= {register: self.get(register) for register in kept}
         self._eeprom[:] = self.factory[: t.EEPROM_END]
-        for register, value in kept.items():
+        for register, value in values.items():
             self._eeprom[register.address] = value
         self.power_cycle()
+        return 0
+
+    def clear_turns(self, params: bytes) -> int:
+        """Error number. Whole turns are forgotten; not while it moves."""
+        if params != CLEAR_TURNS:
+            return p.RANGE_ERROR
+        if abs(self.reading.rad_s) > MOVING_RAD_S:
+            return p.RESULT_FAIL
+        self.zero_count -= COUNTS * math.floor(self._count() / COUNTS)
+        self.sense()
+        self.put(t.GOAL_POSITION, self.get(t.POSITION))
+        self._apply()
+        return 0
 
     def read(self, address: int, size: int) -> tuple[int, bytes]:
         """Error number, data."""
-        if address in t.INDIRECT_DATA and address + size <= t.INDIRECT_DATA.stop:
-            start = address - t.INDIRECT_DATA.start
-            return 0, bytes(self.indirect[start : start + size])
         if address + size > t.TABLE_SIZE:
-            return p.ACCESS_ERROR, b""
-        if address + size > t.MOVING.address:
+            runs = self._indirect.runs(address, size)
+            if runs is None:
+                return p.ACCESS_ERROR, b""
+            self.sense()
+            return 0, b"".join(self._indirect.read(run, self.table) for run in runs)
+        if address + size > t.REALTIME_TICK.address:
             self.sense()
         return 0, bytes(self.table[address : address + size])
 
     def write(self, address: int, data: bytes) -> int:
         """Error number. What is refused changes nothing."""
-        covers = range(address, address + len(data))
-        if covers.start in t.INDIRECT_DATA and covers.stop <= t.INDIRECT_DATA.stop:
-            start = address - t.INDIRECT_DATA.start
-            self.indirect[start : start + len(data)] = data
-            return 0
-        error = self._refuses(covers, data)
-        if error:
-            return error
-        self.table[covers.start : covers.stop] = data
-        if covers.start < t.EEPROM_END:
-            self._eeprom[:] = self.table[: t.EEPROM_END]
+        runs = [Run(Where.TABLE, address, len(data))]
+        if address + len(data) > t.TABLE_SIZE:
+            found = self._indirect.runs(address, len(data))
+            if found is None:
+                return p.ACCESS_ERROR
+            runs = found
+        at = 0
+        blocks = []
+        for run in runs:
+            blocks.append((run, data[at : at + run.size]))
+            at += run.size
+        for run, block in blocks:
+            in_table = run.where is Where.TABLE
+            error = self._refuses(range(run.at, run.at + run.size), block) if in_table else run.refuses(block)
+            if error:
+                return error
+        for run, block in blocks:
+            if run.where is Where.TABLE:
+                self._put_bytes(run.at, block)
+            else:
+                self._indirect.write(run, block)
         self._apply()
         return 0
+
+    def _put_bytes(self, at: int, block: bytes) -> None:
+        self.table[at : at + len(block)] = block
+        if at >= t.EEPROM_END:
+            return
+        if t.MODE.address in range(at, at + len(block)):
+            self._begin_mode()
+        self._eeprom[:] = self.table[: t.EEPROM_END]
+
+    def _begin_mode(self) -> None:
+        """Goals are as at delivery: limits of a move in the modes of positions, nothing in the one
+        that they drive [assumed]."""
+        mode = self.get(t.MODE)
+        driven = {t.PWM_MODE: t.GOAL_PWM, t.CURRENT_MODE: t.GOAL_CURRENT, t.VELOCITY_MODE: t.GOAL_VELOCITY}.get(
+            mode
+        )
+        for goal, limit in LIMITS.items():
+            self.put(goal, 0 if goal is driven else self.get(limit))
 
     def _refuses(self, covers: range, data: bytes) -> int:
         if not covers or covers.stop > t.TABLE_SIZE or not t.READ_ONLY.isdisjoint(covers):
@@ -216,6 +302,13 @@ class Servo(TwinServo):
             return p.RANGE_ERROR
         if register is t.TORQUE_ENABLE and value and self.alert:
             return p.ACCESS_ERROR  # until a reboot
+        if register is t.MODE:
+            return 0 if value in self._kind.modes else p.RANGE_ERROR
+        if register is t.VELOCITY_LIMIT or register is t.CURRENT_LIMIT:
+            most = self._kind.velocity_max if register is t.VELOCITY_LIMIT else self._kind.current_limit
+            return 0 if value <= most else p.RANGE_ERROR
+        if register in LIMITS:
+            return 0 if abs(value) <= self.get(LIMITS[register]) else p.LIMIT_ERROR
         if register is t.GOAL_POSITION and self.get(t.MODE) == t.POSITION_MODE:
             within = self.get(t.MIN_POSITION) <= value <= self.get(t.MAX_POSITION)
             return 0 if within else p.LIMIT_ERROR
@@ -239,6 +332,7 @@ class Servo(TwinServo):
     def hear(self, now_s: float) -> None:
         """An instruction packet for this servo: it feeds the bus watchdog, whatever it says."""
         self._heard_s = now_s
+        self.put(t.REALTIME_TICK, int(now_s * 1000) % 32_768)
 
     @property
     def trips_at_s(self) -> float:
@@ -252,7 +346,7 @@ class Servo(TwinServo):
     def trip(self) -> None:
         """Stop where the joint is, with torque on [assumed: as a hold]."""
         self.put(t.BUS_WATCHDOG, t.WATCHDOG_TRIPPED)
-        self.plant.set_target(self.joint, self.reading.rad)
+        self.lead(self.reading.rad)
 
     def protect(self, now_s: float) -> None:
         """Note hardware errors, which stay until a reboot; let go for those that SHUTDOWN names."""
@@ -276,9 +370,9 @@ class Servo(TwinServo):
     def sense(self) -> None:
         if self.fault is Fault.STUCK:
             return
-        rad, rad_s, load = self.reading
-        sign = -1 if self.table[t.DRIVE_MODE.address] & INVERTED else 1
-        count = round(self.zero_count + sign * rad * self.counts_per_rad)
+        _, rad_s, load = self.reading
+        sign = self._sign
+        count = self._count()
         if self.get(t.MODE) == t.POSITION_MODE:
             count %= COUNTS  # the other modes count turns
         if self.fault is Fault.WRONG:
@@ -287,7 +381,11 @@ class Servo(TwinServo):
         stall = self._kind.stall_current or 1000  # without a current sensor: 0.1 % of its torque
         for register, value in (
             (t.POSITION, count + self.get(t.HOMING_OFFSET)),
-            (t.VELOCITY, round(sign * rad_s * VELOCITY_UNITS * self.counts_per_rad / COUNTS_PER_RAD)),
+            (t.VELOCITY, round(rad_s / self._rad_s_a_unit)),
+            (t.PRESENT_PWM, round(amount * PWM_MAX)),
+            (t.VELOCITY_TRAJECTORY, round(self.rate_rad_s / abs(self._rad_s_a_unit))),
+            (t.POSITION_TRAJECTORY, round(self._count_of(self.led_rad)) + self.get(t.HOMING_OFFSET)),
+            (t.MOVING_STATUS, self._moving_status(count)),
             (t.CURRENT, round(amount * stall)),
             (t.VOLTAGE, round(self.voltage_v * 10)),
             (t.TEMPERATURE, round(self.temperature_c)),
@@ -295,16 +393,65 @@ class Servo(TwinServo):
         ):
             self.put(register, value)
 
+    @property
+    def _sign(self) -> int:
+        return -1 if self.table[t.DRIVE_MODE.address] & INVERTED else 1
+
+    @property
+    def _rad_s_a_unit(self) -> float:
+        """Of the joint, for one count of a velocity register."""
+        return self._sign / VELOCITY_UNITS * COUNTS_PER_RAD / self.counts_per_rad
+
+    def _count_of(self, rad: float) -> float:
+        return self.zero_count + self._sign * rad * self.counts_per_rad
+
+    def _count(self) -> int:
+        """Of the encoder, with its turns."""
+        return round(self._count_of(self.reading.rad))
+
+    def _moving_status(self, count: int) -> int:
+        off = abs(self.get(t.GOAL_POSITION) - self.get(t.HOMING_OFFSET) - count)
+        on_the_way = bool(self.rate_rad_s)
+        return (
+            IN_POSITION * (off <= IN_POSITION_COUNTS)
+            | PROFILE_ONGOING * on_the_way
+            | FOLLOWING_ERROR * (not on_the_way and off > IN_POSITION_COUNTS)
+            | RECTANGULAR_PROFILE * (self.get(t.PROFILE_VELOCITY) > 0)
+        )
+
     def _apply(self) -> None:
         """Make the joint do what the table says."""
-        mode = self.get(t.MODE)
-        on = self.energised and mode in (t.POSITION_MODE, t.EXTENDED_POSITION_MODE, t.CURRENT_POSITION_MODE)
+        on = self.energised
+        if not on or not self.plant.torque(self.joint):
+            self.stand()
         if on and self.get(t.BUS_WATCHDOG) != t.WATCHDOG_TRIPPED:
-            sign = -1 if self.table[t.DRIVE_MODE.address] & INVERTED else 1
-            count = self.get(t.GOAL_POSITION) - self.get(t.HOMING_OFFSET)
-            self.plant.set_target(self.joint, sign * (count - self.zero_count) / self.counts_per_rad)
-            share = abs(self.get(t.GOAL_PWM)) / PWM_MAX
-            if mode == t.CURRENT_POSITION_MODE and self._kind.stall_current:
-                share = min(share, abs(self.get(t.GOAL_CURRENT)) / self._kind.stall_current)
-            self.plant.set_effort_share(self.joint, min(1.0, share))
+            self.plant.set_effort_share(self.joint, min(1.0, self._drive(self.get(t.MODE))))
         self.plant.set_torque(self.joint, on)
+
+    def _drive(self, mode: int) -> float:
+        """Aim as the goals of a mode say. Return the share of the effort that it may use."""
+        power, stall = self.get(t.GOAL_PWM) / PWM_MAX, self._kind.stall_current
+        current = self.get(t.GOAL_CURRENT) / stall if stall else 1.0
+        direction = math.copysign(1.0, self._rad_s_a_unit)
+        if mode == t.VELOCITY_MODE:
+            self.turn(self.get(t.GOAL_VELOCITY) * self._rad_s_a_unit)
+            return abs(power)
+        if mode == t.PWM_MODE:
+            self.turn(direction * power * TOP_RAD_S)
+            return abs(power)
+        if mode == t.CURRENT_MODE:
+            self.turn(direction * math.copysign(TOP_RAD_S, current) if current else 0.0)
+            return abs(current)
+        count = self.get(t.GOAL_POSITION) - self.get(t.HOMING_OFFSET)
+        rad = self._sign * (count - self.zero_count) / self.counts_per_rad
+        self.lead(rad, self._profile_rad_s(rad))
+        return min(abs(power), abs(current)) if mode == t.CURRENT_POSITION_MODE else abs(power)
+
+    def _profile_rad_s(self, goal_rad: float) -> float:
+        """How fast to go there; 0: as fast as it can."""
+        profile = self.get(t.PROFILE_VELOCITY)
+        if not profile or not self.table[t.DRIVE_MODE.address] & TIMED_PROFILE:
+            return profile * abs(self._rad_s_a_unit)
+        if self.rate_rad_s and goal_rad == self.aimed_rad:
+            return self.rate_rad_s  # still the same move
+        return abs(goal_rad - self.reading.rad) / (profile / 1000)

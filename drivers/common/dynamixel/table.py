@@ -34,7 +34,10 @@ BAUD = Register(8)
 RETURN_DELAY = Register(9)  # 2 us a count, factory 250
 DRIVE_MODE = Register(10)  # bit 0: turns the other way; the servo does it, not the host
 MODE = Register(11)
+SECONDARY_ID = Register(12)
+PROTOCOL_TYPE = Register(13)
 HOMING_OFFSET = Register(20, 4, True)
+MOVING_THRESHOLD = Register(24, 4)  # 0.229 rpm
 MAX_TEMPERATURE = Register(31)  # deg C
 MAX_VOLTAGE = Register(32, 2)  # 0.1 V
 MIN_VOLTAGE = Register(34, 2)
@@ -50,6 +53,9 @@ LED = Register(65)
 STATUS_LEVEL = Register(68)  # 0: answers a ping, 1: and a read, 2: everything
 REGISTERED = Register(69)
 HARDWARE_ERROR = Register(70)
+VELOCITY_I, VELOCITY_P = Register(76, 2), Register(78, 2)
+POSITION_D, POSITION_I, POSITION_P = Register(80, 2), Register(82, 2), Register(84, 2)
+FEEDFORWARD_2, FEEDFORWARD_1 = Register(88, 2), Register(90, 2)
 BUS_WATCHDOG = Register(98, 1, True)  # 20 ms a count; 0: off, -1: tripped
 GOAL_PWM = Register(100, 2, True)
 GOAL_CURRENT = Register(102, 2, True)
@@ -58,32 +64,47 @@ PROFILE_ACCELERATION = Register(108, 4)
 PROFILE_VELOCITY = Register(112, 4)  # 0: none, as fast as it can
 GOAL_POSITION = Register(116, 4, True)
 # read only
+REALTIME_TICK = Register(120, 2)  # ms, up to 32767
 MOVING = Register(122)
+MOVING_STATUS = Register(123)
+PRESENT_PWM = Register(124, 2, True)
 CURRENT = Register(126, 2, True)  # XL330: 1 mA; XL430, which has no current sensor: load, 0.1 %
 VELOCITY = Register(128, 4, True)  # 0.229 rpm
 POSITION = Register(132, 4, True)
+VELOCITY_TRAJECTORY = Register(136, 4, True)
+POSITION_TRAJECTORY = Register(140, 4, True)
 VOLTAGE = Register(144, 2)  # 0.1 V
 TEMPERATURE = Register(146)  # deg C
 
-INDIRECT_DATA = range(634, 662)
-"""Indirect data 29 to 56: RAM that a host may use as it likes, where nothing is mapped there."""
 
-TABLE_SIZE = 147
+class IndirectBlock(NamedTuple):
+    """``size`` words from ``addresses`` on say which byte is found at each of as many from ``data``
+    on: at delivery itself, RAM that a host may use as it likes."""
+
+    addresses: int
+    data: int
+    size: int
+
+
+TABLE_SIZE = 148
 EEPROM_END = 64
 READ_ONLY = frozenset((*range(7), 69, 70, *range(120, TABLE_SIZE)))
 GOALS = range(GOAL_PWM.address, GOAL_POSITION.address + GOAL_POSITION.size)
 """Goals, and the profile on the way to them."""
 
+CURRENT_MODE = 0
+VELOCITY_MODE = 1
 POSITION_MODE = 3
 EXTENDED_POSITION_MODE = 4
 CURRENT_POSITION_MODE = 5
+PWM_MODE = 16
 MODE_NAMES = {
-    0: "current",
-    1: "velocity",
+    CURRENT_MODE: "current",
+    VELOCITY_MODE: "velocity",
     POSITION_MODE: "position",
     EXTENDED_POSITION_MODE: "extended position",
     CURRENT_POSITION_MODE: "current-based position",
-    16: "pwm",
+    PWM_MODE: "pwm",
 }
 
 WATCHDOG_OFF = 0

@@ -58,7 +58,10 @@ class DynamixelBus(ServoBus[Servo, p.Packet]):
             case p.SYNC_READ | p.BULK_READ:
                 return [_read(*each[:3]) for each in asked]
             case p.FAST_SYNC_READ:
-                return _fast_read(packet.params[4:], asked)
+                size = _word(packet.params, 2)
+                return _fast_read([(servo_id, size) for servo_id in packet.params[4:]], asked)
+            case p.FAST_BULK_READ:
+                return _fast_read([(servo_id, size) for servo_id, _, size in _bulk_read_rows(packet.params)], asked)
             case p.SYNC_WRITE | p.BULK_WRITE:
                 for servo, address, _, data in asked:
                     servo.write(address, data)
@@ -88,9 +91,8 @@ def _asked(packet: p.Packet, hearing: Mapping[int, Sequence[Servo]]) -> list[Ask
         case p.SYNC_WRITE:
             address, blocks = p.rows_of(packet)
             rows = ((servo_id, address, len(block), block) for servo_id, block in blocks.items())
-        case p.BULK_READ:
-            starts = range(0, len(params) - 4, 5)
-            rows = ((params[at], _word(params, at + 1), _word(params, at + 3), b"") for at in starts)
+        case p.BULK_READ | p.FAST_BULK_READ:
+            rows = ((*row, b"") for row in _bulk_read_rows(params))
         case p.BULK_WRITE:
             rows = _bulk_rows(params)
         case _:
@@ -101,6 +103,12 @@ def _asked(packet: p.Packet, hearing: Mapping[int, Sequence[Servo]]) -> list[Ask
         for servo_id, address, size, data in rows
         for servo in hearing.get(servo_id, ())
     ]
+
+
+def _bulk_read_rows(params: bytes) -> list[tuple[int, int, int]]:
+    """Id, address and size of each."""
+    starts = range(0, len(params) - 4, 5)
+    return [(params[at], _word(params, at + 1), _word(params, at + 3)) for at in starts]
 
 
 def _bulk_rows(params: bytes) -> Iterator[tuple[int, int, int, bytes]]:
@@ -125,10 +133,10 @@ def _read(servo: Servo, address: int, size: int) -> Reply | None:
     return _status(servo, *servo.read(address, size))
 
 
-def _fast_read(ids: bytes, asked: Sequence[Asked]) -> list[Reply]:
-    """One frame of all; it ends at the first servo that is not there."""
+def _fast_read(rows: Sequence[tuple[int, int]], asked: Sequence[Asked]) -> list[Reply]:
+    """One frame of all; it ends at the first servo that is not there. ``rows``: ids and sizes."""
     answers = []
-    for servo_id, (servo, address, size, _) in zip(ids, asked, strict=False):
+    for (servo_id, size), (servo, address, _, _) in zip(rows, asked, strict=False):
         if servo.id != servo_id:
             break
         error, block = servo.read(address, size)
@@ -136,7 +144,7 @@ def _fast_read(ids: bytes, asked: Sequence[Asked]) -> list[Reply]:
     if not answers:
         return []
     first = asked[0].servo
-    return [Reply(first.return_delay_s, p.fast_status(answers, len(ids)), first.id)]
+    return [Reply(first.return_delay_s, p.fast_status(answers, [size for _, size in rows]), first.id)]
 
 
 def _answer(servo: Servo, packet: p.Packet) -> Reply | None:
@@ -159,7 +167,9 @@ def _answer(servo: Servo, packet: p.Packet) -> Reply | None:
         case p.REBOOT:
             servo.power_cycle()
         case p.FACTORY_RESET:
-            servo.reset()
+            error = servo.reset(params[0]) if len(params) == 1 else p.LENGTH_ERROR
+        case p.CLEAR:
+            error = servo.clear_turns(params)
         case _:
             error = p.INSTRUCTION_ERROR
     if servo.get(t.STATUS_LEVEL) < 2:

@@ -28,6 +28,7 @@ from .wirelog import WireLog
 
 BACKLOG = 64
 ATTEMPTS = 64
+OFFERED_BYTES = 16 * 1024
 
 
 class ClientGone(Exception):
@@ -42,6 +43,7 @@ class Connection:
         self.log = log
         self.frost = frost
         self._owed = b""  # what the client has not taken yet of an offer
+        self._offers = False
 
     @property
     def peer_host(self) -> str:
@@ -94,6 +96,10 @@ class Connection:
     def offer(self, data: bytes) -> None:
         """Send what a client may also not read, as those do that only came to say something: then
         frames are left out, whole ones."""
+        if not self._offers:  # what nobody reads is not kept by the megabyte, nor the work done for it
+            self._offers = True
+            with contextlib.suppress(OSError):  # its end is read, too
+                self._sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, OFFERED_BYTES)
         if self.takes:
             self._owed = data[self._sent(data) :]
 

@@ -115,14 +115,14 @@ said_by = st.tuples(st.integers(0, 255), st.binary(min_size=4, max_size=4))
 @given(st.dictionaries(servo_ids, said_by, min_size=1, max_size=8))
 def test_a_fast_answer_comes_apart_again(said: dict[int, tuple[int, bytes]]) -> None:
     answers = [(servo_id, error, data) for servo_id, (error, data) in said.items()]
-    (packet,) = p.Decoder().feed(p.fast_status(answers, len(answers)))
+    (packet,) = p.Decoder().feed(p.fast_status(answers, [len(data) for _, _, data in answers]))
     apart = p.fast_answers(packet, 4)
     assert {i: (a.error, a.params) for i, a in apart.items()} == said
 
 
 def test_a_fast_answer_that_ends_early_is_no_frame() -> None:
     decoder = p.Decoder()
-    assert list(decoder.feed(p.fast_status([(1, 0, b"\1\2\3\4")], 2))) == []
+    assert list(decoder.feed(p.fast_status([(1, 0, b"\1\2\3\4")], [4, 4]))) == []
     assert decoder.pending
 
 

@@ -111,3 +111,26 @@ def test_the_bus_watchdog_trips_and_is_cleared(packets: Any, port: Any) -> None:
 def test_a_servo_that_is_not_there_is_a_timeout(packets: Any, port: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(port_handler, "LATENCY_TIMER", 16)
     assert packets.ping(port, 9)[1] == sdk.COMM_RX_TIMEOUT
+
+
+def test_what_older_twins_did_not_know(packets: Any, port: Any) -> None:
+    reader = sdk.GroupBulkRead(port, packets)
+    rows = {1: (t.POSITION.address, 4), 3: (t.VOLTAGE.address, 2), 6: (t.TEMPERATURE.address, 1)}
+    for servo_id, (address, size) in rows.items():
+        assert reader.addParam(servo_id, address, size)
+    assert reader.fastBulkRead() == sdk.COMM_SUCCESS
+    assert {servo_id: reader.getData(servo_id, *row) for servo_id, row in rows.items()} == {
+        1: packets.read4ByteTxRx(port, 1, t.POSITION.address)[0],
+        3: 50,
+        6: 30,
+    }
+    for at in range(4):  # the goal, through addresses of the host's choice
+        assert packets.write2ByteTxRx(port, 1, 168 + 2 * at, t.GOAL_POSITION.address + at) == FINE
+    assert packets.write4ByteTxRx(port, 1, 224, 2222) == FINE
+    assert packets.read4ByteTxRx(port, 1, t.GOAL_POSITION.address) == (2222, *FINE)
+    assert packets.clearMultiTurn(port, 1) == FINE
+    assert packets.write1ByteTxRx(port, 1, t.MODE.address, 5) == (sdk.COMM_SUCCESS, p.RANGE_ERROR)
+    assert packets.write2ByteTxRx(port, 4, t.GOAL_CURRENT.address, 3000) == (sdk.COMM_SUCCESS, p.LIMIT_ERROR)
+    assert packets.write1ByteTxRx(port, 2, t.RETURN_DELAY.address, 0) == FINE
+    assert packets.factoryReset(port, 2, 0x02) == FINE
+    assert packets.read1ByteTxRx(port, 2, t.RETURN_DELAY.address) == (250, *FINE)
