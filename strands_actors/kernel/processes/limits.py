@@ -33,7 +33,7 @@ class PolicyLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit
         """Raise ``ValueError`` for what this system has not: such a user, or one whom we can
         become."""
         if self.processors is not None and not hasattr(os, "sched_setaffinity"):
-            raise ValueError("policy_limits: processors= needs Linux. leave it out")
+            raise ValueError("policy_limits: processors can be limited on Linux alone. leave that out")
         if not self.user:
             return
         try:
