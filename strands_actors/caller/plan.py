@@ -311,7 +311,14 @@ def _simulation(
         "",
         SIM,
         options,
-        TwinProcess(driver_class.TWIN, wanted.robot, has_control=True, place=place, options=twin),
+        TwinProcess(
+            driver_class.TWIN,
+            wanted.robot,
+            has_control=True,
+            place=place,
+            options=twin,
+            backend=wanted.scene.other_backend,
+        ),
         data_config=wanted.data_config,
         mesh=wanted.mesh,
     )

@@ -9,6 +9,8 @@ from strands_actors.contract.loading import load
 
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
+    if args["backend"]:
+        load("strands_actors.drivers.common.solver:choose")(args["backend"])
     serve = load(args["twin"])
     given = {name: args[name] for name in ("control", "place", "options") if args[name] is not None}
     serve(args["robot"], port_file=args["port_file"], log=args["log"], fault=None, parent_fd=sock.fileno(), **given)

@@ -20,6 +20,8 @@ SIM = "sim"
 """The transport of a simulated robot: its twin's simulation control."""
 
 START_S = 12.0
+COMPILES_S = 600.0
+"""Where Warp has to compile a solver first."""
 END_S = 1.0
 
 _numbers = itertools.count(1)
@@ -32,7 +34,8 @@ class TwinProcessDown(Exception):
 class TwinProcess:
     """Not started when it is made. ``twin``: its ``module:function``; ``robot``: which one;
     ``has_control``: whether it can be simulated, too; ``place``: where its base stands in that
-    simulation; ``options``: the twin's own."""
+    simulation; ``options``: the twin's own; ``backend``: who computes the physics, where it is not
+    MuJoCo."""
 
     def __init__(
         self,
@@ -41,8 +44,10 @@ class TwinProcess:
         has_control: bool = False,
         place: Mapping[str, Any] | None = None,
         options: Mapping[str, Any] | None = None,
+        backend: str = "",
     ) -> None:
         self.robot = robot
+        self._backend = backend
         self._twin = twin
         self._place = place
         self._options = options
@@ -80,9 +85,10 @@ class TwinProcess:
                 "control": self.control or None,
                 "place": self._place,
                 "options": self._options,
+                "backend": self._backend,
             }
             self._process = start("strands_actors.caller.twin_entry:main", args)
-            with trio.move_on_after(START_S):
+            with trio.move_on_after(COMPILES_S if self._backend else START_S):
                 while self._process.alive:
                     if port_file.exists():
                         self.port = port_file.read_text().strip()
