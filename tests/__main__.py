@@ -5,6 +5,8 @@ at the first that fails. Arguments go to pytest.
 
 A test that fails beside another is run once more, alone, and named: two robots on a machine that
 pauses may be late where one is not. Who fails alone fails.
+
+``python -m tests newton``: a suite of its own, of what is gigabytes, or takes minutes to compile.
 """
 
 from __future__ import annotations
@@ -24,6 +26,8 @@ STEPS = (
     ("pytest", "-n", "2", "--dist", "worksteal", "--durations=20", *sys.argv[1:]),
 )
 ALONE = ("pytest", "--last-failed", "--last-failed-no-failures", "none", *sys.argv[1:])
+SUITES = {"newton": ("tests/newton/suite.py",)}
+"""Not in the ordinary run: no file of theirs is called ``test_``."""
 SOME_FAILED = 1
 """Pytest's exit code; others say that it could not run."""
 
@@ -33,6 +37,8 @@ def run(step: tuple[str, ...]) -> int:
     return subprocess.run([sys.executable, "-m", *step]).returncode
 
 
+if sys.argv[1:2] and sys.argv[1] in SUITES:
+    sys.exit(run(("pytest", *SUITES[sys.argv[1]], *sys.argv[2:])))
 for step in STEPS:
     code = run(step)
     if code == SOME_FAILED and step[0] == "pytest":

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from .lean_mujoco import mujoco
+from .solver import Solver, new_solver
 
 LONGEST_CATCH_UP_S = 0.25
 """Time that nobody looked at is stepped when somebody does, up to this: a longer stall is dropped,
@@ -37,6 +38,7 @@ class Jointed:
             )
         self.model: Any = spec.compile()
         self.data: Any = mujoco.MjData(self.model)
+        self._solver: Solver = new_solver(spec, self.model, self.data)
         self._step_s = float(self.model.opt.timestep)
         self._origin_s: float | None = None
         self._bind()
@@ -80,16 +82,17 @@ class Jointed:
         if self._origin_s is None:
             self._origin_s = now_s - self.data.time
         behind_s = now_s - self._origin_s - self.data.time
-        if behind_s > LONGEST_CATCH_UP_S:
-            self._origin_s += behind_s - LONGEST_CATCH_UP_S
-            behind_s = LONGEST_CATCH_UP_S
+        longest_s = min(LONGEST_CATCH_UP_S, self._solver.at_most * self._step_s)
+        if behind_s > longest_s:
+            self._origin_s += behind_s - longest_s
+            behind_s = longest_s
         steps = int(behind_s / self._step_s + 1e-6)
         if steps > 0:
-            mujoco.mj_step(self.model, self.data, steps)
+            self._solver.step(self.model, self.data, steps)
 
     def step(self, steps: int) -> None:
         """So many steps at once, which no clock has seen: it runs on from there."""
-        mujoco.mj_step(self.model, self.data, steps)
+        self._solver.step(self.model, self.data, steps)
         if self._origin_s is not None:
             self._origin_s -= steps * self._step_s
 
@@ -102,6 +105,7 @@ class Jointed:
             kept = getattr(before, name)
             getattr(self.model, name)[: len(kept)] = kept
         self._bind()
+        self._solver = new_solver(self.spec, self.model, self.data)
         mujoco.mj_forward(self.model, self.data)
 
     def set_clock_back(self, seconds: float) -> None:

@@ -321,6 +321,7 @@ def _simulation(
         place=wanted.scene.place,
         options=twin,
         pictures=_draws(cameras),
+        backend=wanted.scene.other_backend,
     )
     return Plan(
         wanted.robot,

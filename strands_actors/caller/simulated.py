@@ -20,6 +20,9 @@ ISAAC = (
 )
 NOT_YET = "this version has no loader for it: it simulates by backend='mujoco'"
 
+NEWTON = ("newton", "mujoco_warp")
+"""What the extra brings."""
+
 HOME = "home"
 """The one keyframe that robots of ours have: where they begin anyway."""
 
@@ -37,11 +40,17 @@ class Scene:
     def given(self) -> dict[str, Any]:
         """Those that only a simulation has a use for."""
         own = {name: getattr(self, name) for name in ("urdf_path", "position", "orientation", "keyframe")}
+        own["backend"] = self.other_backend or None
         return {name: value for name, value in own.items() if value is not None}
 
     def model(self, robot: str) -> str | None:
         """The file that is simulated instead of a robot of ours."""
         return os.fspath(self.urdf_path) if self.urdf_path is not None else model_of(robot)
+
+    @property
+    def other_backend(self) -> str:
+        """Empty for MuJoCo."""
+        return "" if self.backend == BACKENDS[0] else self.backend
 
     @property
     def place(self) -> dict[str, Any] | None:
@@ -56,8 +65,10 @@ def check_backend(backend: object) -> None:
     if backend == "isaac":
         missing = importlib.util.find_spec("isaacsim") is None
         raise ImportError(f"Robot: backend 'isaac': {ISAAC if missing else NOT_YET}")
-    if backend == "newton":
-        raise ImportError(f"Robot: backend 'newton': {NOT_YET}")
+    if backend == "newton" and (lacking := [name for name in NEWTON if importlib.util.find_spec(name) is None]):
+        raise ImportError(
+            f"Robot: backend 'newton' needs {' and '.join(lacking)}: pip install 'strands-actors[newton]'"
+        )
 
 
 def read_own_model(robot: str, file: str, scene: Scene) -> tuple[type[Any], dict[str, Any], dict[str, Any]]:

@@ -9,6 +9,8 @@ from strands_actors.contract.loading import load
 
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
+    if args["backend"]:
+        load("strands_actors.drivers.common.solver:choose")(args["backend"])
     serve = load(args["twin"])
     wanted = ("control", "place", "options", "pictures", "on_wire")
     given = {name: args[name] for name in wanted if args[name] not in (None, False)}

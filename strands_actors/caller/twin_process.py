@@ -20,6 +20,8 @@ SIM = "sim"
 """The transport of a simulated robot: its twin's simulation control."""
 
 START_S = 12.0
+COMPILES_S = 600.0
+"""Where Warp has to compile a solver first."""
 END_S = 1.0
 
 _numbers = itertools.count(1)
@@ -33,7 +35,8 @@ class TwinProcess:
     """Not started when it is made. ``twin``: its ``module:function``; ``robot``: which one;
     ``has_control``: whether it can be simulated, too; ``place``: where its base stands in that
     simulation; ``options``: the twin's own; ``pictures``: cameras draw its scene, and with
-    ``on_wire`` nobody else has a use for its control."""
+    ``on_wire`` nobody else has a use for its control; ``backend``: who computes the physics, where
+    it is not MuJoCo."""
 
     def __init__(
         self,
@@ -44,10 +47,12 @@ class TwinProcess:
         options: Mapping[str, Any] | None = None,
         pictures: bool = False,
         on_wire: bool = False,
+        backend: str = "",
     ) -> None:
         self.robot = robot
         self._pictures = pictures
         self._on_wire = on_wire
+        self._backend = backend
         self._twin = twin
         self._place = place
         self._options = options
@@ -87,9 +92,10 @@ class TwinProcess:
                 "options": self._options,
                 "pictures": self._pictures,
                 "on_wire": self._on_wire,
+                "backend": self._backend,
             }
             self._process = start("strands_actors.caller.twin_entry:main", args)
-            with trio.move_on_after(START_S):
+            with trio.move_on_after(COMPILES_S if self._backend else START_S):
                 while self._process.alive:
                     if port_file.exists():
                         self.port = port_file.read_text().strip()

@@ -277,3 +277,9 @@ def test_a_policy_is_tried_episode_by_episode(arm: SimRobot) -> None:
 )
 def test_what_cannot_be_tried_is_refused(arm: SimRobot, keywords: dict[str, Any], text: str) -> None:
     assert text in why(arm.eval_policy(**keywords))
+
+
+def test_a_backend_that_is_not_installed_is_named_with_what_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(ImportError, match=r"needs newton and mujoco_warp: pip install 'strands-actors\[newton\]'"):
+        Robot("so101", backend="newton")

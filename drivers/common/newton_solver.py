@@ -1,0 +1,116 @@
+"""Physics by Newton's MuJoCo solver, which runs on Warp: on a graphics card where there is one, else
+on the processor. Twins with ``backend="newton"`` only; the extra ``[newton]`` brings it.
+
+The model and its state stay MuJoCo's: everything that looks at a body, or changes what is around it,
+is the same for both. For a step what changed goes to Warp, and what moved comes back. It is compiled
+for a processor once, in about a minute, and kept in Warp's cache.
+
+What a robot of ours has and Warp's solver does not: a servo with a limit on its speed (MuJoCo's
+``pid`` with ``slewmax``). Its target is moved on here, before each step, as that does.
+"""
+
+from __future__ import annotations
+
+import time
+import warnings
+from typing import Any
+
+import numpy as np
+
+from .lean_mujoco import mujoco
+
+BUDGET_S = 0.1
+"""Of computing at a time: a simulation that is slower than the time it simulates runs late, and
+stays answerable."""
+
+CONTACTS, CONSTRAINTS = 128, 512
+"""Room for what may touch later: it is fixed when a model is taken."""
+
+_FEW = 5
+_BY_MODEL = ("actuator_gainprm", "actuator_biasprm", "actuator_forcerange", "eq_data")
+"""What bodies of ours change in a model while it runs."""
+_BY_STATE = ("qpos", "qvel", "eq_active", "qfrc_applied", "xfrc_applied", "qacc_warmstart")
+
+
+class NewtonSolver:
+    """Steps one model. Raise ``ImportError`` when Newton is not there, ``ValueError`` for a model
+    that it does not take."""
+
+    def __init__(self, spec: Any, model: Any, data: Any) -> None:
+        import newton
+        import warp
+
+        warp.config.quiet = True
+        with warnings.catch_warnings():
+            # Newton 1.8 was released beside MuJoCo 3.17, and says so; the suite holds it against 4.0
+            warnings.simplefilter("ignore")
+            _, self._warp_mujoco = newton.solvers.SolverMuJoCo.import_mujoco()
+        pid = np.asarray(model.actuator_dyntype) == mujoco.mjtDyn.mjDYN_PID
+        self._limited = np.flatnonzero(pid & (np.asarray(model.actuator_actadr) >= 0))
+        self._exchanged = np.flatnonzero(pid)
+        self._slew = model.actuator_dynprm[self._limited, 1].copy()  # units a second
+        self._state = [int(model.actuator_actadr[servo]) for servo in self._limited]
+        theirs = _without_limits(spec, self._exchanged)
+        self._ctrl = [int(at) for at in model.actuator_ctrladr]  # a pid has two inputs, a target and a speed
+        started = mujoco.MjData(theirs)
+        mujoco.mj_forward(theirs, started)
+        try:
+            self._theirs = self._warp_mujoco.put_model(theirs)
+        except NotImplementedError as error:
+            raise ValueError(f"Newton's solver does not take this model: {error}") from None
+        self._moving = self._warp_mujoco.put_data(theirs, started, nconmax=CONTACTS, njmax=CONSTRAINTS)
+        self._sent: dict[str, Any] = {}
+        self._steps_per_s = float(_FEW) / BUDGET_S
+        self._warp_mujoco.step(self._theirs, self._moving)  # compiles, unless that was done before
+
+    @property
+    def at_most(self) -> int:
+        """Steps that are worth asking for at once."""
+        return max(1, int(self._steps_per_s * BUDGET_S))
+
+    def step(self, model: Any, data: Any, steps: int) -> None:
+        self._send(model, data)
+        step_s = float(model.opt.timestep)
+        moving, began_s = self._moving, time.monotonic()
+        ctrl, act = data.ctrl[self._ctrl], data.act
+        _assign(moving.ctrl, ctrl)
+        for _ in range(steps):
+            for servo, state, slew in zip(self._limited, self._state, self._slew, strict=True):
+                away = data.ctrl[self._ctrl[servo]] - act[state]
+                act[state] += np.clip(away, -slew * step_s, slew * step_s)
+                ctrl[servo] = act[state]
+            if len(self._limited):
+                _assign(moving.ctrl, ctrl)
+            self._warp_mujoco.step(self._theirs, moving)
+        data.qpos[:], data.qvel[:] = moving.qpos.numpy()[0], moving.qvel.numpy()[0]
+        data.qacc_warmstart[:] = moving.qacc_warmstart.numpy()[0]
+        data.time += steps * step_s
+        mujoco.mj_forward(model, data)  # what is felt: forces, sensors, where each body is
+        self._steps_per_s = steps / max(time.monotonic() - began_s, 1e-6)
+
+    def _send(self, model: Any, data: Any) -> None:
+        gains = {name: getattr(model, name).copy() for name in _BY_MODEL}
+        gains["actuator_gainprm"][self._exchanged, 0] = -gains["actuator_biasprm"][self._exchanged, 1]
+        for name, now in gains.items():
+            if name not in self._sent or not np.array_equal(self._sent[name], now):
+                self._sent[name] = now
+                _assign(getattr(self._theirs, name), now)
+        for name in _BY_STATE:
+            _assign(getattr(self._moving, name), getattr(data, name))
+
+
+def _without_limits(spec: Any, servos: Any) -> Any:
+    """The model, these servos without their limits of speed."""
+    theirs = spec.copy()
+    for servo in (theirs.actuators[int(at)] for at in servos):
+        servo.dyntype = mujoco.mjtDyn.mjDYN_NONE
+        servo.gaintype = mujoco.mjtGain.mjGAIN_FIXED
+        servo.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+        servo.dynprm = np.zeros_like(servo.dynprm)
+    return theirs.compile()
+
+
+def _assign(array: Any, values: Any) -> None:
+    """Of the one world there is."""
+    if array.size:
+        array.assign(np.ascontiguousarray(values)[np.newaxis])
