@@ -169,13 +169,11 @@ class Teleoperation(Actor):
 
     def _frame(self, reading: Reading) -> Frame:
         values = reading.values if self._map is None else dict(self._map(reading.values))
-        if reading.held is not None:
-            held = reading.held
-        elif self._deadman == GRIPPER:
-            held = self._squeezed(reading)
-        else:
-            held = self._operator.held
-        return Frame(reading.t_ns, held, values)
+        if self._deadman == GRIPPER:
+            return Frame(reading.t_ns, self._squeezed(reading), values)
+        operator = self._operator
+        held = operator.held if reading.held is None else reading.held
+        return Frame(reading.t_ns, held, values, operator.let_go)
 
     def _squeezed(self, reading: Reading) -> bool:
         """By the leader's own gripper, before any map."""

@@ -58,6 +58,11 @@ class Frame(NamedTuple):
     t_ns: int  # when it was measured
     held: bool  # the dead-man
     values: Mapping[str, float]
+    let_go: bool | None = None  # somebody said so, and was not only silent; None: not held is let go
+
+    @property
+    def is_let_go(self) -> bool:
+        return not self.held if self.let_go is None else self.let_go
 
 
 class Step(NamedTuple):
@@ -100,11 +105,11 @@ class Machine:
             if now_ns - frame.t_ns > SILENT_NS:
                 return self.idle(f"the leader is silent for {(now_ns - frame.t_ns) / 1e6:.0f} ms")
             if not frame.held:
-                self._armed = True
+                self._armed = frame.is_let_go
                 return self.idle("the dead-man is not held")
             return self._follow(frame, now_ns)
         if not frame.held:
-            self._armed = True
+            self._armed = self._armed or frame.is_let_go
             self.why, self.differs = "the dead-man is not held", {}
             return _NOTHING
         if not self._armed or now_ns - frame.t_ns > SILENT_NS:

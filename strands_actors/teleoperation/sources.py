@@ -133,6 +133,12 @@ class Operator:
         """Whether the dead-man is held now."""
         return self._told.held and 0 <= self._clock.now_ns() - self._told.t_ns <= OPERATOR_NS
 
+    @property
+    def let_go(self) -> bool:
+        """Whether the operator has said that it is not held: who is silent (or was not heard, for
+        this process stood still) may hold it still, and that is no new press."""
+        return self._told.t_ns > 0 and not self._told.held
+
     async def open(self) -> None:
         return None
 

@@ -14,7 +14,7 @@ import pytest
 from strands_actors import Robot, Teleoperator
 from strands_actors.caller.robot import RealRobot
 from strands_actors.testing import Twin
-from tests.answers import json_of, task, until
+from tests.answers import json_of, state, task, until
 
 OPERATE_S = 0.03
 NEUTRAL = {"shoulder_pan": 0.0, "shoulder_lift": 0.0, "elbow_flex": 0.0, "wrist_flex": 0.0, "wrist_roll": 0.0}
@@ -77,15 +77,13 @@ def leader_process(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Twin]:
 
 @pytest.fixture(scope="session")
 def follower_process(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Twin]:
-    with Twin("so101", tmp_path_factory.mktemp("follower"), by_hand=True) as twin:
+    with Twin("so101", tmp_path_factory.mktemp("follower")) as twin:  # it runs first, as a robot does
         yield twin
 
 
 @pytest.fixture
 def pair(leader_process: Twin, follower_process: Twin, run_dir: Path) -> Iterator[Pair]:
-    for twin in (leader_process, follower_process):
-        twin.move_by_hand(**NEUTRAL, gripper=0.8)
-        os.truncate(twin.log.path, 0)
+    leader_process.move_by_hand(**NEUTRAL, gripper=0.8)
     arm = Robot("so101", mode="real", port=follower_process.port)
     try:
         problem = None
@@ -93,7 +91,12 @@ def pair(leader_process: Twin, follower_process: Twin, run_dir: Path) -> Iterato
             if (problem := arm.connect_eagerly()) is None:
                 break
         assert problem is None, problem
+        json_of(arm.send_action(NEUTRAL))
         until(lambda: all(abs(value) < 4 for key, value in arm.get_observation().items() if key in NEUTRAL), "rest")
+        json_of(arm.release())  # and nothing is sent until it is led
+        until(lambda: state(arm) == "holding", "it holds")
+        for twin in (leader_process, follower_process):
+            os.truncate(twin.log.path, 0)
         yield Pair(leader_process, follower_process, arm)
     finally:
         arm.cleanup()

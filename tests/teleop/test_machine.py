@@ -296,3 +296,16 @@ def test_a_gripper_squeezed_twice_is_held_until_it_is_squeezed_twice_again() -> 
     assert not squeeze(8400)
     assert not squeeze(20_000)
     assert not squeeze(22_000), "too slow for two"
+
+
+def test_silence_is_a_hold_and_no_new_press() -> None:
+    """An operator who was not heard for a while may have held on all the time."""
+    machine = Machine(AXES, Kind.JOG)
+    still = {"pan": 0.0}
+    machine.step(Frame(0, False, still, let_go=False), 0)
+    assert not machine.step(Frame(1, True, still, let_go=False), 1).engage, "nobody has let go yet"
+    machine.step(Frame(2, False, still, let_go=True), 2)
+    assert machine.step(Frame(3, True, still, let_go=False), 3).engage
+    machine.engage(Frame(3, True, still), AT_REST, 3)
+    assert machine.step(Frame(4, False, still, let_go=False), 4).let_go
+    assert not machine.step(Frame(5, True, still, let_go=False), 5).engage

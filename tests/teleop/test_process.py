@@ -49,9 +49,10 @@ def test_the_arm_follows_and_the_leader_is_never_energised(pair: Pair) -> None:
 
 def test_saf_003_a_killed_teleoperation_is_a_hold_and_nothing_after(pair: Pair) -> None:
     pair.begin()
+    pid = pair.pid
     pair.engage()
     killed_ns = time.monotonic_ns()
-    os.kill(pair.pid, signal.SIGKILL)
+    os.kill(pid, signal.SIGKILL)
     settled(pair, killed_ns)
     ended = task_ended(pair.arm)
     assert ended["exit_reason"] == "policy" and "signal 9" in ended["exit_detail"]
@@ -62,11 +63,12 @@ def test_saf_003_a_killed_teleoperation_is_a_hold_and_nothing_after(pair: Pair) 
 
 def test_saf_003_a_frozen_teleoperation_is_a_hold_and_stays_one_when_it_thaws(pair: Pair) -> None:
     pair.begin()
-    pair.engage()
     pid = pair.pid
+    pair.engage()
     frozen_ns = time.monotonic_ns()
     os.kill(pid, signal.SIGSTOP)
     try:
+        until(lambda: pair.arm.operate(True) and pair.follower.log.first_safe(frozen_ns), "a safe frame")
         settled(pair, frozen_ns)
     finally:
         os.kill(pid, signal.SIGCONT)
