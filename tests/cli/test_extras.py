@@ -11,7 +11,19 @@ import pytest
 
 from .command import PATIENCE_S, Command
 
-HIDDEN = ("matplotlib", "textual", "mcap", "zstandard", "OpenGL", "glfw", "mcp", "rtde_receive", "rtde_control")
+HIDDEN = (
+    "matplotlib",
+    "textual",
+    "mcap",
+    "zstandard",
+    "OpenGL",
+    "glfw",
+    "mcp",
+    "rtde_receive",
+    "rtde_control",
+    "pyarrow",
+    "av",
+)
 
 
 @pytest.fixture
@@ -76,6 +88,10 @@ with Robot("ur5e") as arm:
     [
         (("replay", "run.mcap"), "a recording needs mcap and zstandard. pip install 'strands-actors[record]'"),
         (("record", "so101", "-o", "run.mcap"), "pip install 'strands-actors[record]'"),
+        (
+            ("record", "so101", "--dataset", "set", "--task", "wave"),
+            "a dataset needs pyarrow and av. pip install 'strands-actors[dataset]'",
+        ),
         (("mcp", "so101"), "mcp needs mcp. pip install 'strands-actors[mcp]'"),
     ],
 )

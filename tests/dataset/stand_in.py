@@ -56,15 +56,15 @@ class SceneCamera:
 
 
 class SlowFile:
-    """Each write takes so long."""
+    """Each time that it has to take what was written, it takes so long."""
 
     def __init__(self, file: IO[bytes], slow_s: float) -> None:
         self._file = file
         self._slow_s = slow_s
 
-    def write(self, data: bytes) -> int:
+    def flush(self) -> None:
         time.sleep(self._slow_s)
-        return self._file.write(data)
+        self._file.flush()
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._file, name)
