@@ -77,7 +77,7 @@ def test_the_kind_of_a_port_is_known_by_name() -> None:
 
 
 def test_constructor_keywords_are_the_drivers_own_and_ours() -> None:
-    ours = ["data_config", "mesh", "port", "require_drill", "sim", "tool_name", "transport"]
+    ours = ["cameras", "data_config", "mesh", "port", "require_drill", "sim", "tool_name", "transport"]
     assert constructor_keywords(UR) == sorted([*ours, "control_frequency", "model", "rtde_frequency"])
     servos = ["baud", "baud_rate", "calibration", "motor_ids", "timeout"]
     assert constructor_keywords(Feetech) == sorted([*ours, *servos])
