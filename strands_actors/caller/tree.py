@@ -128,7 +128,7 @@ class RobotTree:
             except (NotConnected, OSError):
                 await self._end()  # it would go on trying, and take the port from whoever has it next
                 raise
-        if not self._told_caveats:
+        if not self._told_caveats and not processes.elsewhere:  # its own script has told
             self._told_caveats = True
             for caveat in self.caveats:
                 _log.warning("%s: %s", self.robot, caveat)

@@ -58,6 +58,7 @@ class Audit:
         self._left_out = 0
         self._limit = Limit(LINES_PER_S, BURST)
         self._news = trio.Event()
+        self._writing = trio.Lock()  # the end of the tree writes what waits, too
         self.problem = ""
 
     def note(self, who: str, what: str, how: str, over: str = "") -> None:
@@ -83,19 +84,20 @@ class Audit:
 
     async def settle(self) -> None:
         """Write what waits, unless the disk does not take it."""
-        self._news = trio.Event()
-        lines = list(self._lines)
-        if not lines or self._path is None:
-            return
-        try:
-            await trio.to_thread.run_sync(_write, self._path, lines)
-        except (OSError, RuntimeError) as error:  # the disk, or no thread can be started
-            self.problem = str(error)
-            self._news.set()
-            return
-        self.problem = ""
-        for _ in lines:
-            self._lines.popleft()
+        async with self._writing:
+            self._news = trio.Event()
+            lines = list(self._lines)
+            if not lines or self._path is None:
+                return
+            try:
+                await trio.to_thread.run_sync(_write, self._path, lines)
+            except (OSError, RuntimeError) as error:  # the disk, or no thread can be started
+                self.problem = str(error)
+                self._news.set()
+                return
+            self.problem = ""
+            for _ in lines:
+                self._lines.popleft()
 
 
 def _write(path: Path, lines: list[Line]) -> None:

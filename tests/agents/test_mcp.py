@@ -118,7 +118,8 @@ def test_an_interrupt_ends_it_safely(twin: Twin, run_dir: Path) -> None:
         _, said = server.communicate()
     finally:
         server.kill()
-    assert (code, said) == (130, "")
+    assert code == 130
+    assert [line for line in said.splitlines() if "is not calibrated" not in line] == []
     assert limps(twin.log)
 
 

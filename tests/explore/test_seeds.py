@@ -13,7 +13,7 @@ import pytest
 
 from strands_actors.testing.explore.plan import Plan, plan_of
 from strands_actors.testing.explore.robots import ROBOTS
-from strands_actors.testing.explore.search import run_apart, run_seeds
+from strands_actors.testing.explore.search import run_apart, run_here, run_seeds
 
 RUNS = tomllib.loads((Path(__file__).parent / "seeds.toml").read_text())["run"]
 SEEDS = {"so101": 800, "fake_base": 400, "fake_drone": 400, "fake_http": 400}
@@ -36,6 +36,14 @@ def test_no_drawn_run_breaks_a_promise(robot: str) -> None:
     broken = [result for result in run_seeds(range(SEEDS[robot]), robot, os.cpu_count() or 1) if result.violations]
     told = [f"--robot {robot} --seed {result.plan.seed}: {result.violations[0]}" for result in broken]
     assert not broken, "\n".join(told)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_a_run_without_faults_moves_the_robot(robot: str) -> None:
+    """A robot that is never armed keeps every promise."""
+    run = run_here(Plan(1, robot, "stream", ()))
+    assert not run.violations
+    assert sum(frame.kind == "setpoint" for frame in run.model.frames) > 20
 
 
 def test_the_same_seed_is_the_same_run_in_another_process() -> None:

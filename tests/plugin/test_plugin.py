@@ -203,7 +203,7 @@ def test_a_robot_of_another_host_is_stopped_and_goes_on_there(twin: Twin, make: 
     from tests.mesh.proxy import free_port
 
     at = f"tcp/127.0.0.1:{free_port()}"
-    here = Robot("so101", mode="real", port=twin.port, mesh=MeshConfig(listen=at), tool_name="lent")
+    here = Robot("so101", mode="real", port=twin.port, mesh=MeshConfig(listen=at, insecure=True), tool_name="lent")
     elsewhere, home = tmp_path / "e", os.environ["STRANDS_ACTORS_RUN"]
     elsewhere.mkdir(mode=0o700)
     try:

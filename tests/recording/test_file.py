@@ -258,6 +258,7 @@ def test_what_was_never_read_is_null(tmp_path: Path) -> None:
     assert seen["observation"] == [
         {
             "t_ns": 3,
+            "oldest_ns": 3,
             "position": {"a": None, "b": 1.5},
             "velocity": {},
             "sensors": {"voltage_v": [None, 7.4]},

@@ -20,8 +20,8 @@ PORT = {"mode": "real", "port": "/dev/ttyACM0"}
 TWIN = {"mode": "real", "transport": "twin"}
 
 KEYWORDS = (
-    "it takes baud, baud_rate, calibration, data_config, mesh, motor_ids, port, require_drill, sim, timeout, "
-    "tool_name, transport"
+    "it takes baud, baud_rate, calibration, cameras, data_config, mesh, motor_ids, port, require_drill, sim, "
+    "timeout, tool_name, transport"
 )
 SERVOS = "Give 6 different ids, 0 to 252, in the order shoulder_pan, shoulder_lift, elbow_flex, wrist_flex"
 
@@ -36,9 +36,13 @@ REFUSALS: list[tuple[str, dict[str, Any], tuple[str, ...]]] = [
     ),
     ("ability_hand", PORT, ("ability_hand has no native driver", "hope_jr", "so100, so101")),
     ("ability_hand", {}, ("ability_hand has no native driver", "hope_jr", "so100, so101")),
-    ("omx", PORT, ("omx", "lerobot's own robot classes", "this version does not run", "so100, so101")),
+    ("omx", PORT, ("omx is driven by LeRobot's own class", "not installed", "pip install 'lerobot[dynamixel]'")),
     ("omx", {**PORT, "driver": "strands"}, ("omx has no native driver", "hope_jr", "so100, so101")),
-    ("so101", {**PORT, "driver": "lerobot"}, ("so101", "lerobot's own robot classes", "this version does not run")),
+    (
+        "so101",
+        {**PORT, "driver": "lerobot"},
+        ("so101 is driven by LeRobot's own class", "pip install 'lerobot[feetech]'"),
+    ),
     ("so101", {**PORT, "driver": "magic"}, ("driver is 'magic'", "'auto', 'lerobot', 'strands'")),
     ("so101", {"driver": "magic"}, ("driver is 'magic'", "'auto', 'lerobot', 'strands'")),
     ("so101", {"mode": "real", "prot": "x"}, ("no 'prot'", "'prot' -> 'port'", "Feetech", KEYWORDS)),

@@ -4,6 +4,7 @@ asks."""
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -117,6 +118,7 @@ def test_saf_018_a_lock_that_cannot_be_kept_stops_all_the_same_and_is_reported(
     monkeypatch.setenv("STRANDS_ACTORS_DATA", str(run_dir / "data"))
     arm = new_arm(port=twin.port)
     assert arm.connect_eagerly() is None
+    shutil.rmtree(run_dir / "data", ignore_errors=True)
     (run_dir / "data").write_text("no directory can be made here")
     began_ns = time.monotonic_ns()
     (outcome,) = estop(by=BY, within_s=5.0)

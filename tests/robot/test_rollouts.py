@@ -180,10 +180,10 @@ def test_a_duration_ends_a_rollout_and_n_steps_wins_over_it(arm: RealRobot) -> N
 
 def test_a_refused_action_ends_the_rollout_with_the_reason(arm: RealRobot, twin: Twin) -> None:
     began_ns = time.monotonic_ns()
-    json_of(arm.run_policy(lambda observation: {"shoulder_pan": 170.0}, n_steps=5))
+    json_of(arm.run_policy(lambda observation: {"shoulder_pan": 105.0}, n_steps=5))
     ended = task_ended(arm)
     assert (ended["exit_reason"], ended["refusal"], ended["steps"]) == ("gate", "too_fast", 0), ended
-    assert "steps 170.0 deg" in ended["exit_detail"] or "step at most" in ended["exit_detail"]
+    assert "steps 105.0 deg" in ended["exit_detail"] or "step at most" in ended["exit_detail"]
     assert not twin.log.host("setpoint", began_ns)
 
 

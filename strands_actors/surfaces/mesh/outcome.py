@@ -39,8 +39,10 @@ def outcome_of(robot: str, result: Mapping[str, Any]) -> Outcome:
     motors = tuple(motor for motor in result.get("motors", ()) if isinstance(motor, dict))
     detail = str(result.get("detail", ""))
     says_safe = result.get("outcome") == "safe"
-    safe = says_safe and bool(motors) and all(motor.get("safe") is True for motor in motors)
-    if says_safe and not motors:
+    # A robot that had nothing to do names its safe state, and no motor.
+    told = bool(motors or result.get("safe_state"))
+    safe = says_safe and told and all(motor.get("safe") is True for motor in motors)
+    if says_safe and not told:
         detail = "it says that it is safe, and of no motor that it was read back"
     elif not detail and not safe:
         detail = ", ".join(

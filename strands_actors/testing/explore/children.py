@@ -166,6 +166,9 @@ class SimOs:
         """A descriptor to give away; who gets it goes by the number that comes with it."""
         return os.memfd_create(f"pidfd {pid}")
 
+    def urandom(self, size: int) -> bytes:
+        return self._world.rng("urandom").randbytes(size)
+
     def _exit(self, code: int) -> None:
         self._world.current.exit(code)
 

@@ -42,6 +42,9 @@ class Joints:
     def set_target(self, index: int, rad: float) -> None:
         self.targets_rad[index] = rad
 
+    def torque(self, index: int) -> bool:
+        return self.energised[index]
+
     def set_torque(self, index: int, on: bool) -> None:
         self.energised[index] = on
 

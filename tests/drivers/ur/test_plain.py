@@ -66,10 +66,9 @@ def test_saf_020_a_wire_without_a_link_ends_whatever_program_runs(twin: Twin, ho
     assert [entry.data for entry in twin.log.host("safe", began_ns)] == [b"stop\n"]
 
 
-def test_a_wire_without_an_address_reaches_nobody_and_says_so() -> None:
-    wire = UR("ur5e", "192.0.2.10:99", {}).open_wire(MonotonicClock())
-    for report in trio.run(wire.reach, "stop"):
-        assert (report.written, report.safe) == (False, False) and "its ports are fixed" in report.detail
+def test_a_port_beside_the_address_is_refused_when_the_robot_is_made() -> None:
+    with pytest.raises(ValueError, match="its ports are fixed"):
+        UR("ur5e", "192.0.2.10:99", {})
 
 
 def test_saf_005_stop_ends_the_program_and_confirms_each_joint(twin: Twin, host: str) -> None:
