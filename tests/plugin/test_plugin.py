@@ -210,7 +210,8 @@ def test_a_robot_of_another_host_is_stopped_and_goes_on_there(twin: Twin, make: 
         assert here.connect_eagerly() is None
         json_of(here.release())
         os.environ["STRANDS_ACTORS_RUN"] = str(elsewhere)  # put back by the fixture of every test
-        there = make("strands_remote", robot="so101", at=at, name="lent")
+        (tmp_path / "mesh.toml").write_text("insecure = true\n")
+        there = make("strands_remote", robot="so101", at=at, name="lent", mesh=str(tmp_path / "mesh.toml"))
         assert list(there.action_features) == POSITIONS
         there.connect()
         seen = there.get_observation()
