@@ -128,16 +128,15 @@ class Evidence:
                 continue
             if fault.kind == "freeze" and fault.who == "caller":
                 continue  # what it commanded is held; what it did not command is not
-            if not any(other is not fault and _near(fault.t_s, other) for other in self.faults):
+            if self._is_alone(fault):
                 yield fault
 
     def lone_conditions(self) -> Iterator[Fault]:
         """Of the robot itself, with nothing else wrong beside it."""
-        for fault in self.faults:
-            if fault.kind in CONDITIONS and not any(
-                other is not fault and _near(fault.t_s, other) for other in self.faults
-            ):
-                yield fault
+        yield from (fault for fault in self.faults if fault.kind in CONDITIONS and self._is_alone(fault))
+
+    def _is_alone(self, fault: Fault) -> bool:
+        return not any(other is not fault and _near(fault.t_s, other) for other in self.faults)
 
     @property
     def excused(self) -> bool:

@@ -80,8 +80,9 @@ class ServoArm(RobotModel):
     def __init__(self, world: World, robot: str, goal_energises: bool = True) -> None:
         super().__init__(world, robot)
         self.driver_class = Feetech
-        self.driver = self.make_driver(Feetech)
-        self._axes = {axis.key: axis for axis in Feetech(robot, self.PORT, Feetech.resolve(robot, {})).joints}
+        driver: Any = self.make_driver(Feetech)
+        self.driver = driver
+        self._axes = {axis.key: axis for axis in driver.joints}
         table = TABLES.table(robot)
         joints = table["joints"]
         self.ids = tuple(joint["id"] for joint in joints)
