@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
+import trio
+
 from strands_actors.contract.driver import MotorReport, Observation, Permit, Wire, WireDown
 from strands_actors.drivers.common.simulation_control import protocol as p
 from strands_actors.drivers.common.simulation_control.body import Hand
@@ -35,6 +37,8 @@ class SimWire(Wire):
         self._beside: SimulationClient | None = None
         self._armed = False
         self._seen: Observation | None = None
+        self._read_since: trio.Event | None = None
+        """Of a service that has been carried out: set by the first reading that began after it."""
 
     async def open(self) -> dict[str, Any]:
         self.close()
@@ -52,9 +56,11 @@ class SimWire(Wire):
         return self._observe(sample)
 
     async def read(self) -> Observation:
-        client = self._client
+        client, read_since = self._client, self._read_since
         sample = await client.answer(client.ask(p.Read(0)), p.Sample, READ_S)
         if sample is not None:
+            if read_since is not None:
+                read_since.set()
             return self._observe(sample)
         seen = self._seen
         if seen is None or self._clock.now_ns() - seen.t_ns > SILENT_S * NS:
@@ -75,7 +81,7 @@ class SimWire(Wire):
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
         """``step`` and ``reset``, in a conversation beside the readings'. A target written before
-        is heard before."""
+        is heard before. Returns when it has been read, too: who looks next sees what came of it."""
         permit.check()
         if service == "reset" and self._armed:
             return Refused("live", "reset: the robot is energised", "stop it first")
@@ -85,6 +91,10 @@ class SimWire(Wire):
             sample = await beside.call(request, p.Sample, p.STEP_S)
         except Refusal as refusal:
             return Refused("wire", f"{service}: {refusal}")
+        self._read_since = trio.Event()
+        with trio.move_on_after(SILENT_S):  # until then the link is lost
+            await self._read_since.wait()
+        self._read_since = None
         return {
             "position": dict(zip(self._config.axes, self._config.position(sample), strict=True)),
             "sim_time_s": sample.time_s,

@@ -21,8 +21,9 @@ from strands_actors.surfaces.cameras.handle import Cameras
 
 from .plan import Plan
 
-CONNECT_S = 12.0
-"""Longer where the driver announces that its SDK is silent for longer (``Timing.silent_s``)."""
+CONNECT_S = 30.0
+"""For a machine that is busy with much else; a tree that ends is noticed at once. Longer where the
+driver announces that its SDK is silent for longer (``Timing.silent_s``)."""
 LOOK_S = 0.02
 """Between two looks for a tree that starts. It has half a second to compute, which the looks should
 leave it."""

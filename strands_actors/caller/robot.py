@@ -581,8 +581,8 @@ class SimRobot(RealRobot):
         """Let so many steps of physics, of 2 ms each, pass at once, as fast as they are computed.
         Answers with ``position`` after them and ``sim_time_s``. A target that was sent before
         counts from the first step on, and so does ``action``, joints by name as ``send_action``
-        takes them; when that is refused, no step passes. ``get_observation`` follows within a
-        control period. Deadlines, leases and rollouts are of the clock all the same, and between
+        takes them; when that is refused, no step passes. ``get_observation`` gives what came of
+        it, or is newer. Deadlines, leases and rollouts are of the clock all the same, and between
         calls the physics keeps to it."""
         return self.service("step", steps=steps, action=action)
 

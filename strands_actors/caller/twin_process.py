@@ -19,7 +19,8 @@ from .run_directory import MAX_SOCKET_PATH, run_dir
 SIM = "sim"
 """The transport of a simulated robot: its twin's simulation control."""
 
-START_S = 12.0
+START_S = 60.0
+"""For a machine that is busy with much else; a twin that ends is noticed at once."""
 COMPILES_S = 600.0
 """Where Warp has to compile a solver first."""
 END_S = 1.0
@@ -101,6 +102,8 @@ class TwinProcess:
                         self.port = port_file.read_text().strip()
                         return
                     await trio.sleep(0.005)
+        late, self._process = self._process, None
+        await late.fence()  # or the next start would take it for one that serves
         raise TwinProcessDown("the twin did not start")
 
     async def close(self) -> None:

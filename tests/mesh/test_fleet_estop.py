@@ -21,13 +21,10 @@ MOVES = {
     "so101": ("shoulder_pan", 20.0),
     "koch": ("shoulder_pan", 20.0),
     "ur5e": ("shoulder_pan_joint", 0.01),
-    "xarm7": ("joint1", 0.02),
     "robotiq_2f85": ("gripper", 0.5),
-    "kinova_gen3": ("joint_1", 0.02),
-    "panda": ("joint1", 0.2),
 }
 """What each is told to do: a joint, and by how much from where it is (the gripper: to where)."""
-SAFE_STATES = {"so101": "limp", "koch": "limp", "robotiq_2f85": "hold", "kinova_gen3": "stop"}
+SAFE_STATES = {"so101": "limp", "koch": "limp", "robotiq_2f85": "hold"}
 BOUND_S = 1.0
 """From the call to the safe frame of each; far above what is measured, for a busy machine."""
 

@@ -19,6 +19,7 @@ import pytest
 import trio
 
 from strands_actors import Robot, open_robot
+from strands_actors.caller import twin_process
 from strands_actors.caller.robot import RealRobot, SimRobot
 from strands_actors.caller.tree import RobotTree
 from strands_actors.simulation.handle import SimulationError
@@ -472,3 +473,26 @@ def test_a_simulation_of_a_trio_program_steps(run_dir: Path) -> None:
                 robot.release_sport_mode  # noqa: B018
 
     trio.run(main)
+
+
+def test_a_simulation_that_starts_too_late_is_not_taken_for_one_that_serves(
+    run_dir: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sim = Robot("so101")
+    try:
+        with monkeypatch.context() as impatient:
+            impatient.setattr(twin_process, "START_S", 0.0)
+            assert sim.connect_eagerly() == "connect: the twin did not start"
+        assert sim.connect_eagerly() is None
+        assert json_of(sim.step(1))["sim_time_s"] > 0
+    finally:
+        sim.cleanup()
+
+
+def test_what_a_step_did_is_what_is_observed_after_it(run_dir: Path) -> None:
+    with Robot("so101") as sim:
+        for goal in (20.0, -20.0, 20.0, -20.0):
+            stepped = json_of(sim.step(150, {"shoulder_pan": goal}))["position"]["shoulder_pan"]
+            seen = sim.get_observation()["shoulder_pan"]
+            # The physics goes on meanwhile, towards the goal: never back to where it was.
+            assert abs(seen - goal) <= abs(stepped - goal) + 0.5

@@ -106,6 +106,8 @@ class ChildProcess(ABC):
         # A link that runs on this socket sees the end of file by itself.
         if not self._linked:
             self.socket.close()
+        if scope.cancelled_caught:
+            self.part()
         return not scope.cancelled_caught
 
     async def _until_ended(self) -> None:
