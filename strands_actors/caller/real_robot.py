@@ -1,0 +1,464 @@
+"""A handle on one robot: synchronous verbs, safe to call from any thread. Each call is a message to
+the robot's actors; nothing here touches hardware."""
+
+from __future__ import annotations
+
+import functools
+import os
+import threading
+import time
+from collections.abc import Callable, Coroutine, Mapping
+from concurrent.futures import Future
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar, overload
+
+import trio
+
+from strands_actors.contract.driver import Driver, Observation, WireDown
+from strands_actors.kernel.messages import Refused
+from strands_actors.policies.registry import DEFAULT_PROVIDER
+from strands_actors.supervisors.loading import build_driver
+from strands_actors.supervisors.messages import Status, TaskStatus
+from strands_actors.surfaces.agents.approval import APPROVE_S, Approval, approval_of
+from strands_actors.surfaces.agents.calls import read
+from strands_actors.surfaces.agents.tool import RobotTool
+from strands_actors.surfaces.agents.use import use
+from strands_actors.surfaces.cameras.handle import Cameras
+
+from . import envelopes as answers
+from . import verbs
+from .bus import Bus
+from .envelopes import Answer, PendingAnswer
+from .liveness import Liveness
+from .plan import Plan, completed
+from .portal import portal
+from .tree import RobotTree
+from .twin_process import TwinProcess
+from .verbs import Verb, VerbHere, answered, answered_here
+
+if TYPE_CHECKING:
+    from strands_actors.surfaces.cameras.frames import Frame
+    from strands_actors.teleoperation.teleoperator import Teleoperator
+
+TELEOP_LOOK_S = 0.1
+"""Between two looks at whether a teleoperation has ended."""
+
+T = TypeVar("T")
+
+
+class RealRobot(RobotTool):
+    """A robot behind its wire. Made by ``Robot(...)``. A strands-agents tool (``stream``,
+    ``tool_spec``).
+
+    Verbs may be called from any thread. Inside a running asyncio loop (an agent, a notebook)
+    ``stream``, ``stop`` and ``get_status`` are to be awaited and do not block it; the others wait
+    for their answer: milliseconds.
+    """
+
+    LAZY: ClassVar[frozenset[str]] = frozenset({"move"})
+    """Verbs of this program that connect by themselves when nobody has; never to a robot of another
+    host, where connecting resumes one that holds."""
+    OTHERS_CONNECT: ClassVar[bool] = False
+    """Whether they do so for an agent, too: what energises a robot is for the program to decide."""
+
+    def __init__(self, plan: Plan, approval: Approval | None = None, arm: bool = True) -> None:
+        self._plan = plan
+        self._arm = arm
+        self._approval = approval or approval_of(plan.driver_class, (), None, APPROVE_S)
+        self._liveness = Liveness()
+        self._opened: RobotTree | None = None
+        self._pid = os.getpid()
+        self._driver = build_driver(plan.driver_class, plan.robot, plan.port, plan.options)
+        self._closed = False
+        self._asked_to_connect = False
+        self._connecting_first = threading.Lock()
+        self._observing = verbs.Observing()
+        self._completing = trio.Lock()  # two threads may connect at once
+
+    @property
+    def tool_name(self) -> str:
+        return self._plan.tool_name
+
+    @property
+    def driver(self) -> Driver:
+        return self._driver
+
+    @property
+    def name(self) -> str:
+        """Its name among the robots that run: ``tool_name``, numbered when that was taken."""
+        return self.tool_name if self._tree is None else self._tree.robot
+
+    @property
+    def twin_process(self) -> TwinProcess | None:
+        """The process of its twin, if it has one."""
+        return self._plan.twin_process
+
+    @property
+    def transport(self) -> str | None:
+        """What is instead of a port: ``twin``, ``sim``."""
+        return self._plan.transport
+
+    @property
+    def data_config(self) -> Any:
+        return self._plan.data_config
+
+    def __repr__(self) -> str:
+        where = self._plan.at or self._plan.transport or self._plan.port
+        return f"<Robot {self.tool_name} ({self._plan.robot}, {where})>"
+
+    @property
+    def _tree(self) -> RobotTree | None:
+        """None in a forked child, too: the tree is its parent's."""
+        return self._opened if self._pid == os.getpid() else None
+
+    # -- the loop
+
+    def _call(self, verb: Callable[..., Coroutine[Any, Any, T]], *args: Any) -> T:
+        with self._liveness:
+            return portal().call(verb, *args)
+
+    def _verb(self, verb: Verb, name: str, *args: Any) -> Answer:
+        """Run a verb on the tree; what keeps it from running at all is an error envelope."""
+        tree = self._ready(name)
+        if isinstance(tree, str):
+            return answers.error(f"{name}: {tree}")
+        return self._call(answered, name, verb, tree, *args)
+
+    def _verb_here(self, here: VerbHere, verb: Verb, name: str, *args: Any) -> Answer:
+        """As ``_verb``, but in this thread, unless the loop has to."""
+        tree = self._ready(name)
+        if isinstance(tree, str):
+            return answers.error(f"{name}: {tree}")
+        with self._liveness:
+            answer = answered_here(name, here, tree, *args)
+        return self._call(answered, name, verb, tree, *args) if answer is None else answer
+
+    def _ready(self, name: str) -> RobotTree | str:
+        """The tree for a verb, or why there is none."""
+        if name in self.LAZY and not (self._asked_to_connect or self._closed or self._plan.at):
+            problem = self._connect_first()
+            if problem is not None:
+                return f"not connected: {problem.removeprefix('connect: ')}"
+        return self._tree or (_CLEANED_UP if self._closed else _NOT_CONNECTED)
+
+    def _connect_first(self) -> str | None:
+        """Connect once, whichever thread is first: the others wait for it. Not tried again when
+        there is a tree: a stop during bring-up must stand."""
+        with self._connecting_first:
+            if self._asked_to_connect:
+                return None
+            problem = self._connect_now()
+            self._asked_to_connect = self._opened is not None
+            return problem
+
+    # -- lifecycle
+
+    def connect_eagerly(self) -> str | None:
+        """Start the tree, connect, and arm at the measured position (unless it was made with
+        ``arm=False``). None, or why not."""
+        self._asked_to_connect = True
+        return self._connect_now()
+
+    def _connect_now(self) -> str | None:
+        if self._closed:
+            return f"connect: {_CLEANED_UP}"
+        try:
+            return self._call(self._connect)
+        except OSError as failure:  # there is no loop to connect in
+            return f"connect: {failure}"
+
+    async def _connect(self) -> str | None:
+        if self._tree is None and (problem := await self._complete()):
+            return problem
+        if self._tree is None:
+            shared = portal()
+            self._opened = RobotTree(shared.node, shared.nursery, shared.endpoint, self._plan, self._liveness.look)
+            self._pid = os.getpid()
+        assert self._opened is not None
+        return await self._opened.connect(self._arm)
+
+    async def _complete(self) -> str | None:
+        """Have the robot say what only it can tell."""
+        try:
+            async with self._completing:
+                self._plan = plan = await completed(self._plan)
+        except WireDown as down:
+            return f"connect: {str(down).removeprefix('connect: ')}"
+        self._driver = build_driver(plan.driver_class, plan.robot, plan.port, plan.options)
+        return None
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether frames arrive from the robot, not whether a port is open."""
+        status = self._status()
+        return status is not None and status.connected and 0 <= status.age_s < 1.0
+
+    def cleanup(self) -> Answer:
+        """Make the robot safe and end everything that was started for it. Harmless when called
+        again."""
+        tree, self._opened, self._closed = self._tree, None, True
+        if tree is None:
+            return answers.success({"stopped": True, "reason": "nothing was running"})
+        report = self._call(tree.cleanup)
+        if isinstance(report, Refused):
+            return answers.refused(report)
+        return answers.success({"stopped": True}) if report is None else answers.stopped(report)
+
+    def __enter__(self) -> RealRobot:
+        problem = self.connect_eagerly()
+        if problem is not None:
+            self.cleanup()
+            raise ConnectionError(problem)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.cleanup()
+
+    # -- verbs
+
+    def send_action(self, action: Mapping[str, Any], robot_name: str | None = None) -> Answer:
+        """One command: joints by name, in the driver's units. Refused with a reason, or written.
+        ``robot_name``: who it is meant for, where a program has several; another robot's is
+        refused."""
+        if refused := verbs.refuse_name(robot_name, self._plan, self.name):
+            return refused
+        return self._verb_here(verbs.send_action_here, verbs.send_action, "move", action)
+
+    def release(self) -> Answer:
+        """Give the lease up, so that others, on the mesh too, may move the robot. What was latched
+        is held."""
+        return self._verb(verbs.release, "release")
+
+    @overload
+    def get_observation(self, images: Literal[False] = False) -> dict[str, float]: ...
+    @overload
+    def get_observation(self, images: bool) -> dict[str, Any]: ...
+    def get_observation(self, images: bool = False) -> dict[str, Any]:
+        """Positions by joint, in the driver's units; {} (and a log line that says why, once) when
+        there is none. ``images``: and of each camera, by its name, the newest ``Frame``, or a
+        ``Stale`` that says why there is none that is new enough. Nothing is waited for."""
+        seen: dict[str, Any] = self._observing.positions(self._get_observation())
+        return seen | self._cameras.looks() if images else seen
+
+    def read_camera(self, name: str, max_age_ms: float | None = None) -> Frame:
+        """The newest picture of a camera (``cameras=``), at once. ``max_age_ms``: how old it may be;
+        by default three periods of the camera, and at least 200. Raise ``StaleFrame`` when there is
+        none so new, ``ValueError`` for a name that is none."""
+        return self._cameras.read(name, max_age_ms)
+
+    @property
+    def _cameras(self) -> Cameras:
+        tree = self._tree
+        return Cameras(self._plan.cameras, self._plan.driver_class) if tree is None else tree.cameras
+
+    def state(self) -> Answer:
+        """What the robot measures now: positions and velocities, with their age, and what its
+        driver has beside them under the names of its users: a UR's TCP pose, wrench and modes, a
+        G1's imu and FSM."""
+        return self._verb(verbs.get_state, "state")
+
+    @property
+    def bus(self) -> Bus:
+        """The servos of a robot on a serial bus, to be read as lerobot's are:
+        ``arm.bus.sync_read("Present_Position")``. Raise ``AttributeError`` for a robot without
+        one."""
+        if self._plan.driver_class.PORT_KIND != "serial":
+            raise AttributeError  # and ``__getattr__`` says why
+        return Bus(self._driver, self._newest)
+
+    def service(self, name: str, *, action: Mapping[str, Any] | None = None, **arguments: Any) -> Answer:
+        """One of the driver's own services. Each is a method, too:
+        ``robot.release_sport_mode(attempts=3)``. ``action``: a command that is written first; when
+        it is refused, so is the service."""
+        return self._verb_here(verbs.service_here, verbs.service, name, name, arguments, action)
+
+    def __getattr__(self, name: str) -> Callable[..., Answer]:
+        """The driver's own services as methods."""
+        if name == "bus":
+            raise AttributeError(f"{self._plan.robot} has no bus of servos. Use state() or get_observation()")
+        verbs.require_service(self, self.__dict__.get("_plan"), name)
+        return functools.partial(self.service, name)
+
+    def __dir__(self) -> list[str]:
+        return sorted({*super().__dir__(), *self._plan.driver_class.services(self._plan.options)})
+
+    def stop(self) -> Answer | PendingAnswer:
+        """De-energise every motor and report each. Works as ``stop()`` and as ``await stop()``."""
+        return self._now_or_soon(lambda: self._verb_here(verbs.stop_here, verbs.stop, "stop"), verbs.stop, "stop")
+
+    def get_status(self) -> Answer | PendingAnswer:
+        """What the tree says of itself. Works as ``get_status()`` and as ``await get_status()``."""
+        return self._now_or_soon(self._get_status, verbs.get_status, "status")
+
+    def resume(self) -> Answer:
+        """Lift a lockout, restart what has died, energise at the measured position. Restarts no
+        motion."""
+        return self._verb(verbs.resume, "resume")
+
+    def run_policy(
+        self,
+        policy: Any = None,
+        instruction: str = "",
+        duration: float = 30.0,
+        n_steps: int | None = None,
+        control_frequency: float | None = None,
+        policy_object: Any = None,
+    ) -> Answer:
+        """Run a policy of this process: an object with ``get_actions`` or ``step``, or a callable.
+        Returns at once; ``n_steps`` wins over ``duration`` (seconds)."""
+        run = verbs.run_policy(policy, policy_object, instruction, duration, n_steps, control_frequency)
+        return run if isinstance(run, Answer) else self._verb(run, "run_policy")
+
+    def start_task(
+        self,
+        instruction: str = "",
+        policy_port: int | None = None,
+        policy_host: str = "localhost",
+        policy_provider: str = DEFAULT_PROVIDER,
+        duration: float = 30.0,
+        control_frequency: float | None = None,
+        **options: Any,
+    ) -> Answer:
+        """Run a named policy (``mock``, ``remote`` at ``policy_host:policy_port``, one of another
+        package) in a process of its own, built there from ``options``. Returns at once."""
+        start = verbs.start_task(
+            self._driver,
+            policy_provider,
+            policy_host,
+            policy_port,
+            options,
+            instruction,
+            duration,
+            control_frequency,
+        )
+        return start if isinstance(start, Answer) else self._verb(start, "start_task")
+
+    def get_task_status(self) -> Answer:
+        """The present rollout, or the last one: the same keys for every driver."""
+        if self._tree is None:
+            return answers.success(answers.task(TaskStatus()))
+        return self._verb(verbs.get_task_status, "task")
+
+    def stop_task(self) -> Answer:
+        """End the rollout; returns when the robot holds, whatever the policy does."""
+        return self._verb(verbs.stop_task, "stop_task")
+
+    # -- teleoperation
+
+    def attach_teleop(
+        self,
+        leader: Teleoperator,
+        hz: float = 100.0,
+        map_fn: Callable[..., Any] | None = None,
+        deadman: str | None = None,
+        max_speed: float | None = None,
+        duration: float | None = None,
+    ) -> Answer:
+        """Have the robot led, in a process of its own, until ``stop_task()``. Returns at once;
+        ``get_task_status()`` says how it goes. ``map_fn``: from the leader's positions by joint to
+        the robot's; a function of a module. ``deadman``: ``"gripper"``, a leader's own, squeezed
+        twice, or ``"key"``, told by ``operate()``. ``max_speed``: degrees a second; a frame that
+        asks for more is refused. ``duration``: seconds."""
+        from strands_actors.teleoperation.verbs import attach  # for who leads a robot
+
+        begin = attach(self._driver, leader, hz, map_fn, deadman, max_speed, duration)
+        return begin if isinstance(begin, Answer) else self._verb(begin, "teleoperate")
+
+    def teleoperate(
+        self,
+        leader: Teleoperator,
+        hz: float = 100.0,
+        map_fn: Callable[..., Any] | None = None,
+        deadman: str | None = None,
+        max_speed: float | None = None,
+        duration: float | None = None,
+    ) -> Answer:
+        """As ``attach_teleop``, and wait until it has ended; Ctrl-C ends it, and the robot
+        holds."""
+        answer = self.attach_teleop(leader, hz, map_fn, deadman, max_speed, duration)
+        try:
+            while answer["status"] == "success" and answer["content"][0]["json"]["running"]:
+                time.sleep(TELEOP_LOOK_S)
+                answer = self.get_task_status()
+        except KeyboardInterrupt:
+            answer = self.stop_task()
+        return answer
+
+    def operate(self, held: bool, **rates: float) -> Answer:
+        """Tell the teleoperation what its operator does: whether the dead-man is held, and of a
+        ``keyboard`` how fast each axis is to go, -1..1. It stands for 0.2 s: tell it again."""
+        from strands_actors.teleoperation.verbs import operate
+
+        return self._verb(operate(held, rates), "operate")
+
+    # -- as a tool
+
+    async def use_tool(self, given: object, by: str) -> Answer:
+        """Do what a tool's input asks for, from an asyncio loop."""
+        import asyncio  # who has a loop has it; a script without one is spared 8 ms
+
+        call = read(self._driver, given)
+        if isinstance(call, Refused):
+            return answers.refused(call)
+        if self._tree is None and call.verb.does == "status":
+            return self._get_status()
+        name = call.verb.name
+        tree: RobotTree | str | None = self._tree
+        if tree is None and not self.OTHERS_CONNECT:
+            tree = _CLEANED_UP if self._closed else _NOT_CONNECTED
+        elif tree is None:
+            tree = await asyncio.to_thread(self._ready, _NAMES.get(call.verb.does, name))
+        if isinstance(tree, str):
+            return answers.error(f"{name}: {tree}")
+        with self._liveness:
+            doing = portal().submit(answered, name, use, tree, call, self._approval, by)
+            return await asyncio.wrap_future(doing)
+
+    def tree(self) -> dict[str, Any] | None:
+        """Processes and actors, as ``strands-actors tree --json`` shows them; None when there are
+        none."""
+        tree = self._tree
+        report = None if tree is None else self._call(tree.describe)
+        return None if report is None else answers.tree(report)
+
+    # -- helpers
+
+    def _get_observation(self) -> Answer:
+        return self._verb_here(verbs.get_observation_here, verbs.get_observation, "observe")
+
+    def _newest(self) -> Observation:
+        """The newest observation. Raise ``ConnectionError`` without one."""
+        status = self._status()
+        if status is None or status.observation is None or not status.connected:
+            raise ConnectionError(f"bus: {_CLEANED_UP if self._closed else _NOT_CONNECTED}")
+        return status.observation
+
+    def _status(self) -> Status | None:
+        tree = self._tree
+        return None if tree is None else self._call(tree.status)
+
+    def _get_status(self) -> Answer:
+        tree, plan = self._ready("status"), self._plan
+        if isinstance(tree, str):
+            return answers.success(answers.status(plan.tool_name, plan.robot, self._driver, tree, None, {}))
+        return self._call(answered, "status", verbs.get_status, tree)
+
+    def _now_or_soon(self, now: Callable[[], Answer], verb: Verb, name: str) -> Answer | PendingAnswer:
+        """Inside a running asyncio loop: under way at once, to be awaited without blocking the
+        loop."""
+        if not answers.in_asyncio():
+            return now()
+        if self._tree is None:
+            done: Future[Answer] = Future()
+            done.set_result(now())
+            return PendingAnswer(done)
+        self._liveness.enter()
+        future = portal().submit(answered, name, verb, self._tree)
+        future.add_done_callback(lambda _: self._liveness.leave())
+        return PendingAnswer(future)
+
+
+_NAMES = {"action": "move", "torque": "resume", "sensors": "observe", "state": "observe"}
+"""The robot's own verb for what an agent's verb does."""
+
+_NOT_CONNECTED = "not connected; call connect_eagerly() first"
+_CLEANED_UP = "this robot was cleaned up. make a new one"
