@@ -229,7 +229,7 @@ class TreeProcesses(Processes):
     async def _fence(self) -> None:
         """Kill the root, and wait for it. Without its root the wire makes itself safe."""
         if self._root_process is not None:
-            await self._root_process.fence()
+            await self._root_process.drop()
 
     async def _discard(self) -> None:
         """Fence the root and forget it: the next one is started anew."""

@@ -103,7 +103,7 @@ class TwinProcess:
                         return
                     await trio.sleep(0.005)
         late, self._process = self._process, None
-        await late.fence()  # or the next start would take it for one that serves
+        await late.drop()  # or the next start would take it for one that serves
         raise TwinProcessDown("the twin did not start")
 
     async def close(self) -> None:
@@ -114,7 +114,7 @@ class TwinProcess:
             process.kill(15)
             with trio.move_on_after(END_S):
                 await process.wait()
-            await process.fence()
+            await process.drop()
         if self.control:
             with contextlib.suppress(FileNotFoundError):
                 os.unlink(self.control)

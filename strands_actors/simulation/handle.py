@@ -77,13 +77,13 @@ class World:
             await trio.lowlevel.wait_readable(window.socket)
             if window.socket.recv(1):
                 return
-        await window.fence()
+        await window.drop()
         raise SimulationError("view: the viewer did not open; what it says is above")
 
     async def close(self) -> None:
         """End the simulation, and every window on it."""
         for window in self._windows:
-            await window.fence()
+            await window.drop()
         self._windows.clear()
         await self._twin_process.close()
 

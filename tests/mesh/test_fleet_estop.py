@@ -72,8 +72,7 @@ def move(kind: str, robot: RealRobot) -> str:
     joint, by = MOVES[kind]
     seen = robot.get_observation()
     start = 0.0 if kind == "robotiq_2f85" else seen[joint]
-    others = seen if robot.driver.WHOLE_ACTIONS else {}
-    answer = robot.send_action({**others, joint: start + by})
+    answer = robot.send_action({joint: start + by})
     return str(answer["content"][0].get("text", "")) if answer["status"] == "error" else ""
 
 

@@ -106,9 +106,13 @@ class ChildProcess(ABC):
         # A link that runs on this socket sees the end of file by itself.
         if not self._linked:
             self.socket.close()
-        if scope.cancelled_caught:
-            self.part()
         return not scope.cancelled_caught
+
+    async def drop(self, within_s: float = FENCE_S) -> None:
+        """Fence it, and keep no hold on it: what has not been seen to end is buried all the
+        same."""
+        if not await self.fence(within_s):
+            self.part()
 
     async def _until_ended(self) -> None:
         """Return when the process has ended."""
