@@ -1,9 +1,9 @@
 """The fifth kind of stop channel: a process of its own, for what needs a vendor's SDK or gRPC.
 
 Neither may be loaded in the root, which must never hang. The child loads ``CHANNEL``, an ordinary
-stop channel, and makes safe when it is asked to, one question at a time over a socket pair. A child
-that does not answer in time (its SDK hangs, or keeps the interpreter's lock) is killed, and another
-one is started and asked.
+stop channel, and makes safe when it is asked to, one order after the other over a socket pair. A
+child that does not answer in time (its SDK hangs, or keeps the interpreter's lock) is killed, and
+another one is started and asked.
 """
 
 from __future__ import annotations
@@ -38,13 +38,15 @@ _HEADER = 4
 
 
 class _Order(msgspec.Struct, frozen=True):
+    number: int
     safe_state: str
 
 
 class _Answer(msgspec.Struct, frozen=True):
-    """``trouble``: why the child cannot be used. Without one: it is ready, or what became of each
-    motor."""
+    """``number``: of the order, 0 before the first: the child is ready. ``trouble``: why it cannot
+    be used."""
 
+    number: int = 0
     reports: tuple[MotorReport, ...] = ()
     trouble: str = ""
 
@@ -110,16 +112,10 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
         self._descriptors = ()
 
     async def _ask(self, child: _Child, safe_state: str) -> Reports:
-        """Raise ``WireDown``. A child whose answer was not waited for is not asked again."""
-        answered = False
-        try:
-            child.send(_Order(safe_state))
-            reports = (await child.receive(self.ANSWER_S)).reports
-            answered = True
-            return reports
-        finally:
-            if not answered:
-                child.process.kill()
+        """Raise ``WireDown``. When cancelled, the child goes on: the guardian cancels what it asked
+        before a fence to ask again after it, and a new child would need a new login."""
+        number = child.send(safe_state)
+        return (await child.receive(number, self.ANSWER_S)).reports
 
     async def _ready(self) -> _Child:
         """Return the child to ask, started when there is none. Raise ``WireDown``."""
@@ -143,7 +139,7 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
             raise WireDown(f"stop channel: no process for {self.CHANNEL} ({error.strerror})") from None
         child = _Child(process, self.CHANNEL)
         try:
-            await child.receive(self.START_S)
+            await child.receive(0, self.START_S)
             self._child = child
             return child
         finally:
@@ -163,27 +159,29 @@ class _Child:
         self.process = process
         self._name = name
         self._frames = _Frames(process.socket)
+        self._orders = 0
 
-    def send(self, order: _Order) -> None:
-        """Raise ``WireDown``."""
+    def send(self, safe_state: str) -> int:
+        """Return the order's number. Raise ``WireDown``."""
+        self._orders += 1
         try:
-            self._frames.send(order)
+            self._frames.send(_Order(self._orders, safe_state))
         except OSError as error:
             raise WireDown(f"stop channel: {self._name} takes no order ({error.strerror})") from None
+        return self._orders
 
-    async def receive(self, within_s: float) -> _Answer:
-        """Raise ``WireDown`` when nothing comes in time, the child ends, or it tells of trouble."""
-        data: bytes | None = None
-        with trio.move_on_after(within_s) as scope:
-            data = await self._frames.receive()
-        if scope.cancelled_caught:
-            raise WireDown(f"stop channel: {self._name} did not answer within {within_s:g} s")
-        if data is None:
+    async def receive(self, number: int, within_s: float) -> _Answer:
+        """Return the answer to that order; those before it are dropped. Raise ``WireDown`` when it
+        does not come in time, the child ends, or it tells of trouble."""
+        with trio.move_on_after(within_s):
+            while (data := await self._frames.receive()) is not None:
+                answer = msgspec.msgpack.decode(data, type=_Answer)
+                if answer.trouble:
+                    raise WireDown(answer.trouble)
+                if answer.number == number:
+                    return answer
             raise WireDown(f"stop channel: the process of {self._name} has ended. What it says is above")
-        answer = msgspec.msgpack.decode(data, type=_Answer)
-        if answer.trouble:
-            raise WireDown(answer.trouble)
-        return answer
+        raise WireDown(f"stop channel: {self._name} did not answer within {within_s:g} s")
 
     def abandon(self) -> None:
         """Kill it; nobody waits for its end."""
@@ -246,7 +244,7 @@ async def _answer(channel: StopChannel, frames: _Frames) -> None:
             frames.send(_Answer())
             while (data := await frames.receive()) is not None:
                 order = msgspec.msgpack.decode(data, type=_Order)
-                frames.send(_Answer(await channel.make_safe(order.safe_state)))
+                frames.send(_Answer(order.number, await channel.make_safe(order.safe_state)))
             nursery.cancel_scope.cancel()
     finally:
         channel.close()

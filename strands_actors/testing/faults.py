@@ -38,9 +38,11 @@ class Faults(enum.StrEnum):
     GARBAGE = "garbage"  # damaged replies
     SLOW = "slow"  # later replies, within timeouts
     STUCK = "stuck"  # old readings, no motion
+    WRONG = "wrong"  # readings that are not so
     DELAYED = "delayed"  # every reply after its timeout
     INTERMITTENT = "intermittent"  # every third reply is missing
     LATE_REPLY = "late reply"  # some replies after their timeout, then all is well
+    HALF_OPEN = "half-open"  # hears and obeys, and nothing it says arrives
 
 
 SIGNALS = {
@@ -58,9 +60,11 @@ ROBOT_FAULTS = (
     Faults.GARBAGE,
     Faults.SLOW,
     Faults.STUCK,
+    Faults.WRONG,
     Faults.DELAYED,
     Faults.INTERMITTENT,
     Faults.LATE_REPLY,
+    Faults.HALF_OPEN,
 )
 LIVING = (Faults.FREEZE, Faults.SPIN)
 """Faults that leave the process there."""

@@ -10,7 +10,8 @@ import argparse
 import json
 import signal
 import sys
-from dataclasses import asdict
+
+import msgspec
 
 from .faults import Cell, Faults, Victims
 from .matrix import measure
@@ -36,7 +37,7 @@ def main() -> int:
     every_safe = True
     for row in measure(options.robot, options.repeats, only=wanted):
         every_safe = every_safe and row.safe
-        print(json.dumps({**asdict(row), "safe": row.safe}), flush=True)
+        print(json.dumps({**msgspec.structs.asdict(row), "safe": row.safe}), flush=True)
     return 0 if every_safe else 1
 
 

@@ -2,8 +2,7 @@
 nothing.
 
 A run begins with a line on what it measures: code, machine, Python. Only a run that would measure
-the same may continue the file; or one that says what is different, and for which cells: these it
-measures anew.
+the same may continue the file.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ import math
 import os
 import platform
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -49,19 +48,11 @@ class Trial(msgspec.Struct, frozen=True, tag="trial"):
 
 
 class Run(msgspec.Struct, frozen=True, tag="run"):
-    """What is measured, and with how many benches side by side. ``again``: cells whose trials
-    before it do not count, ``wire-exit`` or ``so101/wire-exit``; ``why`` that is so, and the other
-    cells' trials still count."""
+    """What is measured, and with how many benches side by side."""
 
     subject: dict[str, str]
     jobs: int
     at: str
-    again: tuple[str, ...] = ()
-    why: str = ""
-
-    def repeats(self, robot: str, victim: str, fault: str) -> bool:
-        cell = cell_named(victim, fault)
-        return f"{cell}" in self.again or f"{robot}/{cell}" in self.again
 
 
 def cell_named(victim: str, fault: str) -> Cell | Pair:
@@ -139,20 +130,19 @@ def _at(found: Trial, safe_ms: float) -> Trial:
 class Trials:
     """All trials of a matrix, in ``path`` if there is one."""
 
-    def __init__(self, path: Path | None, jobs: int, again: Sequence[str] = (), why: str = "") -> None:
+    def __init__(self, path: Path | None, jobs: int) -> None:
         """Read what the file has, and note that a run begins. Raise ``Problem``."""
         self.runs: list[Run] = []
         self.all: list[Trial] = []
         self._path = path
         if path is not None and path.exists():
             self._read(path)
-        begun = Run(subject(), jobs, now(), tuple(again), why)
-        if self.runs and self.runs[-1].subject != begun.subject and not why:
+        begun = Run(subject(), jobs, now())
+        if self.runs and self.runs[-1].subject != begun.subject:
             raise Problem(
-                f"{path} was measured with {_words(self.runs[-1])}, this is {_words(begun)}. Give another file, or "
-                "say which cells are to be measured again, and why the others are not"
+                f"{path} was measured with {_words(self.runs[-1])}, this is {_words(begun)}. Give another file"
             )
-        self._begin(begun)
+        self.runs.append(begun)
         self._write(begun)
 
     def add(self, trial: Trial) -> None:
@@ -163,11 +153,6 @@ class Trials:
         wanted = (robot, cell.victim, cell.fault)
         return [trial.outcome for trial in self.all if trial.cell == wanted]
 
-    def _begin(self, run: Run) -> None:
-        self.runs.append(run)
-        if run.again:
-            self.all = [trial for trial in self.all if not run.repeats(*trial.cell)]
-
     def _read(self, path: Path) -> None:
         for number, line in enumerate(_whole_lines(path), 1):
             try:
@@ -177,7 +162,7 @@ class Trials:
             if isinstance(found, Trial):
                 self.all.append(found)
             elif isinstance(found, Run):
-                self._begin(found)
+                self.runs.append(found)
 
     def _write(self, line: Trial | Run) -> None:
         if self._path is not None:

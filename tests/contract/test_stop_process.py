@@ -126,17 +126,34 @@ def test_saf_005_an_sdk_that_always_hangs_is_reported_and_leaves_nobody_behind(t
 
 def test_saf_010_an_answer_that_nobody_waited_for_is_nobodys_answer(tmp_path: Path) -> None:
     async def test(channel: Channel, folder: Folder) -> None:
-        folder.tell("hang")
-        async with trio.open_nursery() as nursery:
-            nursery.start_soon(channel.make_safe, "stop")
-            await folder.until("hangs")
-            nursery.cancel_scope.cancel()
-        (first,) = folder.notes("began")
-        await gone(first)
-        assert all(report.safe for report in await channel.make_safe("land"))
-        assert folder.notes("land") == [folder.notes("began")[1]]
+        folder.tell("slow")
+        await cancelled(channel, folder, "slow")
+        reports = await channel.make_safe("land")
+        assert [report.detail for report in reports] == ["land", "land"]
+        (only,) = folder.notes("began")
+        assert folder.notes("stop") == folder.notes("land") == [only], "it went on, and was asked again"
 
     with_channel(tmp_path, test)
+
+
+def test_saf_010_an_sdk_that_hangs_in_an_order_nobody_waits_for_is_killed_by_the_next(tmp_path: Path) -> None:
+    async def test(channel: Channel, folder: Folder) -> None:
+        folder.tell("hang")
+        await cancelled(channel, folder, "hangs")
+        assert all(report.safe for report in await channel.make_safe("land"))
+        first, second = folder.notes("began")
+        assert folder.notes("land") == [second]
+        assert not alive(first)
+
+    with_channel(tmp_path, test)
+
+
+async def cancelled(channel: Channel, folder: Folder, noted: str) -> None:
+    """Ask, and wait no longer when the child has noted this."""
+    async with trio.open_nursery() as nursery:
+        nursery.start_soon(channel.make_safe, "stop")
+        await folder.until(noted)
+        nursery.cancel_scope.cancel()
 
 
 def test_it_is_ready_before_the_link_counts_as_up_and_replaced_when_it_dies(tmp_path: Path) -> None:

@@ -1,7 +1,7 @@
 """A stop channel on a vendor's SDK that hangs, for the tests of one in a process of its own.
 
-What it does next is said by the files in its folder: ``hang``, ``spin`` and ``crash`` are obeyed
-once, the others always.
+What it does next is said by the files in its folder: ``hang``, ``spin``, ``slow`` and ``crash`` are
+obeyed once, the others always.
 """
 
 from __future__ import annotations
@@ -47,10 +47,13 @@ class VendorStopChannel(StopChannel):
                 pass
         if self._once("crash"):
             os._exit(3)
+        if self._once("slow"):
+            self._note("slow")
+            await trio.sleep(0.3)
         self._note(safe_state)
         for descriptor in self._descriptors:
             os.write(descriptor, safe_state.encode())
-        return tuple(MotorReport(axis, at, True, True, True) for at, axis in enumerate(self._axes))
+        return tuple(MotorReport(axis, at, True, True, True, safe_state) for at, axis in enumerate(self._axes))
 
     def close(self) -> None:
         self._note("closed")

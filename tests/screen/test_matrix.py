@@ -22,7 +22,8 @@ from strands_actors.testing.bench import NotMoving, driver_of
 from strands_actors.testing.cells import expected_of, read
 from strands_actors.testing.faults import proves
 from strands_actors.testing.jobs import Plan, measure_all
-from strands_actors.testing.matrix import Row, as_json, conditions, measure, page, summary
+from strands_actors.testing.matrix import Row, measure, summary
+from strands_actors.testing.matrix_page import columns_of, conditions, encode, load, page
 from strands_actors.testing.queueing import DISTURBED_MS, Queue
 from strands_actors.testing.trials import Problem, Trials, trial
 from strands_actors.testing.worker import Order
@@ -106,7 +107,7 @@ def test_what_was_not_safe_is_told_with_what_the_wire_showed(tmp_path: Path) -> 
     assert [each.story for each in told] == ["", story, story]
     row = summary("so101", WIRE_KILL, told)
     assert row.stories == (story, story)
-    text = page([row], conditions(some_trials(*told, path=tmp_path / "trials.jsonl")))
+    text = page(columns_of([row], some_trials(*told, path=tmp_path / "trials.jsonl")))
     assert f"wire kill, not safe: from the fault on the wire showed {story}." in text
     assert [each.story for each in Trials(tmp_path / "trials.jsonl", 1).of("so101", WIRE_KILL)] == [
         "",
@@ -124,7 +125,8 @@ def test_a_run_that_was_ended_is_continued(tmp_path: Path) -> None:
     again = Trials(path, jobs=4)
     assert [each.safe_ms for each in again.of("so101", WIRE_KILL)] == [7.0, float("inf")]
     assert [run.jobs for run in again.runs] == [2, 4]
-    assert conditions(again)["trials"] == "2, of which disturbed: 0"
+    taken = conditions(again, "so101")
+    assert (taken["trials"], taken["jobs"]) == ("2, of which disturbed: 0", "2 or 4 side by side")
     orders = left(Plan(drivers, 3, again))
     assert [order.trials for order in orders if (order.victim, order.fault) == ("wire", "kill")] == [1]
     assert [order.trials for order in orders if (order.victim, order.fault) == ("wire", "freeze")] == [3]
@@ -133,45 +135,36 @@ def test_a_run_that_was_ended_is_continued(tmp_path: Path) -> None:
         Trials(path, jobs=1)
 
 
-def test_other_code_continues_a_file_only_for_a_reason_and_repeats_what_it_concerns(tmp_path: Path) -> None:
-    path = tmp_path / "trials.jsonl"
-    some_trials(outcome(7.0), path=path)
-    path.write_bytes(path.read_bytes().replace(b"code ", b"code of another day "))
-    with pytest.raises(Problem, match="which cells are to be measured again"):
-        Trials(path, jobs=2)
-    kept = Trials(path, 2, ["wire-exit", "koch/wire-kill"], "A process that ends says less.")
-    assert len(kept.of("so101", WIRE_KILL)) == 1
-    repeated = Trials(path, 2, ["so101/wire-kill"], "It was late.")
-    assert not repeated.of("so101", WIRE_KILL)
-    assert not Trials(path, 2).all  # the file remembers
-    taken = conditions(repeated)
-    assert "code of another day" in taken["strands-actors"]
-    said = [text for key, text in taken.items() if key.startswith("measured again from ")]
-    assert said and said[-1].startswith("so101/wire-kill. It was late. 0.1.0, code ")
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (["--again", "wire-exit"], "go together"),
-        (["--again", "wire-exit", "--why", "x"], "go together"),
-        (["--resume", "t", "--why", "x"], "go together"),
-        (["--resume", "t", "--why", "x", "--again", "wire-exit, so101/wire-run"], "no cell 'so101/wire-run'"),
-        (["--resume", "t", "--why", "x", "--again", "koch/wire-exit"], "no cell 'koch/wire-exit'"),
-    ],
-    ids=str,
-)
-def test_what_is_repeated_is_a_cell_with_a_reason(
-    options: list[str],
-    said: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+def test_one_robot_is_measured_again_and_the_page_keeps_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert run(["matrix", "--drivers", "so101", *options]) == 2
+    def no_bench(*_: object) -> list[str]:
+        return []
+
+    out = tmp_path / "matrix.md"
+    koch = summary("koch", WIRE_KILL, [outcome(float("inf"), after=-1, whole=False), outcome(8.0)])
+    so101 = summary("so101", WIRE_KILL, [outcome(7.0)])
+    out.with_suffix(".json").write_bytes(encode(columns_of([koch, so101], some_trials(outcome(7.0)))))
+    kept = load(out.with_suffix(".json"))
+    assert kept["koch"].rows == [koch] and kept["koch"].rows[0].worst_ms is None
+    monkeypatch.setattr("strands_actors.surfaces.cli.matrix.trio.run", no_bench)  # nothing is measured
+    assert run(["matrix", "--drivers", "so101", "-o", str(out)]) == 1
+    written = load(out.with_suffix(".json"))
+    assert list(written) == ["koch", "so101"] and written["koch"] == kept["koch"]
+    assert len(written["so101"].rows) == len(list(cells_of(driver_of("so101"))))
+    text = out.read_text()
+    assert "| never **not safe** |" in text and "**not measured**" in text
+
+
+@pytest.mark.parametrize(("name", "said"), [("m.json", "name it *.md"), ("m.md", "has no columns of a matrix")])
+def test_what_is_no_page_is_not_written_over(
+    name: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    there = tmp_path / "m.json"
+    there.write_text('{"so101": 1}')
+    assert run(["matrix", "--drivers", "so101", "-o", str(tmp_path / name)]) == 2
     assert said in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())
+    assert there.read_text() == '{"so101": 1}' and len(list(tmp_path.iterdir())) == 1
 
 
 def left(plan: Plan, robot: str = "") -> list[Order]:
@@ -216,20 +209,23 @@ def test_the_page_shows_figures_reasons_and_conditions() -> None:
         summary("so101", WIRE_KILL, [outcome(7.0), outcome(9.0)]),
         Row("so101", "caller", "garbage", "a fault of the robot's end of the wire"),
     ]
-    taken = conditions(some_trials(outcome(7.0), outcome(9.0)))
-    text = page(rows, taken)
+    trials = some_trials(outcome(7.0), outcome(9.0))
+
+    def shown(*rows: Row) -> str:
+        return page(columns_of(rows, trials))
+
+    text = shown(*rows)
     assert "| wire | kill | limp | 8.0 | 9.0 | 50 | 0 | 2 | 0 | SAF-003 |" in text
     assert "* caller: garbage: a fault of the robot's end of the wire." in text
-    assert "1 cells, 2 trials, at least 2 a cell, 0 setpoints after a safe frame: every one safe" in text
+    assert "1 robots, 1 cells, 2 trials, at least 2 a cell, 0 setpoints after a safe frame: every one safe" in text
     for key in ("date", "machine", "load", "python", "strands-actors", "jobs", "trials"):
-        assert f"| {key} |" in text
+        assert f"{key}: " in text
     excused = [outcome(70.0, stood_ms=30.0)] * 2
     assert summary("so101", WIRE_KILL, [*excused, outcome(7.0), outcome(8.0)]).safe
-    assert "8.0 **mostly disturbed** |" in page([summary("so101", WIRE_KILL, [*excused, outcome(8.0)])], taken)
-    unsafe = page([summary("so101", WIRE_KILL, [outcome(7.0, after=1)])], taken)
+    assert "8.0 **mostly disturbed** |" in shown(summary("so101", WIRE_KILL, [*excused, outcome(8.0)]))
+    unsafe = shown(summary("so101", WIRE_KILL, [outcome(7.0, after=1)]))
     assert "**not safe**" in unsafe
     assert "**1 not safe" in unsafe
-    assert json.loads(as_json(rows, taken))["safe"] is True
 
 
 def test_two_trials_of_a_driver_of_somebody_elses() -> None:

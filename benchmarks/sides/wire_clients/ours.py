@@ -14,7 +14,7 @@ from .hand import Hand, wave
 
 STEPS = {
     "xarm7": ("joint1", 0.03),
-    "kinova_gen3": ("joint_1", 0.015),
+    "kinova_gen3": ("joint_1", 0.012),
     "kuka_iiwa": ("joint1", 0.012),
     "panda": ("joint1", 0.03),
     "fr3": ("fr3_joint1", 0.03),

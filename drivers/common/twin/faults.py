@@ -7,6 +7,7 @@
 ``slow``          replies later, within sane timeouts
 ``delayed``       replies after any sane timeout, while the wire goes on
 ``intermittent``  every third reply is missing
+``half-open``     hears and obeys, and nothing that it says arrives: one direction of the line is cut
 
 ``off``, ``stuck`` and ``wrong`` need to know what a reply means: the robot does them itself.
 """
@@ -30,6 +31,7 @@ class Fault(enum.StrEnum):
     SLOW = "slow"
     DELAYED = "delayed"
     INTERMITTENT = "intermittent"
+    HALF_OPEN = "half-open"
 
 
 def parse_fault(text: str) -> tuple[Fault, int | None]:
@@ -77,7 +79,7 @@ class Faults:
         fault = self.of(reply.unit)
         if fault is Fault.OK or fault is Fault.STUCK or fault is Fault.WRONG:
             return reply
-        if fault is Fault.OFF:
+        if fault is Fault.OFF or fault is Fault.HALF_OPEN:
             return None
         if fault is Fault.SLOW:
             return reply._replace(delay_s=reply.delay_s + SLOW_S)

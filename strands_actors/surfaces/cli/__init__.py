@@ -410,20 +410,18 @@ def drill(
 def matrix(
     drivers: Annotated[str | None, typer.Option(help="Robots, with commas. Default: one of each driver.")] = None,
     repeats: Annotated[int, typer.Option(min=1, help="Trials a cell.")] = 1,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="Write the page there.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Write the page there; of other robots it keeps the columns.")
+    ] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Robots that are broken side by side.")] = 1,
     resume: Annotated[Path | None, typer.Option(help="Keep each trial there, and repeat none that it has.")] = None,
-    again: Annotated[
-        str | None, typer.Option(help="Cells that are repeated: wire-exit, so101/wire-spin ...")
-    ] = None,
-    why: Annotated[str, typer.Option(help="For the page: why these, and none of the others.")] = "",
     pairs: Annotated[bool, typer.Option(help="Break two processes, one shortly after the other.")] = False,
     json: Json = False,
 ) -> None:
     """Break everything there is to break on the twins, and measure."""
     from .matrix import run as measure
 
-    raise typer.Exit(measure(drivers, repeats, out, json, jobs, resume, again, why, pairs))
+    raise typer.Exit(measure(drivers, repeats, out, json, jobs, resume, pairs))
 
 
 def main() -> None:

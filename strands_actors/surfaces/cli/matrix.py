@@ -4,28 +4,18 @@ wires show."""
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable
 from pathlib import Path
 
+import msgspec
 import trio
 
 from strands_actors.contract.driver import Driver
 from strands_actors.drivers import get_native_driver_class, list_native_drivers
 from strands_actors.testing import trials as testing_trials
-from strands_actors.testing.bench import driver_of
 from strands_actors.testing.faults import cells_of
 from strands_actors.testing.jobs import Cells, Plan, measure_all
-from strands_actors.testing.matrix import (
-    INTRODUCTION,
-    PAIRS,
-    Row,
-    as_json,
-    conditions,
-    page,
-    rows_of,
-    summary,
-    verdict,
-)
+from strands_actors.testing.matrix import Row, rows_of, shown, summary, verdict
+from strands_actors.testing.matrix_page import INTRODUCTION, PAIRS, Columns, columns_of, encode, load, page
 from strands_actors.testing.pairs import pairs_of
 from strands_actors.testing.trials import Trial, Trials, cell_named
 
@@ -41,31 +31,44 @@ def run(
     json: bool,
     jobs: int = 1,
     resume: Path | None = None,
-    again: str | None = None,
-    why: str = "",
     pairs: bool = False,
 ) -> int:
     """1 when a cell is unsafe or past its bound. What cannot be measured does not take the other
     rows with it: they are written, and then it is a problem."""
     robots = dict.fromkeys(_chosen(drivers) if drivers else one_of_each())
     cells: Cells = pairs_of if pairs else cells_of
-    repeated = _repeated(again, why, resume, robots, cells)
+    kept = {} if out is None else _kept(out)
     try:
-        trials = Trials(resume, jobs, repeated, why)
+        trials = Trials(resume, jobs)
     except testing_trials.Problem as problem:
         raise Problem(f"matrix: {problem}") from None
     problems = trio.run(measure_all, Plan(robots, repeats, trials, cells), jobs, _Progress(trials, repeats).heard)
-    rows, taken = list(rows_of(robots, trials, cells)), conditions(trials)
-    written = page(rows, taken, PAIRS if pairs else INTRODUCTION)
+    rows = list(rows_of(robots, trials, cells))
+    columns = columns_of(rows, trials)
+    written = page(kept | columns, PAIRS if pairs else INTRODUCTION)
     if out is not None:
+        out.with_suffix(".json").write_bytes(encode(kept | columns))
         out.write_text(written)
     if json:
-        print(as_json(rows, taken))
+        print(encode(columns).decode())
     elif out is None:
         print(written)
     if problems:
         raise Problem(f"matrix: {problems[0]}" + (f" (and {len(problems) - 1} more)" if problems[1:] else ""))
     return 0 if all(row.safe for row in rows) else 1
+
+
+def _kept(out: Path) -> Columns:
+    """The columns of the page that is there; those that are measured take the place of theirs."""
+    path = out.with_suffix(".json")
+    if path == out:
+        raise Problem(f"matrix: {out}: the page is Markdown, with its figures in a .json beside it. name it *.md")
+    try:
+        return load(path)
+    except msgspec.DecodeError as error:
+        raise Problem(
+            f"matrix: {path} has no columns of a matrix ({error}). move it, or name another page"
+        ) from None
 
 
 class _Progress:
@@ -105,22 +108,11 @@ def _chosen(text: str) -> list[str]:
     return robots
 
 
-def _repeated(again: str | None, why: str, resume: Path | None, robots: Iterable[str], cells: Cells) -> list[str]:
-    names = [name.strip() for name in (again or "").split(",") if name.strip()]
-    if (names or why) and not (names and why and resume):
-        raise Problem("matrix: --again, --why and --resume go together: some trials of that file count no more")
-    known = {f"{cell}" for robot in robots for cell in cells(driver_of(robot)) if not cell.why_not}
-    for name in names:
-        robot, _, cell = name.rpartition("/")
-        if cell not in known or (robot and robot not in robots):
-            raise Problem(f"matrix: no cell {name!r}. there are {', '.join(sorted(known))}, and ROBOT/CELL of each")
-    return names
-
-
 def _tell(row: Row) -> None:
     line = (
-        f"{row.robot:<14} {row.victim:<16} {row.fault:<15} {row.safe_state:<6} median {row.median_ms:7.1f} ms  "
-        f"worst {row.worst_ms:7.1f} of {row.bound_ms:5.0f} ms  after {row.setpoints_after}  "
+        f"{row.robot:<14} {row.victim:<16} {row.fault:<15} {row.safe_state:<6} "
+        f"median {shown(row.median_ms):>7} ms  "
+        f"worst {shown(row.worst_ms):>7} of {row.bound_ms:5.0f} ms  after {row.setpoints_after}  "
         f"disturbed {row.disturbed}  {verdict(row) if row.safe else verdict(row).upper()}"
     )
     print(f"{CLEAR if sys.stderr.isatty() else ''}{line}", file=sys.stderr, flush=True)

@@ -44,9 +44,10 @@ def test_what_the_robot_does_itself_leaves_the_reply_alone(word: Fault) -> None:
     assert faults.apply(reply()) == reply()
 
 
-def test_off_is_silent() -> None:
+@pytest.mark.parametrize("word", [Fault.OFF, Fault.HALF_OPEN])
+def test_off_and_half_open_are_silent(word: Fault) -> None:
     faults = Faults()
-    faults.set(Fault.OFF, 1)
+    faults.set(word, 1)
     assert faults.apply(reply(1)) is None
     assert faults.apply(reply(2)) == reply(2)
 

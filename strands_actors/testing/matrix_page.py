@@ -1,0 +1,177 @@
+"""A kill matrix written down: a page for people, and beside it the same figures as JSON.
+
+A *column* is all that was measured of one robot in one run, with the conditions. The JSON file keeps
+the columns, so that one robot can be measured again and its column replaced.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+
+import msgspec
+
+from .matrix import Row, shown, verdict
+from .pairs import APART_S
+from .queueing import DISTURBED_MS
+from .trials import Trials
+
+
+class Column(msgspec.Struct, frozen=True):
+    """One robot's cells. ``taken``: under which conditions."""
+
+    taken: dict[str, str]
+    rows: list[Row]
+
+
+Columns = dict[str, Column]
+"""By robot."""
+
+
+def columns_of(rows: Iterable[Row], trials: Trials) -> Columns:
+    """What has just been measured."""
+    columns: Columns = {}
+    for row in rows:
+        if row.robot not in columns:
+            columns[row.robot] = Column(conditions(trials, row.robot), [])
+        columns[row.robot].rows.append(row)
+    return columns
+
+
+def conditions(trials: Trials, robot: str) -> dict[str, str]:
+    """Under which the figures of a robot were taken."""
+    found = [trial for trial in trials.all if trial.robot == robot]
+    loads = [trial.load for trial in found] or [0.0]
+    dates = [trial.at for trial in found] or [trials.runs[-1].at]
+    jobs = sorted({run.jobs for run in trials.runs})
+    disturbed = sum(trial.outcome.disturbed for trial in found)
+    return {
+        "date": f"{dates[0]} to {dates[-1]} UTC",
+        **trials.runs[-1].subject,
+        "load": f"{min(loads):.1f} to {max(loads):.1f}",
+        "jobs": f"{' or '.join(map(str, jobs))} side by side",
+        "trials": f"{len(found)}, of which disturbed: {disturbed}",
+    }
+
+
+# -- as JSON
+
+
+def load(path: Path) -> Columns:
+    """Empty without a file. Raise ``msgspec.DecodeError``."""
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=Columns)
+    except FileNotFoundError:
+        return {}
+
+
+def encode(columns: Mapping[str, Column]) -> bytes:
+    """A line for each cell."""
+    return b"{" + b",\n".join(_column(robot, column) for robot, column in columns.items()) + b"}\n"
+
+
+def _column(robot: str, column: Column) -> bytes:
+    rows = b",\n".join(msgspec.json.encode(row) for row in column.rows)
+    return b'%b: {"taken": %b, "rows": [\n%b\n]}' % (
+        msgspec.json.encode(robot),
+        msgspec.json.encode(column.taken),
+        rows,
+    )
+
+
+# -- as a page
+
+
+INTRODUCTION = """\
+# Kill matrix
+
+Each cell: one victim of a moving robot is broken in one way, and the time to the safe frame is read from the log
+of the robot's end of the wire, not from the program. This page was made by
+`strands-actors matrix --repeats {repeats} --jobs 2 -o docs/kill-matrix.md`; with `--drivers ROBOT` it measures that
+robot, and puts its column in the place of the one before.
+
+* **median / worst**: milliseconds from the fault to the frame that brings the whole robot to its safe state. Of
+  a caller that ends by itself: from its end. Of a frozen robot or a pulled cable: from its return. Of the other
+  faults of the robot: from a stop that is given while the fault lasts.
+* **after**: setpoints behind that frame, over all trials. Anything but 0 is a defect; so is a time past the bound.
+  * **disturbed**: trials that were repeated, because the machine and not the robot made them late: safe, past
+    the bound, but the processes of tree, robot and bench stood in line for a processor (Linux counts that) for
+    more than {disturbed_ms:g} ms between fault and safe frame, and without that would have kept the bound; or
+    safe on another safe state, because a process that got no processor looked frozen before the fault did. A
+    trial that is not safe is always counted, and a cell of which more trials were disturbed than not is not
+    called safe. Benches run side by side (`jobs`) and disturb each other.
+* Each caller is a process of its own session, forked from one that has imported everything; root, wire and policy
+  processes are started as they always are.
+* **proves**: requirements of [safety.md](safety.md).
+"""
+
+
+PAIRS = """\
+# Kill matrix of pairs
+
+Each cell: two processes of a moving robot are broken, one within {apart_ms:g} ms of the other, in a drawn order,
+and the time to the safe frame is read from the log of the robot's end of the wire, not from the program. This page
+was made by `strands-actors matrix --pairs --repeats {repeats} --jobs 2 -o docs/kill-matrix-pairs.md`.
+
+* **kill**: SIGKILL; **freeze**: SIGSTOP, and SIGCONT at the end. Of `freeze + kill` the first victim is frozen.
+* **median / worst**: milliseconds from the *later* of the two faults to the frame that brings the whole robot to
+  its safe state; 0 when it was there before the second one broke.
+* **bound**: of root and wire together the standby's: after two kills the driver's own, else
+  the time after which both count as silent, and one look, before it. Of all others the longer of the two alone
+  ([safety.md](safety.md)).
+* **after**: setpoints behind that frame, over all trials. Anything but 0 is a defect; so is a time past the bound.
+* **disturbed**: as in [kill-matrix.md](kill-matrix.md): repeated, since the processes stood in line for a processor
+  for more than {disturbed_ms:g} ms.
+* **pkill python** reaches the script alone: the processes of the tree have names of their own.
+  `pkill -9 -f strands` reaches them all at once. Nobody is left to write, so there is no row for it: what happens
+  then is the firmware's doing (`firmware_watchdog` in the status of each robot, and [safety.md](safety.md)).
+"""
+
+
+def page(columns: Mapping[str, Column], introduction: str = INTRODUCTION) -> str:
+    """The page as Markdown."""
+    rows = [row for column in columns.values() for row in column.rows]
+    measured = [row for row in rows if not row.why_not]
+    repeats = max((row.trials for row in measured), default=1)
+    bad = [row for row in measured if not row.safe]
+    judged = "every one safe and within its bound" if not bad else f"**{len(bad)} not safe, or past their bound**"
+    trials = sum(row.trials for row in measured)
+    after = sum(row.setpoints_after for row in measured)
+    fewest = min((row.trials for row in measured), default=0)
+    made = f"{len(columns)} robots, {len(measured)} cells, {trials} trials, at least {fewest} a cell"
+    lines = [introduction.format(repeats=repeats, disturbed_ms=DISTURBED_MS, apart_ms=APART_S * 1e3)]
+    lines += [f"{made}, {after} setpoints after a safe frame: {judged}.", ""]
+    for robot, column in columns.items():
+        taken = "; ".join(f"{key}: {value}" for key, value in column.taken.items())
+        lines += [f"## {robot}", "", f"*{taken}.*", "", *_table(column.rows), ""]
+    return "\n".join(lines)
+
+
+def _table(rows: Sequence[Row]) -> Iterator[str]:
+    yield "| victim | fault | safe state | median | worst | bound | after | trials | disturbed | proves |"
+    yield "|---|---|---|---:|---:|---:|---:|---:|---:|---|"
+    for row in rows:
+        if row.why_not:
+            continue
+        mark = "" if row.safe else f" **{verdict(row)}**"
+        yield (
+            f"| {row.victim} | {row.fault} | {row.safe_state} "
+            f"| {shown(row.median_ms)} | {shown(row.worst_ms)}{mark} "
+            f"| {row.bound_ms:.0f} | {row.setpoints_after} | {row.trials} | {row.disturbed} "
+            f"| {', '.join(row.proves)} |"
+        )
+    for row in rows:
+        for story in row.stories:
+            yield ""
+            yield f"{row.victim} {row.fault}, {verdict(row)}: from the fault on the wire showed {story}."
+    yield ""
+    yield "Not applicable:"
+    yield ""
+    for victim in dict.fromkeys(row.victim for row in rows):
+        for why in dict.fromkeys(row.why_not for row in rows if row.victim == victim and row.why_not):
+            faults = dict.fromkeys(row.fault for row in rows if _is(row, victim, row.fault, why))
+            yield f"* {victim}: {', '.join(faults)}: {why}."
+
+
+def _is(row: Row, victim: str, fault: str, why: str) -> bool:
+    return row.victim == victim and row.fault == fault and row.why_not == why
