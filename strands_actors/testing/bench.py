@@ -127,7 +127,8 @@ class Bench:
     def __enter__(self) -> Bench:
         with contextlib.ExitStack() as stack:
             self._directory = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="sa-")))
-            self.twin = stack.enter_context(Twin(self.robot, self._directory, driver=self._driver_class))
+            self._twins = stack.enter_context(contextlib.ExitStack())
+            self._begin_twin()
             self.template = self._make_template()
             stack.callback(self.template.close)
             self._stack = stack.pop_all()
@@ -173,8 +174,14 @@ class Bench:
             caller.tree = caller.line()
         except NotMoving:
             self.drop()
+            self._begin_twin()  # a hold by wrong readings may have left a joint where it cannot be armed
             raise
         return caller
+
+    def _begin_twin(self) -> None:
+        """In the place of the one before."""
+        self._twins.close()
+        self.twin = self._twins.enter_context(Twin(self.robot, self._directory, driver=self._driver_class))
 
     @property
     def _where(self) -> str:

@@ -71,6 +71,7 @@ class Twin:
             arguments += ["--option", f"{name}={value}"]
         if self._control is not None:
             arguments += ["--control", str(self._control)]
+        self._port_file.unlink(missing_ok=True)  # of a twin before it, in the same directory
         theirs, self._ours = os.pipe()  # ends with this process, however that ends
         with self._errors.open("w") as errors, open(theirs, "rb") as parent:
             self.process = subprocess.Popen(
@@ -130,19 +131,24 @@ class Twin:
 
     def _command(self, line: str) -> None:
         assert self.process.stdin is not None
-        self.process.stdin.write(line + "\n")
-        self.process.stdin.flush()
+        try:
+            self.process.stdin.write(line + "\n")
+            self.process.stdin.flush()
+        except BrokenPipeError:
+            self.process.wait(PATIENCE_S)
+            raise self._ended() from None
 
     def _wait(self, condition: Callable[[], bool]) -> None:
         deadline_s = time.monotonic() + PATIENCE_S
         while not condition():
             if self.process.poll() is not None:
-                raise RuntimeError(
-                    f"the twin ended with code {self.process.returncode}: {self._errors.read_text()}"
-                )
+                raise self._ended()
             if time.monotonic() > deadline_s:
                 raise TimeoutError(f"the twin of {self.robot} did not do so within {PATIENCE_S:g} s")
             time.sleep(0.005)
+
+    def _ended(self) -> RuntimeError:
+        return RuntimeError(f"the twin ended with code {self.process.returncode}: {self._errors.read_text()}")
 
     def _end(self, how: signal.Signals) -> None:
         self.go_on()  # a frozen process takes no SIGTERM

@@ -91,7 +91,7 @@ class Client:
         fault = faults.of(None)
         if fault is Fault.STUCK:
             values = self._stale or values
-        elif fault is Fault.WRONG:
+        elif fault is Fault.WRONG and "actual_q" in values:  # else another session, which reads none
             wrong = values["actual_q"]
             assert isinstance(wrong, tuple)
             values = {**values, "actual_q": tuple(rad + WRONG_BY_RAD for rad in wrong)}
