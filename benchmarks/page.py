@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import os
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -35,10 +36,10 @@ PREFACE = """# Benchmarks
 
 *Made by `python -m benchmarks --write` from `benchmarks/results/`; do not edit.*
 
-Every table was measured in one run on one machine: each round runs all sides once, in shuffled order. A cell is the
-median over the rounds with [lowest..highest]; a ratio is taken within a round, and its median is judged. Where a
-last column names another side, that side does only what nobody can do without; what is missed there, too, is not
-ours to meet.
+Every table was measured in one run on one machine: each round runs all sides once, in shuffled
+order. A cell is the median over the rounds with [lowest..highest]; a ratio is taken within a round,
+and its median is judged. Where a last column names another side, that side does only what nobody
+can do without; what is missed there, too, is not ours to meet.
 """
 
 
@@ -76,6 +77,11 @@ def bound(goal: Goal) -> str:
     sign, value = ("≤", goal.at_most) if goal.at_most is not None else ("≥", goal.at_least)
     assert value is not None
     return f"{sign} {number(value)}" + (f" × {goal.beside}" if goal.beside else "")
+
+
+def wrapped(text: str) -> str:
+    """One paragraph, in lines of 100 characters."""
+    return textwrap.fill(" ".join(text.split()), 100, break_long_words=False, break_on_hyphens=False)
 
 
 def shown(side: str) -> str:
@@ -142,9 +148,9 @@ def section(question: Question, result: Result) -> str:
         f"*{machine.date}, {machine.processor}, {machine.cores} cores, {machine.kernel}, Python {machine.python}, "
         f"load {machine.load_before} before; {len(result.rounds)} rounds{', short form' if result.short else ''}.*"
     )
-    lines = [f"## {question.title}", "", where, "", *table(result), *goals(question, result), ""]
+    lines = [f"## {question.title}", "", wrapped(where), "", *table(result), *goals(question, result), ""]
     lines += [
-        f"**What limits it.** {question.limit}",
+        wrapped(f"**What limits it.** {question.limit}"),
         "",
         f"![{question.title}](benchmarks/{question.name}.svg)",
         "",
@@ -161,7 +167,8 @@ def where_it_goes(question: Question) -> list[str]:
     shares = flames.heaviest(flames.read(kept.read_text()))
     most = ", ".join(f"`{frame.partition(' (')[0]}` {share:.0%}" for frame, share in shares)
     drawing = f"![Where our side computes](benchmarks/flames/{question.name}.svg)"
-    return [f"Who computes in our side, by function, with what each calls in C: {most}.", "", drawing, ""]
+    told = wrapped(f"Who computes in our side, by function, with what each calls in C: {most}.")
+    return [told, "", drawing, ""]
 
 
 def plot(question: Question, result: Result, path: Path) -> None:

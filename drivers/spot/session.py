@@ -103,6 +103,11 @@ class Session:
         await self._connect(self._authority(p.METHODS[name].service))
         return await self.answer(self.ask(name, body), within_s)
 
+    async def connect_unheard(self, service: str) -> None:
+        """Connect, and wait for nothing that the robot says, for a stop that it may understand when
+        its answers cannot be. Raise ``WireDown``."""
+        await self._connect(self._authority(service), settle=False)
+
     def ask(self, name: str, body: Mapping[str, object], permit: Permit | None = None) -> Asked:
         """Send a question now; ``permit`` is checked directly before. Raise ``WireDown``, also when
         there is no connection."""
@@ -148,7 +153,7 @@ class Session:
         if connection is not None:
             connection.close()
 
-    async def _connect(self, authority: str) -> None:
+    async def _connect(self, authority: str, settle: bool = True) -> None:
         known = self._connections.get(authority)
         if known is not None and known.is_open:
             return
@@ -159,7 +164,7 @@ class Session:
             end = _End(authority, lambda: self._token)
             stream.write(end.outgoing())
             connection = Connection(f"{self._config.address().host} ({authority})", stream, end)
-            kept = await connection.until(lambda: end.settled, CONNECT_S)
+            kept = not settle or await connection.until(lambda: end.settled, CONNECT_S)
             if kept:
                 self._connections[authority] = connection
         finally:

@@ -26,7 +26,7 @@ from .control import NOTHING_SINCE, BodyLease, EstopEndpoint, FreshState, LeaseL
 from .gates import BEHAVIOUR, COMMAND, ESTOP, LEASE, sensors_of
 from .messages import Message
 from .robots import ARM, BASE, CLAW, DRIVES, KEYS, MOVES_ARM, MOVES_CLAW, wire_name
-from .session import ANSWER_S, NoAnswer, OpenStream, Session
+from .session import ANSWER_S, Asked, NoAnswer, OpenStream, Session
 from .stopping import LOOK_S, stop_by_estop, why_on
 
 SYNC_S = 5.0
@@ -43,6 +43,8 @@ SIT_S = 5.0
 """Within which it sits, motors off; then its e-stop is asserted."""
 HOLD_S = 2.0
 """Within which it must be seen to stand still."""
+UNHEARD_S = 0.2
+"""For a connection on which a stop is said and nothing heard."""
 STILL = 0.05
 """m/s and rad/s: below, it stands [assumed]."""
 MARGIN_S = 0.7
@@ -218,18 +220,17 @@ class SpotWire(Wire):
         return status
 
     async def _commanded(self, command: Message, permit: Permit | None) -> int:
-        session = self._session()
-        asked = session.ask(
-            "RobotCommand",
-            {"lease": self._lease.use(), "command": command, "clock_identifier": self._time.clock_identifier},
-            permit,
-        )
-        told = await session.answer(asked)
+        told = await self._session().answer(self._send(command, permit))
         if not self._lease.check(told):
             return p.Command.UNKNOWN
         self._command_id = told.get("robot_command_id", 0)
         status: int = told.get("status", 0)
         return status
+
+    def _send(self, command: Message, permit: Permit | None) -> Asked:
+        """Raise ``LeaseLost``, ``WireDown``."""
+        body = {"lease": self._lease.use(), "command": command, "clock_identifier": self._time.clock_identifier}
+        return self._session().ask("RobotCommand", body, permit)
 
     # -- safe
 
@@ -273,10 +274,25 @@ class SpotWire(Wire):
                         self._faults[LEASE] = str(lost)
                     return Outcome(written, True, "")
                 except WireDown as down:
-                    written = written or isinstance(down, NoAnswer)
+                    written = written or isinstance(down, NoAnswer) or await self._said_unheard(p.STOP)
                     detail = f"not confirmed: {down}"
                 await trio.sleep(LOOK_S)
         return Outcome(written, acknowledged, detail)
+
+    async def _said_unheard(self, command: Message) -> bool:
+        """Say it by our lease on a new connection, before anything is heard there: answers that are
+        damaged end a connection, and the robot may hear us all the same. Return whether it left."""
+        session = self._session_or_none
+        if session is None or not self._lease.is_held:
+            return False
+        with trio.move_on_after(UNHEARD_S):
+            try:
+                await session.connect_unheard("robot-command")
+                self._send(command, None)
+                return True
+            except WireDown:  # told by the report: it is not confirmed
+                return False
+        return False
 
     async def _why_moving(self, fresh: FreshState) -> str:
         """Return why it does not stand still; empty: it does. Motors that are being powered on are
@@ -317,7 +333,7 @@ class SpotWire(Wire):
                     self._faults[LEASE] = str(lost)
                 detail = f"not confirmed: {lost}"
             except WireDown as down:
-                written = written or isinstance(down, NoAnswer)
+                written = written or isinstance(down, NoAnswer) or await self._said_unheard(p.SAFE_POWER_OFF)
                 detail = f"not confirmed: {down}"
         return Outcome(written, acknowledged, detail), ""
 
@@ -331,22 +347,27 @@ class SpotWire(Wire):
             return f"the lease was not returned: {down}"
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
-        """By our e-stop endpoint: on the connection that is open, then on a new one."""
+        """By our lease, unheard; then by our e-stop endpoint, on the connection that is open, then on
+        a new one."""
         self._is_armed = False
+        said = False
         if self._session_or_none is not None:
+            if safe_state != SafeState.OFF:
+                said = await self._said_unheard(p.STOP if safe_state == SafeState.HOLD else p.SAFE_POWER_OFF)
             outcome = await stop_by_estop(self._session(), self._estop, safe_state, ANSWER_S)
             if not outcome.detail:
                 return self._reports(outcome)
-            self.close()
+            self._session().close_in_order()  # not forgotten: its lease is what a later stop is said by
         session = Session(self._config, self._clock, self._open_stream)
         try:
             await session.open(("estop", "robot-state"))
             estop = EstopEndpoint(session, self._config.estop_timeout_s)
-            return self._reports(await stop_by_estop(session, estop, safe_state, SIT_S))
+            outcome = await stop_by_estop(session, estop, safe_state, SIT_S)
         except WireDown as down:
-            return self._reports(Outcome(False, False, str(down)))
+            outcome = Outcome(said, False, str(down))
         finally:
             session.close_in_order()
+        return self._reports(outcome)
 
     def _reports(self, outcome: Outcome, returned: str = "") -> tuple[MotorReport, ...]:
         reports = outcome.reports(*names_of(self._config.axes))

@@ -6,6 +6,7 @@ the columns, so that one robot can be measured again and its column replaced.
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
@@ -85,23 +86,26 @@ def _column(robot: str, column: Column) -> bytes:
 INTRODUCTION = """\
 # Kill matrix
 
-Each cell: one victim of a moving robot is broken in one way, and the time to the safe frame is read from the log
-of the robot's end of the wire, not from the program. This page was made by
-`strands-actors matrix --repeats {repeats} --jobs 2 -o docs/kill-matrix.md`; with `--drivers ROBOT` it measures that
-robot, and puts its column in the place of the one before.
+Each cell: one victim of a moving robot is broken in one way, and the time to the safe frame is read
+from the log of the robot's end of the wire, not from the program. This page was made by
+`strands-actors matrix --repeats {repeats} --jobs 2 -o docs/kill-matrix.md`; with `--drivers ROBOT`
+it measures that robot, and puts its column in the place of the one before.
 
-* **median / worst**: milliseconds from the fault to the frame that brings the whole robot to its safe state. Of
-  a caller that ends by itself: from its end. Of a frozen robot or a pulled cable: from its return. Of the other
-  faults of the robot: from a stop that is given while the fault lasts.
-* **after**: setpoints behind that frame, over all trials. Anything but 0 is a defect; so is a time past the bound.
-  * **disturbed**: trials that were repeated, because the machine and not the robot made them late: safe, past
-    the bound, but the processes of tree, robot and bench stood in line for a processor (Linux counts that) for
-    more than {disturbed_ms:g} ms between fault and safe frame, and without that would have kept the bound; or
-    safe on another safe state, because a process that got no processor looked frozen before the fault did. A
-    trial that is not safe is always counted, and a cell of which more trials were disturbed than not is not
-    called safe. Benches run side by side (`jobs`) and disturb each other.
-* Each caller is a process of its own session, forked from one that has imported everything; root, wire and policy
-  processes are started as they always are.
+* **median / worst**: milliseconds from the fault to the frame that brings the whole robot to its
+  safe state. Of a caller that ends by itself: from its end. Of a frozen robot or a pulled cable:
+  from its return. Of the other faults of the robot: from a stop that is given while the fault
+  lasts.
+* **after**: setpoints behind that frame, over all trials. Anything but 0 is a defect; so is a time
+  past the bound.
+  * **disturbed**: trials that were repeated, because the machine and not the robot made them late:
+    safe, past the bound, but the processes of tree, robot and bench stood in line for a processor
+    (Linux counts that) for more than {disturbed_ms:g} ms between fault and safe frame, and without
+    that would have kept the bound; or safe on another safe state, because a process that got no
+    processor looked frozen before the fault did. A trial that is not safe is always counted, and a
+    cell of which more trials were disturbed than not is not called safe. Benches run side by side
+    (`jobs`) and disturb each other.
+* Each caller is a process of its own session, forked from one that has imported everything; root,
+  wire and policy processes are started as they always are.
 * **proves**: requirements of [safety.md](safety.md).
 """
 
@@ -109,22 +113,26 @@ robot, and puts its column in the place of the one before.
 PAIRS = """\
 # Kill matrix of pairs
 
-Each cell: two processes of a moving robot are broken, one within {apart_ms:g} ms of the other, in a drawn order,
-and the time to the safe frame is read from the log of the robot's end of the wire, not from the program. This page
-was made by `strands-actors matrix --pairs --repeats {repeats} --jobs 2 -o docs/kill-matrix-pairs.md`.
+Each cell: two processes of a moving robot are broken, one within {apart_ms:g} ms of the other, in a
+drawn order, and the time to the safe frame is read from the log of the robot's end of the wire, not
+from the program. This page was made by
+`strands-actors matrix --pairs --repeats {repeats} --jobs 2 -o docs/kill-matrix-pairs.md`.
 
-* **kill**: SIGKILL; **freeze**: SIGSTOP, and SIGCONT at the end. Of `freeze + kill` the first victim is frozen.
-* **median / worst**: milliseconds from the *later* of the two faults to the frame that brings the whole robot to
-  its safe state; 0 when it was there before the second one broke.
-* **bound**: of root and wire together the standby's: after two kills the driver's own, else
-  the time after which both count as silent, and one look, before it. Of all others the longer of the two alone
-  ([safety.md](safety.md)).
-* **after**: setpoints behind that frame, over all trials. Anything but 0 is a defect; so is a time past the bound.
-* **disturbed**: as in [kill-matrix.md](kill-matrix.md): repeated, since the processes stood in line for a processor
-  for more than {disturbed_ms:g} ms.
+* **kill**: SIGKILL; **freeze**: SIGSTOP, and SIGCONT at the end. Of `freeze + kill` the first
+  victim is frozen.
+* **median / worst**: milliseconds from the *later* of the two faults to the frame that brings the
+  whole robot to its safe state; 0 when it was there before the second one broke.
+* **bound**: of root and wire together the standby's: after two kills the driver's own, else the
+  time after which both count as silent, and one look, before it. Of all others the longer of the
+  two alone ([safety.md](safety.md)).
+* **after**: setpoints behind that frame, over all trials. Anything but 0 is a defect; so is a time
+  past the bound.
+* **disturbed**: as in [kill-matrix.md](kill-matrix.md): repeated, since the processes stood in line
+  for a processor for more than {disturbed_ms:g} ms.
 * **pkill python** reaches the script alone: the processes of the tree have names of their own.
-  `pkill -9 -f strands` reaches them all at once. Nobody is left to write, so there is no row for it: what happens
-  then is the firmware's doing (`firmware_watchdog` in the status of each robot, and [safety.md](safety.md)).
+  `pkill -9 -f strands` reaches them all at once. Nobody is left to write, so there is no row for
+  it: what happens then is the firmware's doing (`firmware_watchdog` in the status of each robot,
+  and [safety.md](safety.md)).
 """
 
 
@@ -140,10 +148,10 @@ def page(columns: Mapping[str, Column], introduction: str = INTRODUCTION) -> str
     fewest = min((row.trials for row in measured), default=0)
     made = f"{len(columns)} robots, {len(measured)} cells, {trials} trials, at least {fewest} a cell"
     lines = [introduction.format(repeats=repeats, disturbed_ms=DISTURBED_MS, apart_ms=APART_S * 1e3)]
-    lines += [f"{made}, {after} setpoints after a safe frame: {judged}.", ""]
+    lines += [_wrapped(f"{made}, {after} setpoints after a safe frame: {judged}."), ""]
     for robot, column in columns.items():
         taken = "; ".join(f"{key}: {value}" for key, value in column.taken.items())
-        lines += [f"## {robot}", "", f"*{taken}.*", "", *_table(column.rows), ""]
+        lines += [f"## {robot}", "", _wrapped(f"*{taken}.*"), "", *_table(column.rows), ""]
     return "\n".join(lines)
 
 
@@ -163,14 +171,19 @@ def _table(rows: Sequence[Row]) -> Iterator[str]:
     for row in rows:
         for story in row.stories:
             yield ""
-            yield f"{row.victim} {row.fault}, {verdict(row)}: from the fault on the wire showed {story}."
+            yield _wrapped(f"{row.victim} {row.fault}, {verdict(row)}: from the fault on the wire showed {story}.")
     yield ""
     yield "Not applicable:"
     yield ""
     for victim in dict.fromkeys(row.victim for row in rows):
         for why in dict.fromkeys(row.why_not for row in rows if row.victim == victim and row.why_not):
             faults = dict.fromkeys(row.fault for row in rows if _is(row, victim, row.fault, why))
-            yield f"* {victim}: {', '.join(faults)}: {why}."
+            yield _wrapped(f"* {victim}: {', '.join(faults)}: {why}.", "  ")
+
+
+def _wrapped(text: str, indent: str = "") -> str:
+    """One paragraph, in lines of 100 characters."""
+    return textwrap.fill(text, 100, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
 
 
 def _is(row: Row, victim: str, fault: str, why: str) -> bool:

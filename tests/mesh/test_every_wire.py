@@ -18,7 +18,7 @@ from strands_actors.contract.driver import Reason
 from strands_actors.drivers import get_native_driver_class
 from strands_actors.surfaces.cli.matrix import one_of_each
 from strands_actors.testing import Twin
-from tests.answers import status, until
+from tests.answers import status, until, why
 
 AT_ONCE = 2
 BESIDE = "so101"
@@ -69,3 +69,7 @@ def test_saf_007_one_estop_stops_a_robot_of_every_wire(
                 twin.log.safe_within(began_ns, BOUND_S)
                 assert twin.log.setpoints_after_safe(began_ns) == 0
                 until(partial(is_in, robot, "locked_by", "the button"), f"{kind} is locked")
+                seen = robot.get_observation()
+                answer = robot.send_action({axis: seen.get(axis, 0.0) for axis in robot.driver.axes})
+                assert answer["status"] == "error" and "the button" in why(answer), f"{kind}: {answer}"
+                assert twin.log.setpoints_after_safe(began_ns) == 0

@@ -282,6 +282,22 @@ def test_saf_006_a_stop_leaves_at_once_whatever_the_robot_answers(spot: RealRobo
     until(lambda: state(spot) == "disarmed", "confirmed at last")
 
 
+def test_saf_002_a_robot_whose_answers_are_damaged_is_told_to_stand_still_on_a_connection_that_is_not_heard(
+    spot: RealRobot, twin: Twin
+) -> None:
+    walk(spot, twin, vx=0.5)
+    twin.fault("garbage")
+    until(lambda: state(spot) in ("lost", "down", None), "no connection can be heard")
+    began_ns = time.monotonic_ns()
+    assert "not confirmed" in why(spot.stop())
+    safe = next(one for one in twin.log.host("safe", began_ns) if one.safe_state == "hold")
+    assert (safe.t_ns - began_ns) / 1e9 < 0.3 + SLACK_S
+    assert "stop_request" in read("RobotCommand", safe)["command"]["full_body_command"]
+    twin.log.no_setpoint_after_safe(began_ns)
+    twin.fault("ok")
+    until(lambda: state(spot) == "disarmed", "confirmed at last")
+
+
 def test_a_lease_that_was_taken_over_is_named_and_not_returned(spot: RealRobot, twin: Twin) -> None:
     stand(spot)
     twin.order("steal tablet-7")
