@@ -22,7 +22,7 @@ import socket
 import struct
 import sys
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 
@@ -31,7 +31,7 @@ from strands_actors.kernel.health.heartbeat import Heartbeat, words_of
 from strands_actors.kernel.health.realtime import WIRE_PRIORITY, run_first
 
 from . import protocol as p
-from .generator import Limits, Trajectory
+from .generator import STEP_S, Limits, Trajectory
 
 ENTRY = "strands_actors.drivers.franka.cycle:main"
 WIRE_END, CYCLE_END = 0, 1
@@ -46,6 +46,11 @@ JUMP_TICKS = 5000
 this one."""
 START_TICKS = 1000
 """For a motion to begin, from the order to the first state that shows it."""
+
+SAME_RAD = 3e-7
+"""Below, the controller is where it was told to be: states of FCI 10 have single precision."""
+LARGEST_GAP_RAD = 0.1
+"""Nobody goes so far by himself in the 20 ms after which a controller ends a motion."""
 
 _ORDER = struct.Struct("<Q7d")
 _REPORT = struct.Struct("<BQQQ")
@@ -90,6 +95,21 @@ class Report(msgspec.Struct, frozen=True):
         return _REPORT.pack(self.phase, self.reached, self.missed, self.stamp_ns) + self.state
 
 
+class _Told(NamedTuple):
+    """What the controller leads the arm to: rad, rad/s, rad/s^2."""
+
+    position: tuple[float, ...]
+    speed: tuple[float, ...]
+    acceleration: tuple[float, ...]
+
+    def later(self, ticks: int) -> list[float]:
+        """Return where that is so many milliseconds later, at a constant acceleration."""
+        return [
+            rad + (rad_s + rad_s2 * STEP_S * (ticks + 1) / 2) * STEP_S * ticks
+            for rad, rad_s, rad_s2 in zip(*self, strict=True)
+        ]
+
+
 class Cycle:
     """What becomes of each state. Pure but for the page: bytes in, bytes out."""
 
@@ -106,6 +126,10 @@ class Cycle:
         self.phase = Phase.IDLE
         self.reached = 0
         self.missed = 0
+        self.went_on = 0
+        """How often the controller went on by itself."""
+        self._told: _Told | None = None  # by the last state
+        self._sent: tuple[float, ...] | None = None
 
     def obey(self, data: bytes) -> None:
         if len(data) != _ORDER.size:
@@ -162,14 +186,32 @@ class Cycle:
         if self.phase is Phase.MOVING and not fed and not self._ended_by_itself:
             self._ended_by_itself = True
             trajectory.brake()
-        position = trajectory.step()
         for _ in range(min(elapsed, p.MISSED_TICKS) - 1):
-            position = trajectory.step()
+            trajectory.step()  # the path keeps its time
+        told = _Told(*(self.dialect.get(state, name) for name in ("q_d", "dq_d", "ddq_d")))
+        if self._went_on(told, elapsed):
+            self.went_on += 1
+            trajectory.meet(told.position, told.speed, told.acceleration)
+        self._told = told
+        self._sent = position = trajectory.step()
         if self.phase is Phase.MOVING and trajectory.arrived:
             self.phase = Phase.FINISHING
             if not self._ended_by_itself:
                 self.reached = self._order.number
         return self.dialect.position_command(int(message_id), position, self.phase is Phase.FINISHING)
+
+    def _went_on(self, told: _Told, elapsed: int) -> bool:
+        """Return whether the controller has gone on by itself, since an answer came too late: by a
+        constant acceleration (libfranka's rate_limiting.h). A difference that is no such motion is
+        its own affair."""
+        before, sent = self._told, self._sent
+        if before is None or sent is None:
+            return False
+        apart_rad = max(abs(there - here) for there, here in zip(told.position, sent, strict=True))
+        if not SAME_RAD < apart_rad < LARGEST_GAP_RAD:
+            return False
+        by_itself = before.later(elapsed)
+        return max(abs(there - here) for there, here in zip(told.position, by_itself, strict=True)) < apart_rad
 
     def _begin(self, q_d: tuple[float, ...]) -> bool:
         if not all(abs(rad) <= p.LARGEST_NUMBER for rad in q_d):
@@ -177,6 +219,7 @@ class Cycle:
         self._trajectory = Trajectory(self._limits, q_d)
         self._trajectory.aim(self._order.goal)
         self._ended_by_itself = False
+        self._told = self._sent = None
         self.phase = Phase.MOVING
         return True
 

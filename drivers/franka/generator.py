@@ -8,6 +8,9 @@ Two stages: a profile that keeps speed and acceleration, then a moving average o
 steps, which spreads each change of the acceleration over so many milliseconds and so keeps the
 jerk. An average of positions goes no further, no faster, and accelerates no more than what it
 averages.
+
+A controller that has missed a command has gone on by itself. The path then goes on from there
+(``meet``): what lies between the two fades out over ``FADE`` steps.
 """
 
 from __future__ import annotations
@@ -29,6 +32,9 @@ ARRIVED_RAD = 1e-9
 ROOM_RAD = 0.002
 """The average lags the profile by 1.5 ms: so far a joint moves in that time where its end
 matters."""
+FADE = 40
+"""Few enough that the path is met soon, and enough that the jerk this takes is a small part of what
+the controller allows."""
 SPAN_RAD = 1e-6
 """A joint that has less to go does not wait for the others."""
 
@@ -70,11 +76,27 @@ class Trajectory:
         self._speed = [0.0] * JOINTS
         self._limit = list(zip(limits.speed, limits.acceleration, strict=True))
         self._recent = deque([tuple(start)] * WINDOW, WINDOW)
+        self._path = deque([tuple(start)] * 3, 3)  # the newest steps, without what fades out
+        self._apart: Sequence[tuple[float, float, float]] = ()  # per joint: now, a step before, and two
+        self._faded = FADE
 
     @property
     def arrived(self) -> bool:
         """Whether the goal has been reached and every later step would be the same."""
-        return all(point == self._recent[-1] for point in self._recent) and self._at_goal()
+        at_rest = all(point == self._recent[-1] for point in self._recent) and self._at_goal()
+        return at_rest and self._faded >= FADE
+
+    def meet(self, position: Sequence[float], speed: Sequence[float], acceleration: Sequence[float]) -> None:
+        """Go on from there, smoothly in differences of steps, instead of from the last step: rad,
+        rad/s, rad/s^2, as the controller has them."""
+        now, before, first = self._path[2], self._path[1], self._path[0]
+        apart = []
+        for joint in range(JOINTS):
+            here, rad_s, rad_s2 = position[joint], speed[joint], acceleration[joint]
+            a_step_ago = here - rad_s * STEP_S
+            two_ago = a_step_ago - (rad_s - rad_s2 * STEP_S) * STEP_S
+            apart.append((here - now[joint], a_step_ago - before[joint], two_ago - first[joint]))
+        self._apart, self._faded = apart, 0
 
     def aim(self, goal: Sequence[float]) -> None:
         """Go to ``goal`` from now on. It must be within the range of the limits: nothing is clipped
@@ -122,7 +144,16 @@ class Trajectory:
                 position[joint], speed = goal[joint], 0.0
             speeds[joint] = speed
         self._recent.append(tuple(position))
-        return tuple(sum(column) / WINDOW for column in zip(*self._recent, strict=True))
+        path = tuple(sum(column) / WINDOW for column in zip(*self._recent, strict=True))
+        self._path.append(path)
+        if self._faded >= FADE:
+            return path
+        self._faded += 1
+        now, before, first = _FADING[self._faded]
+        return tuple(
+            rad + now * apart[0] + before * apart[1] + first * apart[2]
+            for rad, apart in zip(path, self._apart, strict=True)
+        )
 
     def _at_goal(self) -> bool:
         return self._position == self._goal and not any(self._speed)
@@ -131,3 +162,16 @@ class Trajectory:
 def _braking_distance(speed: float, acceleration: float) -> float:
     """Return how far a joint goes on in whole steps."""
     return speed**2 / (2 * acceleration) + speed * STEP_S / 2
+
+
+def _fading(step: int) -> tuple[float, float, float]:
+    """Return the weights of what lay apart now, a step before, and two, so many steps later: the
+    polynomial of the fifth degree through these three and three zeros from ``FADE`` on."""
+    ahead = (FADE - step) * (FADE + 1 - step) * (FADE + 2 - step)
+    now = (step + 1) * (step + 2) / 2 * ahead / (FADE * (FADE + 1) * (FADE + 2))
+    before = -step * (step + 2) * ahead / ((FADE + 1) * (FADE + 2) * (FADE + 3))
+    first = step * (step + 1) / 2 * ahead / ((FADE + 2) * (FADE + 3) * (FADE + 4))
+    return now, before, first
+
+
+_FADING = [_fading(step) for step in range(FADE + 1)]

@@ -43,8 +43,9 @@ class Motion(msgspec.Struct):
     command: p.Command | None = None  # that came since the last tick
     begun: bool = False  # by a first command
     missed: int = 0  # ticks in a row without a command
+    led: bool = False  # by a first position or speed
     speed: tuple[float, ...] = (0.0,) * JOINTS
-    acceleration: tuple[float, ...] | None = None  # not known over a gap
+    acceleration: tuple[float, ...] = (0.0,) * JOINTS
 
 
 class Controller:
@@ -178,8 +179,9 @@ class Controller:
             motion.missed += 1
             if motion.missed > p.MISSED_TICKS:
                 return self.reflex("communication_constraints_violation")
+            self._go_on(motion)
             return None
-        gap, motion.missed = motion.missed, 0
+        motion.missed = 0
         if not all(map(math.isfinite, (*command.q, *command.dq, *command.tau))):
             return self.stop("input_error_aborted")
         if motion.controller == p.Controller.EXTERNAL:
@@ -189,24 +191,39 @@ class Controller:
             self.plant.push(self._tau)
             self._goal = self.plant.position_rad
         else:
-            refused = self._follow(motion, command, gap)
+            refused = self._follow(motion, command)
             if refused:
                 return self.reflex(refused)
         return self.stop("success") if command.finished else None
 
-    def _follow(self, motion: Motion, command: p.Command, gap: int) -> str:
+    def _go_on(self, motion: Motion) -> None:
+        """For a command that is missing: a constant acceleration (libfranka's rate_limiting.h), as
+        far as the arm's range allows."""
+        if motion.controller == p.Controller.EXTERNAL:
+            return
+        speed = [v + a * TICK_S for v, a in zip(motion.speed, motion.acceleration, strict=True)]
+        arm = self.arm
+        goal = tuple(
+            min(high, max(low, rad + rad_s * TICK_S))
+            for rad, rad_s, low, high in zip(self._goal, speed, arm.low, arm.high, strict=True)
+        )
+        motion.speed = tuple(speed)
+        self._lead_to(goal)
+
+    def _follow(self, motion: Motion, command: p.Command) -> str:
         """Go to what a command says; empty, or which guard it breaks."""
-        arm, elapsed_s = self.arm, (gap + 1) * TICK_S
+        arm = self.arm
         if motion.generator == p.Generator.JOINT_VELOCITY:
             goal = tuple(rad + rad_s * TICK_S for rad, rad_s in zip(self._goal, command.dq, strict=True))
-            elapsed_s = TICK_S
         else:
             goal = command.q
-        fresh = motion.acceleration is None and not any(motion.speed)
-        if fresh and max(abs(there - here) for there, here in zip(goal, self._goal, strict=True)) > START_RAD:
+        if (
+            not motion.led
+            and max(abs(there - here) for there, here in zip(goal, self._goal, strict=True)) > START_RAD
+        ):
             return "joint_position_motion_generator_start_pose_invalid"
-        speed = tuple((there - here) / elapsed_s for there, here in zip(goal, self._goal, strict=True))
-        acceleration = tuple((now - then) / elapsed_s for now, then in zip(speed, motion.speed, strict=True))
+        speed = tuple((there - here) / TICK_S for there, here in zip(goal, self._goal, strict=True))
+        acceleration = tuple((now - then) / TICK_S for now, then in zip(speed, motion.speed, strict=True))
         before = motion.acceleration
         for at in SEVEN:
             slowest, fastest = arm.speed_at(at, goal[at])
@@ -214,19 +231,25 @@ class Controller:
                 return "joint_motion_generator_position_limits_violation"
             if not slowest * SLACK - 1e-4 <= speed[at] <= fastest * SLACK + 1e-4:
                 return "joint_motion_generator_velocity_limits_violation"
-            if gap:
-                continue
             if abs(acceleration[at]) > arm.acceleration[at] * SLACK + 0.01:
                 return "joint_motion_generator_velocity_discontinuity"
-            if before is not None and abs(acceleration[at] - before[at]) > arm.jerk[at] * TICK_S * SLACK + 0.01:
+            if abs(acceleration[at] - before[at]) > arm.jerk[at] * TICK_S * SLACK + 0.01:
                 return "joint_motion_generator_acceleration_discontinuity"
-        motion.speed, motion.acceleration = speed, None if gap else acceleration
+        motion.speed, motion.acceleration, motion.led = speed, acceleration, True
+        self._lead_to(goal)
+        return ""
+
+    def _lead_to(self, goal: tuple[float, ...]) -> None:
         self._goal = goal
         for at in SEVEN:
             self.plant.set_target(at, goal[at])
-        return ""
 
     # -- the state
+
+    @property
+    def message_id(self) -> int:
+        """Of the state of this tick."""
+        return self.ticks - self._booted
 
     def state(self) -> bytes:
         """The state of this tick, as it is sent: with a fault that is not what is."""
@@ -236,13 +259,14 @@ class Controller:
         q, dq = self.plant.position_rad, self.plant.velocity_rad_s
         if self.fault is Fault.WRONG:
             q = tuple(rad + WRONG_BY_RAD for rad in q)
-        put(data, "message_id", self.ticks - self._booted)
+        put(data, "message_id", self.message_id)
         put(data, "q", *q)
         put(data, "theta", *q)
         put(data, "q_d", *self._goal)
         put(data, "dq", *dq)
         put(data, "dtheta", *dq)
         put(data, "dq_d", *(motion.speed if motion else (0.0,) * JOINTS))
+        put(data, "ddq_d", *(motion.acceleration if motion else (0.0,) * JOINTS))
         put(data, "tau_J", *self._tau)
         put(data, "tau_J_d", *self._tau)
         put(data, "generator", motion.generator if motion else p.Generator.IDLE)

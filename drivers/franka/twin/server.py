@@ -250,10 +250,13 @@ class FrankaServer(TcpServer):
             except OSError:
                 return taken  # an earlier state met a closed port
             try:
-                of_motion = self.controller.take(self._dialect.command(data))
+                command = self._dialect.command(data)
             except MalformedFrame:
-                of_motion = False
+                of_motion = late = False
+            else:
+                late = command.message_id < self.controller.message_id  # its millisecond is over
+                of_motion = self.controller.motion is not None if late else self.controller.take(command)
             # Without a motion a command has no effect: the controller ignores it.
             kind = "setpoint" if of_motion else "other"
             self._log.write(time.monotonic_ns(), "host", [(kind, data[:LOGGED_BYTES])])
-            taken = taken or of_motion
+            taken = taken or (of_motion and not late)

@@ -25,10 +25,9 @@ from strands_actors.drivers.booster.protocol import (
 )
 from strands_actors.drivers.booster.rpc import Api, Mode, Request, Response
 from strands_actors.drivers.common.malformed import MalformedFrame
+from tests.drivers.disturbed import DISTURBED
 
 MOTORS = 23
-FUZZ = 20_000
-"""Damaged frames of each run; by hand a million."""
 
 STATE = State(
     (0.25, 0.5, 0.75),
@@ -190,7 +189,7 @@ def test_damaged_frames_raise_nothing_but_the_codec_s_own() -> None:
     ]
     dice = random.Random(5)
     refused = 0
-    for _ in range(FUZZ):
+    for _ in range(DISTURBED):
         decode, frame = dice.choice(whole)
         damaged = bytearray(frame)
         for _ in range(dice.randint(1, 4)):
@@ -208,4 +207,4 @@ def test_damaged_frames_raise_nothing_but_the_codec_s_own() -> None:
             decode(bytes(damaged))
         except MalformedFrame:
             refused += 1
-    assert refused > FUZZ / 4
+    assert refused > DISTURBED / 4

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import random
 from collections import deque
 
@@ -30,8 +29,7 @@ from strands_actors.drivers.common.grpc_messages import (
 )
 from strands_actors.drivers.common.malformed import MalformedFrame
 from tests.drivers.common.memory_port import virtual
-
-DISTURBED = int(os.environ.get("STRANDS_ACTORS_FUZZ", "20000"))
+from tests.drivers.disturbed import DISTURBED
 
 
 class Pair:

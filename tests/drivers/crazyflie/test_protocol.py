@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import random
 import struct
 
@@ -16,8 +15,7 @@ from strands_actors.drivers.crazyflie import cpx
 from strands_actors.drivers.crazyflie import protocol as p
 from strands_actors.drivers.crazyflie.config import Place, parse_port
 from strands_actors.drivers.crazyflie.protocol import Bit
-
-FRAMES = int(os.environ.get("STRANDS_ACTORS_FUZZ", "20000"))
+from tests.drivers.disturbed import DISTURBED
 
 FLIGHT_ROW = p.encode(5, 2, b"\1\x10\x20\0" + struct.pack("<7eBH", 0.5, 0.1, 0, 0, 90, 1, -2, 3, 27))
 PLACE_ROW = p.encode(5, 2, b"\2\0\0\0" + struct.pack("<4f", 1.0, 2.0, 180.0, 3.75))
@@ -120,7 +118,7 @@ def test_disturbed_packets_raise_nothing_but_malformed() -> None:
         p.status_of,
         p.firmware_of,
     )
-    for _ in range(FRAMES):
+    for _ in range(DISTURBED):
         packet = bytearray(chance.choice((FLIGHT_ROW, PLACE_ROW, p.ARM, p.land(2.0))))
         for _ in range(chance.randint(1, 4)):
             packet[chance.randrange(len(packet))] = chance.randrange(256)
@@ -166,7 +164,7 @@ def test_tcp_gives_up_on_a_length_that_no_packet_has() -> None:
 
 def test_noise_on_a_serial_line_takes_no_memory() -> None:
     chance, decoder = random.Random(7), cpx.UartDecoder()
-    for _ in range(FRAMES // 20):
+    for _ in range(DISTURBED // 20):
         decoder.feed(chance.randbytes(64))
         assert len(decoder._held) <= cpx.LONGEST + 3
 

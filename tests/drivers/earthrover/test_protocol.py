@@ -17,6 +17,7 @@ from strands_actors.drivers.common import http_messages as http
 from strands_actors.drivers.common.http_messages import RequestDecoder, ResponseDecoder
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.earthrover import protocol as p
+from tests.drivers.disturbed import DISTURBED
 
 DATA: dict[str, Any] = {
     "battery": 88,
@@ -32,7 +33,6 @@ DATA: dict[str, Any] = {
     "accels": [[0.0, 0.1, 1.0, 1.0], [0.2, 0.3, 0.9, 2.0]],
     "rpms": [[1, 2, 3, 4, 5.0]],
 }
-DISTURBED = 20_000
 
 
 def data(**changes: Any) -> p.Data:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import random
+
 import pytest
 
 from strands_actors.drivers.franka import protocol as p
@@ -17,6 +19,7 @@ from strands_actors.drivers.franka.cycle import (
     Reporter,
 )
 from strands_actors.drivers.franka.generator import limits_of
+from strands_actors.drivers.franka.twin.controller import Controller
 from strands_actors.kernel.health.heartbeat import pair
 
 MS = 1_000_000
@@ -219,3 +222,46 @@ def test_the_wire_is_told_of_each_strides_state_and_of_what_is_new() -> None:
 def test_a_report_there_and_back() -> None:
     report = Report(Phase.MOVING, 3, 7, 123456789, b"state")
     assert Report.unpack(report.pack()) == report
+
+
+@pytest.mark.parametrize("robot", ["panda", "fr3"])
+@pytest.mark.parametrize("late", [True, False], ids=["answers come too late", "states are lost"])
+def test_a_controller_that_went_on_by_itself_is_met_where_it_is(robot: str, late: bool) -> None:
+    """Against the twin's controller, with its limits of speed, acceleration and jerk: one to three
+    commands are missing, a hundred times."""
+    dice = random.Random(robot)
+    arm = arm_of(robot)
+    fci = 5 if robot == "panda" else 10
+    wire, heartbeat = pair()
+    cycle, controller = Cycle(p.DIALECTS[fci], limits_of(arm, 0.2), heartbeat), Controller(arm, fci)
+    assert controller.start(1, p.Controller.JOINT_IMPEDANCE, p.Generator.JOINT_POSITION - 1) == "motion_started"
+    goals = [tuple(rad + far for rad in HOME_RAD) for far in (0.3, -0.3)]
+    gaps = number = 0
+    missing = 0
+    for ms in range(1, 20_000):
+        if ms % 300 == 1:
+            number += 1
+            cycle.obey(Order(number, goals[number % 2]).pack())
+        wire.beat(ms * MS)
+        if not missing and not dice.randrange(100):
+            missing, gaps = dice.randint(1, 3), gaps + 1
+        state, lost = controller.state(), missing > 0
+        missing -= lost
+        if not lost or late:
+            answer = cycle.answer(state, ms * MS)
+            if answer is not None and not lost:
+                assert controller.take(controller.dialect.command(answer))
+        assert controller.tick() is None, controller.reasons
+        moving = max(map(abs, controller.dialect.get(controller.state(), "dq_d")))
+        assert moving <= max(arm.speed) * 0.2 * 1.2
+    assert gaps > 100 and 0 < cycle.went_on < gaps, "at an even speed nothing has to be met"
+    for _ in range(3000):
+        if controller.motion is None:
+            break
+        wire.beat(30_000 * MS)
+        answer = cycle.answer(controller.state(), 30_000 * MS)
+        assert answer is not None
+        controller.take(controller.dialect.command(answer))
+        ended = controller.tick()
+    assert ended == (1, "success")
+    assert controller.q_d == pytest.approx(goals[number % 2], abs=1e-6)

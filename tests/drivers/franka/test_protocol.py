@@ -4,7 +4,6 @@ own error."""
 from __future__ import annotations
 
 import contextlib
-import os
 import random
 import struct
 
@@ -14,8 +13,8 @@ from hypothesis import strategies as st
 
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.franka import protocol as p
+from tests.drivers.disturbed import DISTURBED
 
-FRAMES = int(os.environ.get("STRANDS_ACTORS_FRANKA_FUZZ", "20000"))
 VERSIONS = tuple(p.DIALECTS)
 messages = st.tuples(st.integers(0, 2**32 - 1), st.integers(0, 2**32 - 1), st.binary(max_size=200))
 numbers = st.floats(-100, 100, width=32)
@@ -118,7 +117,7 @@ def test_a_version_that_is_not_known() -> None:
 def test_disturbed_frames_raise_nothing_else_and_fill_no_memory() -> None:
     chance = random.Random(1337)
     decoder = p.Decoder(p.LARGEST_REQUEST)
-    for number in range(FRAMES):
+    for number in range(DISTURBED):
         dialect = p.DIALECTS[chance.choice(VERSIONS)]
         frame = bytearray(
             chance.choice(

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from strands_actors.drivers.common import protobuf as pb
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.kinova import protocol as p
+from tests.drivers.disturbed import DISTURBED
 
 KEEP_ALIVE = bytes.fromhex(
     "07784574526f4b07"  # magic
@@ -114,7 +115,6 @@ def test_what_has_no_name_is_shown_as_a_number() -> None:
 
 
 READERS = (p.Feedback.decode, p.Login.decode, p.decode_speeds, p.decode_number, p.decode)
-DISTURBED = 20_000
 
 
 def disturb(chance: random.Random, data: bytes) -> bytes:

@@ -3,7 +3,6 @@ noise."""
 
 from __future__ import annotations
 
-import os
 import random
 import struct
 
@@ -14,9 +13,7 @@ from hypothesis import strategies as st
 from strands_actors.drivers.common import protobuf as pb
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.kuka import protocol as p
-
-DISTURBED = int(os.environ.get("STRANDS_ACTORS_FUZZ", "20000"))
-"""A million by hand."""
+from tests.drivers.disturbed import DISTURBED
 
 RADIANS = st.tuples(*[st.floats(-3.2, 3.2)] * p.JOINTS)
 

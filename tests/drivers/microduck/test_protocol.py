@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import random
 from collections.abc import Callable
 from typing import Any
@@ -17,8 +16,7 @@ from strands_actors.drivers.common import json_rpc as rpc
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.microduck import protocol as p
 from strands_actors.drivers.microduck.twin import DuckTwin
-
-DISTURBED = int(os.environ.get("STRANDS_ACTORS_FUZZ", "20000"))
+from tests.drivers.disturbed import DISTURBED
 
 STATE = DuckTwin("microduck").state()
 HEALTH = {"healthy": True, "battery": {"volts": 7.6, "percent": 63.0}}

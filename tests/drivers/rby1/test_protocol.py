@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import random
 from collections.abc import Callable
 from typing import Any
@@ -34,8 +33,7 @@ from strands_actors.drivers.rby1.robots import TABLES
 from strands_actors.drivers.rby1.states import RobotState
 from strands_actors.drivers.rby1.twin.service import kind_of
 from strands_actors.drivers.rby1.twin.urdf import urdf_of
-
-DISTURBED = int(os.environ.get("STRANDS_ACTORS_FUZZ", "20000"))
+from tests.drivers.disturbed import DISTURBED
 
 rad = st.floats(-7.0, 7.0)
 seconds = st.integers(0, 1 << 20).map(lambda value: value / 64)  # exact in both forms

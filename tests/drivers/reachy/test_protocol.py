@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.reachy import protocol as p
 from strands_actors.drivers.reachy.twin import ReachyTwin
+from tests.drivers.disturbed import DISTURBED
 
-DISTURBED = 20_000
 UUID = "b9cbfc2f-79b0-4181-bce4-8ce04b277b90"
 ROW = (10.0, -5.0, 20.0, 1.0, -2.0, 3.0, 15.0, 30.0, -45.0)
 STATUS = {

@@ -16,8 +16,8 @@ from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.spot import protocol as p
 from strands_actors.drivers.spot.messages import TABLES, decode, encode, table
 from strands_actors.drivers.spot.twin import SpotTwin
+from tests.drivers.disturbed import DISTURBED
 
-DISTURBED = 20_000
 KINDS = {1: "double", 3: "int", 4: "uint", 5: "int", 8: "bool", 9: "text", 13: "uint", 14: "uint"}
 """Kinds of the tables by the type of the vendor's descriptors."""
 

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.stretch import frames as f
 from strands_actors.drivers.stretch import protocol as p
-
-DISTURBED = 20_000
+from tests.drivers.disturbed import DISTURBED
 
 payloads = st.binary(max_size=f.CHUNK_V1)
 codes = st.integers(0, 255)

@@ -15,8 +15,7 @@ from strands_actors.drivers.stretch import protocol as p
 from strands_actors.drivers.stretch.twin.boards import Heard
 from strands_actors.drivers.stretch.twin.server import commands_first, ears_of
 from strands_actors.drivers.stretch.twin.world import World
-
-DISTURBED = 20_000
+from tests.drivers.disturbed import DISTURBED
 
 
 class Clock:

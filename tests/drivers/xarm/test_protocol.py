@@ -4,7 +4,6 @@ come."""
 from __future__ import annotations
 
 import math
-import os
 import random
 import struct
 
@@ -17,8 +16,7 @@ from strands_actors.drivers.common.twin import ClientGone, Faults
 from strands_actors.drivers.xarm import protocol as p
 from strands_actors.drivers.xarm import reports as r
 from strands_actors.drivers.xarm.twin import ControlSession, controller_of
-
-DISTURBED = int(os.environ.get("STRANDS_ACTORS_FUZZ", "20000"))
+from tests.drivers.disturbed import DISTURBED
 
 frames = st.tuples(st.integers(0, 0xFFFF), st.binary(min_size=1, max_size=60))
 small = st.floats(-7, 7, width=32)

@@ -19,9 +19,9 @@ from strands_actors.drivers.yahboom import protocol as p
 from strands_actors.drivers.yahboom.rosbridge import RosbridgeLink
 from strands_actors.drivers.yahboom.twin import M3ProTwin, Session
 from strands_actors.kernel.clock import MonotonicClock
+from tests.drivers.disturbed import DISTURBED
 from tests.drivers.yahboom.rig import driver
 
-DISTURBED = 20_000
 ZERO = '{"linear":{"x":%s,"y":%s,"z":%s},"angular":{"x":%s,"y":%s,"z":%s}}'
 
 
