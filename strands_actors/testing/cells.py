@@ -239,7 +239,10 @@ async def _break_robot(bench: Bench, caller: Caller, cell: Cell, settle_s: float
     await trio.sleep(settle_s)
     bench.twin.fault("ok")
     require_motion(bench.log, broken_ns)
-    outcome = read(bench.log, expected_of(bench.driver, cell), since_ns, since_ns, 0.0, stood_ms)
+    expected = expected_of(bench.driver, cell)
+    # By the fault itself, before the stop came: then that is being confirmed, and not said again.
+    before_ns = safe_before(bench.log, expected, broken_ns, since_ns) if cell.stops else None
+    outcome = read(bench.log, expected, before_ns or since_ns, since_ns, 0.0, stood_ms)
     return told(outcome if confirmed else replace(outcome, all_motors=False), bench.log, since_ns)
 
 
@@ -278,6 +281,24 @@ def require_motion(log: WireLog, broken_ns: int) -> None:
             last = entry.kind
     if last != "setpoint":
         raise NotMoving(f"the last on the wire before it was broken is {last or 'nothing'}, no setpoint")
+
+
+def safe_before(log: WireLog, expected: Expected, broken_ns: int, stopped_ns: int) -> int | None:
+    """Return since when, after a fault, the robot had been brought to the safe state that the stop
+    is to bring; None: it had not, or a setpoint came after."""
+    since_ns: int | None = None
+    for entry in log.entries(broken_ns):
+        if entry.t_ns >= stopped_ns:
+            break
+        if entry.sender != "host":
+            continue
+        if entry.kind == "setpoint":
+            since_ns = None
+        elif (
+            entry.kind == "safe" and since_ns is None and any(is_safe_state(entry, s) for s in expected.safe_states)
+        ):
+            since_ns = entry.t_ns
+    return since_ns
 
 
 class Expected(NamedTuple):

@@ -94,6 +94,30 @@ def test_another_safe_state_is_excused_only_when_the_machine_explains_it_and_not
     assert not read_of(30.0, "setpoint").safe
 
 
+@pytest.mark.parametrize(
+    ("kinds", "since_ns"),
+    [
+        ("setpoint safe read stop safe", 2),
+        ("setpoint safe setpoint stop safe", None),
+        ("setpoint safe setpoint safe safe stop", 4),
+        ("setpoint read stop safe", None),
+    ],
+)
+def test_a_robot_that_the_fault_had_brought_to_the_safe_state_is_safe_when_the_stop_comes(
+    kinds: str, since_ns: int | None, tmp_path: Path
+) -> None:
+    path = tmp_path / "wire.ndjson"
+    words = kinds.split()
+    stopped_ns = words.index("stop") + 1
+    rows = [{"t_ns": at, "from": "host", "kind": kind, "hex": ""} for at, kind in enumerate(words, 1)]
+    path.write_text("".join(json.dumps(row) + "\n" for row in rows if row["kind"] != "stop"))
+    expected = expected_of(driver_of("so101"), Cell(Victims.TWIN, Faults.DELAYED))
+    assert cells.safe_before(WireLog(path), expected, 1, stopped_ns) == since_ns
+    limp = expected._replace(safe_states=("limp",))
+    path.write_text(path.read_text().replace('"hex": ""', '"hex": "", "safe_state": "hold"'))
+    assert cells.safe_before(WireLog(path), limp, 1, stopped_ns) is None, "another safe state is not it"
+
+
 def test_what_was_not_safe_is_told_with_what_the_wire_showed(tmp_path: Path) -> None:
     path = tmp_path / "wire.ndjson"
     kinds = [("host", "enable"), *[("host", "setpoint")] * 3, ("robot", "read"), ("robot", "watchdog")]
@@ -108,7 +132,7 @@ def test_what_was_not_safe_is_told_with_what_the_wire_showed(tmp_path: Path) -> 
     row = summary("so101", WIRE_KILL, told)
     assert row.stories == (story, story)
     text = page(columns_of([row], some_trials(*told, path=tmp_path / "trials.jsonl")))
-    assert f"wire kill, not safe: from the fault on the wire showed {story}." in text
+    assert f"wire kill, not safe: from the fault on the wire showed {story}." in " ".join(text.split())
     assert [each.story for each in Trials(tmp_path / "trials.jsonl", 1).of("so101", WIRE_KILL)] == [
         "",
         story,
@@ -212,7 +236,7 @@ def test_the_page_shows_figures_reasons_and_conditions() -> None:
     trials = some_trials(outcome(7.0), outcome(9.0))
 
     def shown(*rows: Row) -> str:
-        return page(columns_of(rows, trials))
+        return " ".join(page(columns_of(rows, trials)).split())
 
     text = shown(*rows)
     assert "| wire | kill | limp | 8.0 | 9.0 | 50 | 0 | 2 | 0 | SAF-003 |" in text
