@@ -1,7 +1,7 @@
 """Two participants and a network that loses, repeats, reorders, truncates, damages and invents
 datagrams.
 
-``STRANDS_ACTORS_RTPS_FUZZ`` is how many disturbed datagrams each test takes,
+``STRANDS_ACTORS_FUZZ`` is how many disturbed datagrams each test takes,
 ``STRANDS_ACTORS_RTPS_SEED`` where it begins.
 """
 
@@ -20,10 +20,10 @@ from strands_actors.drivers.common.rtps.engine import MAX_PEERS, Engine
 from strands_actors.drivers.common.rtps.matching import MAX_ENDPOINTS
 from strands_actors.drivers.common.rtps.reassembly import MAX_BYTES, MAX_SAMPLES
 from strands_actors.drivers.common.rtps.writer import Writer
+from tests.drivers.disturbed import DISTURBED
 
 from .pair import MS, TRAVEL_NS, Log, Network, number_of, sample, undisturbed
 
-COUNT = int(os.environ.get("STRANDS_ACTORS_RTPS_FUZZ", "20000"))
 SEED = int(os.environ.get("STRANDS_ACTORS_RTPS_SEED", "1"))
 
 A, B = "10.0.0.1", "10.0.0.2"
@@ -121,7 +121,7 @@ def test_a_bad_network_costs_time_but_no_sample_and_no_order() -> None:
 
     talk.network.fate = fate
     talk.until_matched()
-    while talk.disturbed < COUNT:
+    while talk.disturbed < DISTURBED:
         talk.step()
         if talk.writers[SURE].unacknowledged > 300 or talk.writers[LARGE].unacknowledged > 20:
             talk.network.run(0.2)  # a writer that outruns its own history loses by right
@@ -147,10 +147,10 @@ def test_damaged_and_forged_datagrams_never_raise_and_never_make_a_sample() -> N
     A damaged payload in an intact frame is the business of the robot's own checksum; nothing else
     may come of it."""
     disturbed = damaged = delivered = malformed = 0
-    while disturbed < COUNT:
+    while disturbed < DISTURBED:
         talk = Talk(SEED + disturbed)
         talk.until_matched()
-        damaged += disturb(talk, min(EPISODE, COUNT - disturbed))
+        damaged += disturb(talk, min(EPISODE, DISTURBED - disturbed))
         disturbed += talk.disturbed
         delivered += sum(len(log.payloads) for log in talk.logs.values())
         malformed += talk.b.counters.malformed
@@ -252,7 +252,7 @@ def test_random_submessages_decode_or_are_malformed() -> None:
     dice = random.Random(SEED + 2)
     prefix = zlib.crc32(b"peer").to_bytes(12, "big")
     malformed = 0
-    for _ in range(COUNT):
+    for _ in range(DISTURBED):
         body = dice.randbytes(dice.randrange(64))
         kind = dice.choice((*KINDS, 0x15))
         submessage = bytes((kind, dice.getrandbits(8))) + struct.pack("<H", len(body)) + body
@@ -260,4 +260,4 @@ def test_random_submessages_decode_or_are_malformed() -> None:
             messages.decode(memoryview(messages.header(prefix) + submessage), bytes(12))
         except MalformedFrame:
             malformed += 1
-    assert 0 < malformed < COUNT
+    assert 0 < malformed < DISTURBED
