@@ -1,9 +1,9 @@
 """The fifth kind of stop channel: a process of its own, for what needs a vendor's SDK or gRPC.
 
 Neither may be loaded in the root, which must never hang. The child loads ``CHANNEL``, an ordinary
-stop channel, and makes safe when it is asked to, one order after the other over a socket pair. A
-child that does not answer in time (its SDK hangs, or keeps the interpreter's lock) is killed, and
-another one is started and asked.
+stop channel, and makes safe when it is asked to, over a socket pair; a newer order ends the one
+that is being carried out. A child that does not answer in time (its SDK hangs, or keeps the
+interpreter's lock) is killed, and another one is started and asked.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
         self._descriptors = ()
 
     async def _ask(self, child: _Child, safe_state: str) -> Reports:
-        """Raise ``WireDown``. When cancelled, the child goes on: the guardian cancels what it asked
+        """Raise ``WireDown``. When cancelled, the child lives on: the guardian cancels what it asked
         before a fence to ask again after it, and a new child would need a new login."""
         number = child.send(safe_state)
         return (await child.receive(number, self.ANSWER_S)).reports
@@ -242,9 +242,17 @@ async def _answer(channel: StopChannel, frames: _Frames) -> None:
                 frames.send(_Answer(trouble=str(down)))
                 return
             frames.send(_Answer())
+            one_at_a_time, carried_out = trio.Lock(), trio.CancelScope()
+
+            async def carry_out(order: _Order, scope: trio.CancelScope) -> None:
+                async with one_at_a_time:
+                    with scope:
+                        frames.send(_Answer(order.number, await channel.make_safe(order.safe_state)))
+
             while (data := await frames.receive()) is not None:
-                order = msgspec.msgpack.decode(data, type=_Order)
-                frames.send(_Answer(order.number, await channel.make_safe(order.safe_state)))
+                carried_out.cancel()  # nobody waits for it any more
+                carried_out = trio.CancelScope()
+                nursery.start_soon(carry_out, msgspec.msgpack.decode(data, type=_Order), carried_out)
             nursery.cancel_scope.cancel()
     finally:
         channel.close()

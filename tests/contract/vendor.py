@@ -49,7 +49,7 @@ class VendorStopChannel(StopChannel):
             os._exit(3)
         if self._once("slow"):
             self._note("slow")
-            await trio.sleep(0.3)
+            await trio.sleep(3600)
         self._note(safe_state)
         for descriptor in self._descriptors:
             os.write(descriptor, safe_state.encode())
