@@ -62,13 +62,14 @@ class Bench(NamedTuple):
 
 
 class Stand:
-    """Keeps every joint where it is first seen."""
+    """Keeps one joint where it is first seen: others may lie past their travel, once let go."""
 
-    def __init__(self) -> None:
+    def __init__(self, joint: str) -> None:
+        self._joint = joint
         self._home: dict[str, float] = {}
 
     def get_actions_sync(self, observation: Mapping[str, float], instruction: str) -> list[dict[str, float]]:
-        self._home = self._home or dict(observation)
+        self._home = self._home or {self._joint: observation[self._joint]}
         return [self._home] * 250  # half a second: the machine may be busy
 
 
@@ -179,8 +180,8 @@ def test_a_budget_that_bounds_nothing_starts_nothing(kind: str, request: pytest.
 def test_a_rollout_ends_by_name_in_a_soft_stop(kind: str, request: pytest.FixtureRequest) -> None:
     bench: Bench = request.getfixturevalue(kind)
     for policy, budget, reason, says in (
-        (Stand(), {"n_steps": 5}, "n_steps", "5 steps"),
-        (Stand(), {"duration": 0.05}, "duration", "0.05 s"),
+        (Stand(bench.other), {"n_steps": 5}, "n_steps", "5 steps"),
+        (Stand(bench.other), {"duration": 0.05}, "duration", "0.05 s"),
         (lambda seen: None, {}, "policy", "not an action"),
         (lambda seen: 1 / 0, {}, "policy", "division by zero"),
         (lambda seen: {"typo": 1.0}, {}, "gate", "typo is not a joint"),
@@ -196,7 +197,7 @@ def test_a_rollout_ends_by_name_in_a_soft_stop(kind: str, request: pytest.Fixtur
         assert task(bench.robot) == ended  # for who asks late
         assert bench.twin.log.host("safe")[-1].safe_state == "zero_torque"
     bench.armed()
-    json_of(bench.robot.run_policy(Stand(), duration=30.0))
+    json_of(bench.robot.run_policy(Stand(bench.other), duration=30.0))
     assert "already running" in why(bench.robot.run_policy(hold))
     halted = json_of(bench.robot.stop_task())
     assert halted["stopped"] and halted["exit_reason"] == "stopped"
