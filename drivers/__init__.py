@@ -29,6 +29,7 @@ __all__ = [
     "DEFAULT_DRIVER",
     "DRIVER_CHOICES",
     "DRIVER_SURFACE",
+    "LIST_ROBOTS_MODES",
     "MODEL",
     "NATIVE_DRIVER",
     "PLAIN",
@@ -54,6 +55,8 @@ __all__ = [
     "register_robot",
     "resolve_driver",
 ]
+
+LIST_ROBOTS_MODES = ("all", "sim", "real", "both")
 
 WIRES = {
     "feetech": "strands_actors.drivers.feetech.driver:Feetech",
@@ -246,7 +249,7 @@ def register_robot(
 
 def canonical_name(name: str) -> str:
     """Return the robot that a name stands for: ``SO-101`` is ``so101``; a name that nobody knows is
-    returned as it is. Raise ``TypeError`` for what is no text."""
+    returned as it is. Raise ``TypeError`` for what is no text, ``ValueError`` for no letters."""
     _load()
     _checked(name, "Robot")
     known = {**{robot: robot for robot in _known()}, **SHORT_NAMES, **_aliases}
@@ -258,9 +261,8 @@ def canonical_name(name: str) -> str:
 
 def _checked(name: object, who: str) -> str:
     if not isinstance(name, str) or not name:
-        raise TypeError(
-            f"{who}: the name is {name!r}. give the name of a robot as text: list_robots() has them all"
-        )
+        wrong = ValueError if isinstance(name, str) else TypeError
+        raise wrong(f"{who}: the name is {name!r}. give the name of a robot as text: list_robots() has them all")
     return name
 
 
@@ -273,10 +275,30 @@ def _known() -> set[str]:
     return {*_registered, *_robots, *load(LEROBOT), *OTHER_ROBOTS}
 
 
-def list_robots() -> list[str]:
-    """Return all robots that are known by name, sorted."""
+def list_robots(mode: str = "all") -> list[str]:
+    """Return the robots that are known by name, sorted: ``all``, those that ``Robot(name)``
+    simulates (``sim``), those that somebody drives (``real``), or those of which ``both`` is true.
+    Raise ``ValueError`` for another word."""
     _load()
-    return sorted(_known())
+    if mode not in LIST_ROBOTS_MODES:
+        raise ValueError(f"list_robots: mode is {mode!r}. use {', '.join(map(repr, LIST_ROBOTS_MODES))}")
+    robots = _known()
+    if mode in ("sim", "both"):
+        robots &= {name for name in robots if _simulates(name)}
+    if mode in ("real", "both"):
+        robots &= {*_registered, *_lerobots()}
+    return sorted(robots)
+
+
+def _simulates(robot: str) -> bool:
+    driver_class = _registered.get(robot)
+    has_twin = isinstance(driver_class, type) and issubclass(driver_class, Driver)
+    return has_twin or model_of(robot) is not None
+
+
+def _lerobots() -> set[str]:
+    """Robots that LeRobot has a class for, or is said to have."""
+    return {*load(LEROBOT), *(name for name, robot in _robots.items() if robot.driver == "lerobot")}
 
 
 def get_native_driver_class(name: str) -> type[Any] | None:
@@ -352,9 +374,8 @@ def list_native_drivers() -> dict[str, str]:
 def list_driver_coverage() -> dict[str, tuple[str, ...]]:
     """Every known robot with who drives it: ``lerobot``, ``strands``, both or none."""
     _load()
-    lerobot = {*load(LEROBOT), *(name for name, robot in _robots.items() if robot.driver == "lerobot")}
     return {
-        name: tuple(who for who, has in (("lerobot", lerobot), ("strands", _registered)) if name in has)
+        name: tuple(who for who, has in (("lerobot", _lerobots()), ("strands", _registered)) if name in has)
         for name in list_robots()
     }
 

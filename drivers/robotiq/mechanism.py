@@ -40,7 +40,7 @@ _TOO_EARLY = 0x05
 _NOT_ACTIVATED = 0x07
 
 
-class Setup(msgspec.Struct, frozen=True):
+class Setup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A gripper and the bench it is on."""
 
     stroke_mm: float
@@ -55,8 +55,9 @@ class Setup(msgspec.Struct, frozen=True):
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any], **bench: Any) -> Setup:
-        slowest, fastest = table["speed_mm_s"]
-        return cls(table["stroke_mm"], (slowest, fastest), table["open"], table["closed"], **bench)
+        """``bench`` as it is given on a command line, too: text of numbers."""
+        row = {name: table[name] for name in ("stroke_mm", "speed_mm_s", "open", "closed")}
+        return msgspec.convert({**row, **bench}, cls, strict=False)
 
 
 class Gripper:

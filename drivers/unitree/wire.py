@@ -184,6 +184,7 @@ class UnitreeWire(Wire):
     def _opened(self, state: p.State, mode: str) -> dict[str, Any]:
         return {
             "address": self._config.port,
+            "network_interface": self._config.interface or None,
             "family": f"unitree_{self._config.model.family}",
             "mode_machine": state.machine,
             "onboard_mode": mode,

@@ -7,6 +7,7 @@ The power stays on: taking it off is the pendant's, or the e-stop's on the wall.
 
 from __future__ import annotations
 
+import enum
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -104,8 +105,13 @@ class UR(Driver):
         for field, name in _READINGS.items():
             told[field] = list(sensors[name]) if name in sensors else None
         for field, modes in (("robot_mode", RobotMode), ("safety_mode", SafetyMode)):
-            told[field] = mode_name(modes, round(sensors[field][0])) if field in sensors else None
+            told[field] = _word(modes, round(sensors[field][0])) if field in sensors else None
         return told
+
+
+def _word(modes: type[enum.IntEnum], number: int) -> str:
+    """Return a mode as scripts compare it: its name alone, where it has one."""
+    return modes(number).name if number in list(modes) else mode_name(modes, number)
 
 
 _READINGS: Mapping[str, str] = {

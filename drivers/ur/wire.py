@@ -140,7 +140,7 @@ class URWire(Wire):
         await plain.look(host)
         await sdk.open_receive()
         self._session_or_none = _Session(sdk, self._config, self._clock)
-        return {"address": host, **facts}
+        return {"address": host, "host": host, **facts}
 
     async def arm(self, permit: Permit) -> Observation:
         session, host = self._session(), self._config.host

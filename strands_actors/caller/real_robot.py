@@ -88,6 +88,11 @@ class RealRobot(RobotTool):
         return self.tool_name if self._tree is None else self._tree.robot
 
     @property
+    def robot_name(self) -> str:
+        """What ``send_action(robot_name=...)`` takes for this robot, as strands-robots calls it."""
+        return self.name
+
+    @property
     def twin_process(self) -> TwinProcess | None:
         """The process of its twin, if it has one."""
         return self._plan.twin_process

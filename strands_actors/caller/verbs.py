@@ -255,7 +255,10 @@ async def get_task_status(tree: RobotTree) -> Answer:
 
 
 async def stop_task(tree: RobotTree) -> Answer:
-    return _begun(await tree.rollouts.stop_task())
+    status = await tree.rollouts.stop_task()
+    if isinstance(status, Refused):
+        return answers.refused(status)
+    return answers.success({"stopped": not status.running, "robot": tree.robot, **answers.task(status)})
 
 
 def _begun(status: TaskStatus | Refused) -> Answer:

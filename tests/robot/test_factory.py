@@ -85,7 +85,6 @@ REFUSALS: list[tuple[str, dict[str, Any], tuple[str, ...]]] = [
 
 WRONG_TYPES: list[tuple[Any, dict[str, Any], str]] = [
     (None, {}, "the name is None. give the name of a robot as text: list_robots() has them all"),
-    ("", {}, "the name is ''"),
     (7, PORT, "the name is 7"),
     ("so101", {"mesh": True}, "mesh is True. give MeshConfig"),
     ("so101", {**PORT, "mesh": "tcp/0.0.0.0:7447"}, "mesh is 'tcp/0.0.0.0:7447'. give MeshConfig"),

@@ -7,8 +7,21 @@ from typing import Any
 
 import pytest
 
-from strands_actors import HardwareDriver, Robot, list_native_drivers, list_robots, register_native_driver
-from strands_actors.drivers import DRIVER_SURFACE, get_native_driver_class, resolve_driver
+from strands_actors import (
+    HardwareDriver,
+    Robot,
+    list_driver_coverage,
+    list_native_drivers,
+    list_robots,
+    register_native_driver,
+)
+from strands_actors.drivers import (
+    DRIVER_CHOICES,
+    DRIVER_SURFACE,
+    canonical_name,
+    get_native_driver_class,
+    resolve_driver,
+)
 
 ARM = {"mode": "real", "port": "/dev/ttyACM0"}
 GRIPPER = {"mode": "real", "port": "192.0.2.20"}
@@ -58,6 +71,109 @@ def test_the_registry_is_one() -> None:
     assert get_native_driver_class("g1") is get_native_driver_class("unitree_g1")
     assert {resolve_driver(robot) for robot in list_native_drivers()} == {"strands"}
     assert resolve_driver("so101", "lerobot") == "lerobot"
+
+
+def test_a_name_is_known_in_any_spelling_and_is_text() -> None:
+    for written, robot in {
+        "franka": "panda",
+        "FRANKA": "panda",
+        "h1": "unitree_h1",
+        "Go2": "unitree_go2",
+        "SO100": "so100",
+        "so100_follower": "so100",
+        "reachy-mini": "reachy_mini",
+        "robotiq": "robotiq_2f85",
+        "nobody": "nobody",
+    }.items():
+        assert canonical_name(written) == robot
+    for name in (None, 42, True, b"so100", ["so100"]):
+        with pytest.raises(TypeError, match=r"give the name of a robot as text: list_robots\(\)"):
+            canonical_name(name)  # type: ignore[arg-type]
+    for name in ("", "  ", "nope_bot"):
+        for mode in ("sim", "real"):
+            with pytest.raises(ValueError, match=r"list_robots\(\)"):
+                Robot(name, mode, **({"port": "/dev/ttyACM0"} if mode == "real" else {}))
+
+
+def test_robots_are_listed_by_what_can_be_done_with_them() -> None:
+    covered = list_driver_coverage()
+    assert list_robots() == list_robots("all") == list(covered)
+    assert set(list_robots("real")) == {name for name, drivers in covered.items() if drivers}
+    assert set(list_robots("both")) == set(list_robots("sim")) & set(list_robots("real"))
+    assert {"so100", "panda"} <= set(list_robots(mode="sim")) and "reachy2" not in list_robots("sim")
+    assert "lekiwi" in list_robots("real") and "shadow_hand" not in list_robots("real")
+    for robot in list_robots("sim"):
+        assert "sim" in repr(Robot(robot))
+    for mode in ("hardware", "sims", None):
+        with pytest.raises(ValueError, match="use 'all', 'sim', 'real', 'both'"):
+            list_robots(mode)  # type: ignore[arg-type]
+    groups = set(covered.values())
+    assert groups == {("lerobot",), ("strands",), ("lerobot", "strands"), ()}
+    for name, drivers in covered.items():
+        assert ("strands" in drivers) is (get_native_driver_class(name) is not None)
+        assert set(drivers) <= set(DRIVER_CHOICES) - {"auto"}
+        assert not drivers or resolve_driver(name) in drivers
+
+
+@pytest.mark.parametrize("name", ["left arm", "left_arm\n", "a/b", "", 3, "x" * 65])
+def test_a_tool_name_is_one_that_a_provider_takes(name: Any) -> None:
+    for keywords in ({}, ARM, {"port": "/dev/ttyACM0"}):  # it is told first, whatever else is wrong
+        with pytest.raises(ValueError, match="use 1 to 64 of A-Z"):
+            Robot("so101", tool_name=name, **keywords)
+
+
+def test_a_robot_has_the_name_that_it_was_given() -> None:
+    for name in ("left-arm_2", "x" * 64):
+        assert Robot("so101", tool_name=name).tool_name == Robot("so101", **ARM, tool_name=name).tool_name == name
+    left = Robot("so101", **ARM, tool_name="left")
+    assert (left.robot_name, left.tool_type, left.tool_spec["name"]) == ("left", "robot", "left")
+    assert Robot("so101", **ARM, data_config="so100_dualcam").data_config == "so100_dualcam"
+
+
+@pytest.mark.parametrize(
+    ("robot", "keywords", "says"),
+    [
+        ("so101", {"port": "/dev/ttyACM0"}, r"port=. add mode='real'"),
+        ("so101", {"driver": "strands", "port": "/dev/ttyACM0"}, r"port=. add mode='real'"),
+        ("g1", {"network_interface": "eth0"}, r"network_interface=. add mode='real'"),
+        ("unitree_go2", {"network_interface": "eth0"}, r"network_interface=. add mode='real'"),
+        ("so101", {"robot_ip": "192.0.2.2"}, "takes no 'robot_ip'"),
+        ("so101", {"mock": True}, "takes no 'mock'"),
+        ("reachy_mini", {"ip_address": "reachy.local"}, "takes no 'ip_address'"),
+        ("so101", {"position": []}, "give 3 numbers"),
+        ("so101", {"position": [NAN, 0.0, 0.0]}, "give finite numbers"),
+        ("so101", {"orientation": [1.0, 0.0, 0.0]}, "give 4 numbers"),
+        ("so101", {"orientation": [0.0, float("inf"), 0.0, 0.0]}, "give finite numbers"),
+        ("so101", {"keyframe": "nope"}, "so101 has 'home'"),
+        ("so101", {"backend": "nope"}, "use one of 'mujoco', 'newton', 'isaac'"),
+        ("so101", {**ARM, "position": [0.0, 0.0, 0.0]}, "position= are of a simulation"),
+        ("so101", {**ARM, "keyframe": 0}, "keyframe= are of a simulation"),
+        ("so101", {**ARM, "ports": ["/dev/a", "/dev/b"]}, "'ports' -> 'port'"),
+        ("so101", {**ARM, "motor_ids": (1, 9)}, "shoulder_pan, shoulder_lift"),
+        ("so101", {"mode": 3}, "'sim', 'real', 'auto'"),
+        ("robotiq_2f85", {**GRIPPER, "tcp_port": "502"}, "tcp_port is '502'"),
+        ("robotiq_2f85", {**GRIPPER, "unit_id": True}, "unit_id is True"),
+        ("robotiq_2f85", {**GRIPPER, "force": float("inf")}, "force is inf"),
+        ("ur5e", {**UR, "control_frequency": -5.0}, "control_frequency is -5.0"),
+        ("ur5e", {**UR, "control_frequency": NAN}, "control_frequency is nan"),
+        ("ur5e", {"mode": "real", "port": "192.0.2.30:502"}, "its ports are fixed"),
+        ("unitree_go2", {**G1, "battery_floor_pct": NAN}, "battery_floor_pct"),
+        ("ur5e", {"mode": "real"}, "needs 'port', its address"),
+        ("unitree_g1", {"mode": "real"}, "needs 'port', its address"),
+    ],
+)
+def test_what_would_be_ignored_or_cannot_be_is_refused_by_name(
+    robot: str, keywords: dict[str, Any], says: str
+) -> None:
+    with pytest.raises((ValueError, TypeError), match=says):
+        Robot(robot, **keywords)
+
+
+def test_the_legs_share_a_driver_and_each_is_its_own_robot() -> None:
+    for name, robot in {"h1": "unitree_h1", "h1_2": "unitree_h1_2", "b2": "b2", "go2": "unitree_go2"}.items():
+        legs = Robot(name, **G1)
+        assert (legs.driver.robot, list_driver_coverage()[robot]) == (robot, ("strands",))
+        assert get_native_driver_class(name) is get_native_driver_class("unitree_go2")
 
 
 def test_a_class_without_the_members_of_a_driver_is_refused_and_they_are_named() -> None:

@@ -1,0 +1,225 @@
+"""What the tests of strands-robots assert of an SO arm, as behaviours of ours: on one twin, through
+the public names."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import time
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy
+import pytest
+
+from strands_actors import Robot
+from strands_actors.caller.robot import RealRobot
+from strands_actors.testing import Twin
+from tests.answers import json_of, status, task, task_ended, until, why
+
+from .helpers import IDS, goals
+
+NAN = float("nan")
+DEGREES = "degrees (gripper: percent open)"
+
+
+@pytest.fixture(scope="module")
+def bench(twin_process: Twin) -> Iterator[RealRobot]:
+    """Connected once for all of this file; each test leaves it armed and still."""
+    os.truncate(twin_process.log.path, 0)
+    arm = Robot("so101", mode="real", port=twin_process.port)
+    for _ in range(3):  # a busy machine may keep a servo waiting
+        if (problem := arm.connect_eagerly()) is None:
+            break
+    assert problem is None
+    yield arm
+    arm.cleanup()
+    arm.cleanup()  # once more is nothing
+    assert (arm.is_connected, dict(arm.get_observation())) == (False, {})
+
+
+def ask(robot: Any, **given: Any) -> Mapping[str, Any]:
+    """Use the robot as an agent's runtime does: one call, one result of that call."""
+
+    async def use() -> list[Mapping[str, Any]]:
+        call = {"name": robot.tool_name, "toolUseId": "use-7", "input": given}
+        return [event async for event in robot.stream(call, {})]
+
+    (answer,) = asyncio.run(use())
+    assert answer["toolUseId"] == "use-7"
+    return answer
+
+
+def hold(observation: Mapping[str, float]) -> dict[str, float]:
+    return dict(observation)
+
+
+def test_connecting_again_is_nothing_and_it_says_who_it_is(bench: RealRobot) -> None:
+    assert bench.connect_eagerly() is None and bench.is_connected
+    assert (bench.tool_name, bench.tool_type, bench.robot_name) == ("so101", "robot", "so101")
+    told = status(bench)
+    assert (told["tool_name"], told["connected"], told["baud"]) == ("so101", True, 1_000_000)
+    assert told["motors"] == IDS and told["port"]
+    assert told["calibration_source"].startswith("none") and "not calibrated" in told["caveats"][0]
+    assert "content" not in json_of(ask(bench, action="status"))
+
+
+@pytest.mark.parametrize(
+    ("action", "commanded"),
+    [
+        ({"shoulder_pan": 5.0, "gripper": 60.0}, {"shoulder_pan": 5.0, "gripper": 60.0}),
+        ({"shoulder_pan.pos": 0.0}, {"shoulder_pan": 0.0}),
+        ({"gripper": numpy.float32(50)}, {"gripper": 50.0}),
+        ({"gripper": numpy.int64(50)}, {"gripper": 50.0}),
+        ({"gripper": 50}, {"gripper": 50.0}),
+    ],
+)
+def test_what_is_commanded_is_told_in_its_unit(
+    bench: RealRobot, action: dict[str, Any], commanded: dict[str, float]
+) -> None:
+    assert json_of(bench.send_action(action)) == {"commanded": commanded, "unit": DEGREES}
+
+
+@pytest.mark.parametrize(
+    ("action", "says"),
+    [
+        ({}, "names no joint"),
+        (None, "must be a mapping"),
+        ([("gripper", 1.0)], "must be a mapping"),
+        ({"shoulder_lift": 400.0}, "past 100.0"),
+        ({"gripper": 101.0}, "past 100.0"),
+        ({"shoulder_pan": 1.0, "nope": 0.0}, "nope is not a joint"),
+        ({"gripper": NAN}, "gripper is nan"),
+        ({"gripper": float("inf")}, "gripper is inf"),
+        ({"gripper": None}, "gripper is None"),
+        ({"gripper": [1.0]}, "finite number"),
+        ({"gripper": True}, "gripper is True"),
+        ({"gripper": "wide"}, "finite number"),
+    ],
+)
+def test_what_it_cannot_honour_is_refused_whole(
+    bench: RealRobot, twin_process: Twin, action: Any, says: str
+) -> None:
+    json_of(bench.send_action({"shoulder_pan": 0.0}))
+    stands = goals(until(lambda: twin_process.log.host("setpoint"), "it is written")[-1])
+    since_ns = time.monotonic_ns()
+    assert says in why(bench.send_action(action))
+    assert all(goals(entry) == stands for entry in twin_process.log.host("setpoint", since_ns))
+
+
+@pytest.mark.parametrize(
+    ("keywords", "says"),
+    [
+        ({"duration": 0.0}, "duration is 0.0"),
+        ({"duration": NAN}, "duration is nan"),
+        ({"duration": float("inf")}, "duration is inf"),
+        ({"duration": -1.0}, "duration is -1.0"),
+        ({"duration": "3"}, "duration is '3'"),
+        ({"control_frequency": 0.0}, "control_frequency is 0.0"),
+        ({"control_frequency": -30.0}, "control_frequency is -30.0"),
+        ({"n_steps": 0}, "n_steps is 0"),
+        ({"n_steps": -1}, "n_steps is -1"),
+        ({"n_steps": 2.5}, "n_steps is 2.5"),
+        ({"n_steps": True}, "n_steps is True"),
+    ],
+)
+def test_a_budget_that_bounds_nothing_starts_nothing(bench: RealRobot, keywords: dict[str, Any], says: str) -> None:
+    assert says in why(bench.run_policy(hold, **keywords))
+    assert not task(bench)["running"]
+
+
+@pytest.mark.parametrize("policy", [None, object(), 7])
+def test_what_is_no_policy_is_told_the_shapes_of_one(bench: RealRobot, policy: Any) -> None:
+    assert "get_actions_sync" in why(bench.run_policy(policy))
+
+
+def test_a_rollout_does_its_steps_and_says_so_to_who_asks_late(bench: RealRobot) -> None:
+    seen: list[Mapping[str, float]] = []
+
+    def policy(observation: Mapping[str, float]) -> dict[str, float]:
+        seen.append(observation)
+        return {"shoulder_pan": 1.0}
+
+    begun = json_of(bench.run_policy(policy, instruction="hold still", n_steps=4, control_frequency=50.0))
+    assert begun["running"]
+    ended = task_ended(bench)
+    assert (ended["steps"], ended["exit_reason"], ended["instruction"]) == (4, "n_steps", "hold still")
+    assert all(f"{joint}.pos" in seen[0] for joint in IDS)  # as a checkpoint of LeRobot reads them
+    assert task(bench) == ended
+
+
+@pytest.mark.parametrize(
+    ("policy", "reason", "says"),
+    [
+        (lambda observation: {"shoulder_lift": 400.0}, "gate", "past 100.0"),
+        (lambda observation: {"elbow_typo": 1.0}, "gate", "elbow_typo is not a joint"),
+        (lambda observation: None, "policy", "returned NoneType"),
+        (lambda observation: 1 / 0, "policy", "division by zero"),
+    ],
+)
+def test_a_rollout_that_cannot_go_on_ends_with_the_reason(
+    bench: RealRobot, policy: Any, reason: str, says: str
+) -> None:
+    json_of(bench.run_policy(policy, n_steps=5))
+    ended = task_ended(bench)
+    assert (ended["exit_reason"], ended["steps"]) == (reason, 0)
+    assert says in ended["exit_detail"]
+
+
+def test_one_rollout_at_a_time_and_its_end_leaves_the_arm_energised(bench: RealRobot) -> None:
+    json_of(bench.run_policy(hold, duration=30.0))
+    assert "already running" in why(bench.run_policy(hold))
+    halted = json_of(bench.stop_task())
+    assert (halted["stopped"], halted["robot"], halted["running"]) == (True, "so101", False)
+    assert halted["exit_reason"] == task(bench)["exit_reason"] == "stopped"
+    assert json_of(bench.stop_task()) == halted
+    assert status(bench)["state"] in ("armed", "holding")
+    json_of(bench.run_policy(hold, duration=0.1))
+    assert task_ended(bench)["exit_reason"] == "duration"
+
+
+def test_a_provider_that_there_is_not_is_named(bench: RealRobot) -> None:
+    assert "not_a_provider" in why(bench.start_task("pick up the cube", policy_provider="not_a_provider"))
+
+
+def test_the_registers_that_are_read(bench: RealRobot) -> None:
+    assert set(bench.bus.sync_read("Present_Position", ["gripper", "elbow_flex"])) == {"gripper", "elbow_flex"}
+    for register in ("Present_Velocity", "Present_Load", "Present_Temperature"):
+        assert set(bench.bus.sync_read(register)) == set(IDS)
+    with pytest.raises(ValueError, match="Present_Nothing"):
+        bench.bus.sync_read("Present_Nothing")
+
+
+def test_an_agents_verbs_are_those_of_the_schema(bench: RealRobot) -> None:
+    action = bench.tool_spec["inputSchema"]["json"]["properties"]["action"]
+    assert set(action["enum"]) == {"status", "sensors", "move_to", "set_torque", "stop"}
+    assert all(f"{verb}:" in action["description"] for verb in action["enum"])
+    for other in ("home", "dance", "calibrate", ""):
+        said = why(ask(bench, action=other))
+        assert repr(other) in said and all(verb in said for verb in action["enum"])
+    assert set(json_of(ask(bench, action="sensors"))["positions"]) == set(IDS)
+    moved = json_of(ask(bench, action="move_to", targets={"elbow_flex": 10.0}))
+    assert moved["commanded"] == {"elbow_flex": 10.0}
+    assert "targets is missing" in why(ask(bench, action="move_to"))
+
+
+@pytest.mark.parametrize("enabled", ["false", "true", 0, 1, None, [], {}])
+def test_what_is_no_boolean_neither_energises_nor_releases(bench: RealRobot, enabled: Any) -> None:
+    before = status(bench)["epoch"]
+    assert "enabled" in why(ask(bench, action="set_torque", enabled=enabled))
+    assert status(bench)["epoch"] == before
+
+
+def test_an_agents_stop_releases_every_motor_and_may_be_awaited(bench: RealRobot) -> None:
+    assert json_of(ask(bench, action="set_torque", enabled=True))["armed"] is True
+    stopped = json_of(ask(bench, action="stop"))
+    assert stopped["safe_state"] == "limp" and stopped["unconfirmed"] == []
+    assert all(stopped["motors"][joint]["safe"] for joint in IDS)
+    assert "resume() first" in why(bench.send_action({"gripper": 50.0}))
+    json_of(bench.resume())
+
+    async def awaited() -> Any:
+        return await bench.stop()
+
+    assert json_of(asyncio.run(awaited()))["stopped"] is True
+    json_of(bench.resume())

@@ -1,0 +1,245 @@
+"""What the tests of strands-robots assert of a G1 and a Go2, as behaviours of ours: on one twin each,
+through the public names."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+import pytest
+
+from strands_actors import Robot
+from strands_actors.caller.robot import RealRobot
+from strands_actors.testing import Twin
+from tests.answers import json_of, status, task, task_ended, until, why
+
+from .test_reference_feetech import ask, hold
+
+NAN = float("nan")
+
+
+class Bench(NamedTuple):
+    robot: RealRobot
+    twin: Twin
+    joint: str
+    other: str
+
+    def here(self) -> float:
+        return float(self.robot.get_observation()[self.joint])
+
+    def armed(self) -> None:
+        """Legs have no torque after a rollout: as after a stop, they are taken up by who asks."""
+        until(lambda: self.robot.resume()["status"] == "success", "it is armed")
+
+    def sensor(self, name: str, value: float) -> None:
+        until(lambda: status(self.robot)["sensors"].get(name, [None])[0] == value, f"{name} is {value}")
+
+    def runs(self, policy: Any, **budget: Any) -> dict[str, Any]:
+        self.armed()
+        json_of(self.robot.run_policy(policy, **budget))
+        return task_ended(self.robot)
+
+    def moved(self, *joints: str, **gains: float) -> dict[str, Any]:
+        """A command to stay, of one moment: what it is told. Its end lets a robot on legs go."""
+
+        def send() -> dict[str, Any] | None:
+            self.robot.resume()
+            here = self.robot.get_observation()
+            action = {joint: {"q": here[joint], **gains} if gains else here[joint] for joint in joints}
+            answer = self.robot.send_action(action)
+            return json_of(answer) if answer["status"] == "success" else None
+
+        return until(send, "it is written")
+
+    def refuses(self, action: Any, says: str) -> None:
+        """For the reason that is meant, not because it was just let go."""
+
+        def refused() -> bool:
+            self.robot.resume()
+            return says in why(self.robot.send_action(action))
+
+        until(refused, f"{action} is refused: {says}")
+
+
+class Stand:
+    """Keeps one joint where it is first seen: others may lie past their travel, once let go."""
+
+    def __init__(self, joint: str) -> None:
+        self._joint = joint
+        self._home: dict[str, float] = {}
+
+    def get_actions_sync(self, observation: Mapping[str, float], instruction: str) -> list[dict[str, float]]:
+        self._home = self._home or {self._joint: observation[self._joint]}
+        return [self._home] * 250  # half a second: the machine may be busy
+
+
+def bench_of(kind: str, joint: str, other: str, directory: Any) -> Iterator[Bench]:
+    with Twin(kind, directory) as twin:
+        robot = Robot(kind, mode="real", port=twin.port, battery_floor_pct=15.0)
+        assert status(robot)["connected"] is False and dict(robot.get_observation()) == {}
+        assert "not connected" in why(robot.run_policy(hold))
+        assert "not connected" in why(ask(robot, action="sensors"))
+        assert not task(robot)["running"]
+        for _ in range(3):  # a busy machine
+            if (problem := robot.connect_eagerly()) is None:
+                break
+        assert problem is None and robot.connect_eagerly() is None
+        yield Bench(robot, twin, joint, other)
+        robot.cleanup()
+        robot.cleanup()
+        assert not robot.is_connected
+
+
+@pytest.fixture(scope="module")
+def g1(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
+    yield from bench_of("unitree_g1", "left_elbow", "right_elbow", tmp_path_factory.mktemp("g1"))
+
+
+@pytest.fixture(scope="module")
+def go2(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
+    yield from bench_of("unitree_go2", "FL_calf_joint", "FL_hip_joint", tmp_path_factory.mktemp("go2"))
+
+
+def test_what_they_tell_of_themselves(g1: Bench, go2: Bench) -> None:
+    for bench, joints in ((g1, 29), (go2, 12)):
+        told = json_of(bench.robot.state())
+        assert len(told["joints"]) == len(told["joint_velocities"]) == joints
+        assert told["battery_pct"] == 80.0
+        assert len(told["imu"]["rpy"]) == 3 and len(told["imu"]["quaternion"]) == 4
+        said = status(bench.robot)
+        assert "network_interface" in said  # of a robot that was heard
+        assert sorted(said["motors"].values()) == list(range(joints))
+    assert json_of(g1.robot.state())["fsm_id"] == 801
+    # The wire's order, which is not that of the description: front right first.
+    legs = [f"{leg}_{part}_joint" for leg in ("FR", "FL", "RR", "RL") for part in ("hip", "thigh", "calf")]
+    assert list(status(go2.robot)["motors"]) == legs
+
+
+def test_until_it_is_released_a_go2_is_moved_by_no_verb(go2: Bench) -> None:
+    assert status(go2.robot)["sport_mode_released"] is False
+    for answer in (
+        go2.robot.send_action({go2.joint: go2.here()}),
+        go2.robot.run_policy(hold),
+    ):
+        assert "sport mode" in why(answer) and "release_sport_mode" in why(answer)
+    assert go2.robot.start_task("walk")["status"] == "error"
+    released = json_of(go2.robot.release_sport_mode())  # type: ignore[attr-defined]
+    assert released["sport_mode_released"] is True
+    go2.sensor("sport_mode_released", 1.0)
+
+
+def test_what_is_commanded_is_told(g1: Bench) -> None:
+    told = g1.moved(g1.joint, g1.other)
+    assert (told["topic"], told["fsm_id"]) == ("rt/lowcmd", 801)
+    assert told["joints"] == sorted([g1.joint, g1.other])
+    assert g1.moved(g1.joint, kp=20.0, kd=1.0, dq=0.1, tau=0.05)["joints"] == [g1.joint]
+
+
+def unusable(joint: str, q: float) -> list[tuple[Any, str]]:
+    return [
+        ({}, "names no joint"),
+        ([joint], "must be a mapping"),
+        ({"elbow_typo": 0.2, joint: q}, "elbow_typo is not a joint"),
+        ({joint: {"kp": 10.0}}, "has no q"),
+        ({joint: {"q": q, "K_p": 50.0}}, "K_p is not known"),
+        ({joint: "hold"}, f"{joint}.q is hold"),
+        ({joint: NAN}, f"{joint}.q is nan"),
+        ({joint: {"q": q, "kp": NAN}}, f"{joint}.kp is nan"),
+        ({joint: {"q": q, "tau": True}}, f"{joint}.tau is True"),
+    ]
+
+
+@pytest.mark.parametrize("kind", ["g1", "go2"])
+def test_an_unusable_action_is_refused_whole(kind: str, request: pytest.FixtureRequest) -> None:
+    bench: Bench = request.getfixturevalue(kind)
+    for action, says in unusable(bench.joint, bench.here()):
+        bench.refuses(action, says)
+    foreign = "FL_hip_joint" if kind == "g1" else "left_knee"
+    if kind == "g1":  # a Go2 that was let go lies past its travel by now, which is said first
+        bench.refuses({bench.joint: {"q": bench.here(), "kp": -1.0}}, "outside 0..200")
+    bench.refuses({foreign: 0.0}, f"{foreign} is not a joint")
+    assert "so101" in why(bench.robot.send_action({bench.joint: bench.here()}, robot_name="so101"))
+
+
+@pytest.mark.parametrize("kind", ["g1", "go2"])
+def test_a_budget_that_bounds_nothing_starts_nothing(kind: str, request: pytest.FixtureRequest) -> None:
+    bench: Bench = request.getfixturevalue(kind)
+    bench.armed()
+    for name, values in {
+        "duration": (NAN, float("inf"), 0, -1, "3"),
+        "n_steps": (True, 0, -1, 2.5),
+    }.items():
+        for value in values:
+            assert f"{name} is {value!r}" in why(bench.robot.run_policy(hold, **{name: value}))
+    for policy in (None, object()):
+        assert "get_actions_sync" in why(bench.robot.run_policy(policy))
+    assert not task(bench.robot)["running"]
+
+
+@pytest.mark.parametrize("kind", ["g1", "go2"])
+def test_a_rollout_ends_by_name_in_a_soft_stop(kind: str, request: pytest.FixtureRequest) -> None:
+    bench: Bench = request.getfixturevalue(kind)
+    for policy, budget, reason, says in (
+        (Stand(bench.other), {"n_steps": 5}, "n_steps", "5 steps"),
+        (Stand(bench.other), {"duration": 0.05}, "duration", "0.05 s"),
+        (lambda seen: None, {}, "policy", "not an action"),
+        (lambda seen: 1 / 0, {}, "policy", "division by zero"),
+        (lambda seen: {"typo": 1.0}, {}, "gate", "typo is not a joint"),
+    ):
+        until(
+            lambda policy=policy, budget=budget, reason=reason: (
+                bench.runs(policy, **budget)["exit_reason"] == reason
+            ),
+            f"it ends by {reason}",  # a busy machine ends it by another
+        )
+        ended = task(bench.robot)
+        assert says in ended["exit_detail"], ended
+        assert task(bench.robot) == ended  # for who asks late
+        assert bench.twin.log.host("safe")[-1].safe_state == "zero_torque"
+    bench.armed()
+    json_of(bench.robot.run_policy(Stand(bench.other), duration=30.0))
+    assert "already running" in why(bench.robot.run_policy(hold))
+    halted = json_of(bench.robot.stop_task())
+    assert halted["stopped"] and halted["exit_reason"] == "stopped"
+    assert json_of(bench.robot.stop_task()) == halted
+
+
+@pytest.mark.parametrize("kind", ["g1", "go2"])
+def test_under_the_battery_floor_no_verb_moves_it(kind: str, request: pytest.FixtureRequest) -> None:
+    bench: Bench = request.getfixturevalue(kind)
+    bench.armed()
+    bench.twin.order("battery 4")
+    bench.sensor("battery_pct", 4.0)
+    bench.refuses({bench.joint: bench.here()}, "battery 4.0 % is under the floor of 15.0 %")
+    assert bench.robot.run_policy(hold)["status"] == "error"
+    assert bench.robot.start_task("walk")["status"] == "error"
+    bench.twin.order("battery 80")
+    bench.sensor("battery_pct", 80.0)
+
+
+def test_a_g1_is_moved_only_in_the_states_that_shake_hands(g1: Bench) -> None:
+    g1.armed()
+    for fsm in (0, 1, 3, 4):
+        g1.twin.order(f"fsm {fsm}")
+        g1.sensor("fsm", fsm)
+        g1.refuses({g1.joint: g1.here()}, f"FSM {fsm} ")
+        assert all(each in why(g1.robot.send_action({g1.joint: g1.here()})) for each in ("500", "501", "801"))
+        assert g1.robot.run_policy(hold)["status"] == "error"
+    for fsm in (500, 501, 801):
+        g1.twin.order(f"fsm {fsm}")
+        g1.sensor("fsm", fsm)
+        assert g1.moved(g1.joint)["fsm_id"] == fsm
+
+
+@pytest.mark.parametrize("kind", ["g1", "go2"])
+def test_an_agents_verbs_are_those_of_the_schema(kind: str, request: pytest.FixtureRequest) -> None:
+    bench: Bench = request.getfixturevalue(kind)
+    verbs = bench.robot.tool_spec["inputSchema"]["json"]["properties"]["action"]["enum"]
+    assert verbs == ["sensors", "status", "stop"]
+    for other in ("home", "walk", ""):
+        assert repr(other) in why(ask(bench.robot, action=other))
+    sensed = json_of(ask(bench.robot, action="sensors"))["sensors"]
+    assert sensed["battery_pct"] == [80.0] and len(sensed["rpy_rad"]) == 3
+    stopped = json_of(ask(bench.robot, action="stop"))
+    assert stopped["safe_state"] == "zero_torque" and stopped["unconfirmed"] == []
+    assert "resume() first" in why(bench.robot.send_action({bench.joint: 0.0}))
