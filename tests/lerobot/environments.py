@@ -66,12 +66,28 @@ def folder() -> Path:
 
 
 def interpreter(minor: str) -> str | None:
-    """Return a Python of this version: ours, one on the path, or pyenv's newest."""
+    """Return a Python of this version that runs: ours, one on the path, or pyenv's newest."""
     if sys.version_info[:2] == tuple(map(int, minor.split("."))):
         return sys.executable
     pyenv = Path(os.environ.get("PYENV_ROOT") or Path("~/.pyenv").expanduser())
-    newest = sorted(pyenv.glob(f"versions/{minor}.*/bin/python"))
-    return shutil.which(f"python{minor}") or (str(newest[-1]) if newest else None)
+    of_pyenv = sorted(pyenv.glob(f"versions/{minor}.*/bin/python"), key=_patch, reverse=True)
+    on_path = shutil.which(f"python{minor}")
+    found = [*([on_path] if on_path else []), *map(str, of_pyenv)]
+    return next((python for python in found if _runs(python, minor)), None)
+
+
+def _patch(python: Path) -> int:
+    """Return the 12 of ``versions/3.11.12/bin/python``; of no release (``3.13.0rc1``) -1."""
+    patch = python.parents[1].name.split(".")[2]
+    return int(patch) if patch.isdigit() else -1
+
+
+def _runs(python: str, minor: str) -> bool:
+    """Ask it. A shim of pyenv's is on the path for each version there is, and refuses to run those
+    that are not chosen."""
+    ask = "import sys; print('%d.%d' % sys.version_info[:2])"
+    done = subprocess.run([python, "-c", ask], capture_output=True, text=True)
+    return done.returncode == 0 and done.stdout.strip() == minor
 
 
 def _do(*command: str) -> None:

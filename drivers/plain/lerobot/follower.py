@@ -1,8 +1,8 @@
 """An object of LeRobot's, in the wire process, as a driver class of the drivers page.
 
-LeRobot energises a robot when it connects it. This does not leave it so: connected, it is stopped
-energises it where it stands when the tree arms it. That is so where it has buses whose torque can be
-kept off meanwhile; others are energised by connecting, as LeRobot has it.
+LeRobot energises a robot when it connects it. This does not leave it so: connected, it has no
+torque, and is energised where it stands when the tree arms it. That is so where it has buses whose
+torque can be kept off meanwhile; others are energised by connecting, as LeRobot has it.
 """
 
 from __future__ import annotations

@@ -1,0 +1,45 @@
+"""Which Python ``python -m tests lerobot`` makes an environment with. Programs of ours stand in for
+interpreters of a version that no machine has."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.lerobot.environments import interpreter
+
+RUNS, REFUSES = "echo 3.99", "echo 'python3.99: command not found' >&2; exit 127"
+
+
+@pytest.fixture
+def machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("PATH", str(tmp_path / "path"))
+    monkeypatch.setenv("PYENV_ROOT", str(tmp_path / "pyenv"))
+    return tmp_path
+
+
+def put(python: Path, does: str) -> str:
+    python.parent.mkdir(parents=True, exist_ok=True)
+    python.write_text(f"#!/bin/sh\n{does}\n")
+    python.chmod(0o755)
+    return str(python)
+
+
+def test_a_shim_that_refuses_to_run_is_passed_over_for_the_newest_release_of_pyenv(machine: Path) -> None:
+    put(machine / "path" / "python3.99", REFUSES)
+    for release in ("3.99.2", "3.99.0rc1"):
+        put(machine / "pyenv" / "versions" / release / "bin" / "python", RUNS)
+    newest = put(machine / "pyenv" / "versions" / "3.99.10" / "bin" / "python", RUNS)
+    assert interpreter("3.99") == newest
+
+
+def test_one_on_the_path_is_taken_when_it_runs(machine: Path) -> None:
+    on_path = put(machine / "path" / "python3.99", RUNS)
+    put(machine / "pyenv" / "versions" / "3.99.2" / "bin" / "python", RUNS)
+    assert interpreter("3.99") == on_path
+
+
+def test_there_is_none_when_none_runs(machine: Path) -> None:
+    put(machine / "path" / "python3.99", REFUSES)
+    assert interpreter("3.99") is None
