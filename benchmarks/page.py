@@ -5,10 +5,11 @@ from __future__ import annotations
 
 import math
 import os
-import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+from strands_actors.testing.markdown import paragraph
 
 from . import flames
 from .house import HOUSE, OURS, RESULTS, Goal, Question, Result, Spread, Verdict
@@ -79,11 +80,6 @@ def bound(goal: Goal) -> str:
     return f"{sign} {number(value)}" + (f" × {goal.beside}" if goal.beside else "")
 
 
-def wrapped(text: str) -> str:
-    """One paragraph, in lines of 100 characters."""
-    return textwrap.fill(" ".join(text.split()), 100, break_long_words=False, break_on_hyphens=False)
-
-
 def shown(side: str) -> str:
     return f"**{OUR_NAME}**" if side == OURS else side
 
@@ -148,9 +144,9 @@ def section(question: Question, result: Result) -> str:
         f"*{machine.date}, {machine.processor}, {machine.cores} cores, {machine.kernel}, Python {machine.python}, "
         f"load {machine.load_before} before; {len(result.rounds)} rounds{', short form' if result.short else ''}.*"
     )
-    lines = [f"## {question.title}", "", wrapped(where), "", *table(result), *goals(question, result), ""]
+    lines = [f"## {question.title}", "", paragraph(where), "", *table(result), *goals(question, result), ""]
     lines += [
-        wrapped(f"**What limits it.** {question.limit}"),
+        paragraph(f"**What limits it.** {question.limit}"),
         "",
         f"![{question.title}](benchmarks/{question.name}.svg)",
         "",
@@ -167,7 +163,7 @@ def where_it_goes(question: Question) -> list[str]:
     shares = flames.heaviest(flames.read(kept.read_text()))
     most = ", ".join(f"`{frame.partition(' (')[0]}` {share:.0%}" for frame, share in shares)
     drawing = f"![Where our side computes](benchmarks/flames/{question.name}.svg)"
-    told = wrapped(f"Who computes in our side, by function, with what each calls in C: {most}.")
+    told = paragraph(f"Who computes in our side, by function, with what each calls in C: {most}.")
     return [told, "", drawing, ""]
 
 

@@ -284,7 +284,7 @@ def list_robots(mode: str = "all") -> list[str]:
         raise ValueError(f"list_robots: mode is {mode!r}. use {', '.join(map(repr, LIST_ROBOTS_MODES))}")
     robots = _known()
     if mode in ("sim", "both"):
-        robots &= {name for name in robots if _simulates(name)}
+        robots = {name for name in robots if _simulates(name)}
     if mode in ("real", "both"):
         robots &= {*_registered, *_lerobots()}
     return sorted(robots)
@@ -374,8 +374,9 @@ def list_native_drivers() -> dict[str, str]:
 def list_driver_coverage() -> dict[str, tuple[str, ...]]:
     """Every known robot with who drives it: ``lerobot``, ``strands``, both or none."""
     _load()
+    lerobots = _lerobots()
     return {
-        name: tuple(who for who, has in (("lerobot", _lerobots()), ("strands", _registered)) if name in has)
+        name: tuple(who for who, has in (("lerobot", lerobots), ("strands", _registered)) if name in has)
         for name in list_robots()
     }
 

@@ -191,7 +191,7 @@ class Cycle:
         told = _Told(*(self.dialect.get(state, name) for name in ("q_d", "dq_d", "ddq_d")))
         if self._went_on(told, elapsed):
             self.went_on += 1
-            trajectory.meet(told.position, told.speed, told.acceleration)
+            trajectory.meet(*told)
         self._told = told
         self._sent = position = trajectory.step()
         if self.phase is Phase.MOVING and trajectory.arrived:

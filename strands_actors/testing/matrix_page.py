@@ -6,12 +6,12 @@ the columns, so that one robot can be measured again and its column replaced.
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import msgspec
 
+from .markdown import paragraph
 from .matrix import Row, shown, verdict
 from .pairs import APART_S
 from .queueing import DISTURBED_MS
@@ -148,10 +148,10 @@ def page(columns: Mapping[str, Column], introduction: str = INTRODUCTION) -> str
     fewest = min((row.trials for row in measured), default=0)
     made = f"{len(columns)} robots, {len(measured)} cells, {trials} trials, at least {fewest} a cell"
     lines = [introduction.format(repeats=repeats, disturbed_ms=DISTURBED_MS, apart_ms=APART_S * 1e3)]
-    lines += [_wrapped(f"{made}, {after} setpoints after a safe frame: {judged}."), ""]
+    lines += [paragraph(f"{made}, {after} setpoints after a safe frame: {judged}."), ""]
     for robot, column in columns.items():
         taken = "; ".join(f"{key}: {value}" for key, value in column.taken.items())
-        lines += [f"## {robot}", "", _wrapped(f"*{taken}.*"), "", *_table(column.rows), ""]
+        lines += [f"## {robot}", "", paragraph(f"*{taken}.*"), "", *_table(column.rows), ""]
     return "\n".join(lines)
 
 
@@ -171,20 +171,13 @@ def _table(rows: Sequence[Row]) -> Iterator[str]:
     for row in rows:
         for story in row.stories:
             yield ""
-            yield _wrapped(f"{row.victim} {row.fault}, {verdict(row)}: from the fault on the wire showed {story}.")
+            yield paragraph(f"{row.victim} {row.fault}, {verdict(row)}: from the fault on the wire showed {story}.")
     yield ""
     yield "Not applicable:"
     yield ""
-    for victim in dict.fromkeys(row.victim for row in rows):
-        for why in dict.fromkeys(row.why_not for row in rows if row.victim == victim and row.why_not):
-            faults = dict.fromkeys(row.fault for row in rows if _is(row, victim, row.fault, why))
-            yield _wrapped(f"* {victim}: {', '.join(faults)}: {why}.", "  ")
-
-
-def _wrapped(text: str, indent: str = "") -> str:
-    """One paragraph, in lines of 100 characters."""
-    return textwrap.fill(text, 100, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
-
-
-def _is(row: Row, victim: str, fault: str, why: str) -> bool:
-    return row.victim == victim and row.fault == fault and row.why_not == why
+    faults: dict[tuple[str, str], list[str]] = {}
+    for row in rows:
+        if row.why_not:
+            faults.setdefault((row.victim, row.why_not), []).append(row.fault)
+    for (victim, why), of_them in faults.items():
+        yield paragraph(f"* {victim}: {', '.join(of_them)}: {why}.", "  ")

@@ -81,6 +81,7 @@ REFUSALS: list[tuple[str, dict[str, Any], tuple[str, ...]]] = [
     ("ur5e", {**PORT, "model": "ur10e"}, ("model is 'ur10e'. Use Robot('ur10e')",)),
     ("so101", {**PORT, "calibration": 7}, ("calibration is 7", "Give a path, a dict or None")),
     ("ur5e", {"mode": "real"}, ("ur5e needs 'port', its address", "Robot('ur5e', mode='real', port=")),
+    ("", {}, ("the name is ''",)),
 ]
 
 WRONG_TYPES: list[tuple[Any, dict[str, Any], str]] = [

@@ -43,7 +43,6 @@ class Motion(msgspec.Struct):
     command: p.Command | None = None  # that came since the last tick
     begun: bool = False  # by a first command
     missed: int = 0  # ticks in a row without a command
-    led: bool = False  # by a first position or speed
     speed: tuple[float, ...] = (0.0,) * JOINTS
     acceleration: tuple[float, ...] = (0.0,) * JOINTS
 
@@ -173,7 +172,7 @@ class Controller:
         command, motion.command = motion.command, None
         if not motion.begun and command is None:
             return None
-        motion.begun = True
+        first, motion.begun = not motion.begun, True
         self._answered.append(command is not None)
         if command is None:
             motion.missed += 1
@@ -191,7 +190,7 @@ class Controller:
             self.plant.push(self._tau)
             self._goal = self.plant.position_rad
         else:
-            refused = self._follow(motion, command)
+            refused = self._follow(motion, command, first)
             if refused:
                 return self.reflex(refused)
         return self.stop("success") if command.finished else None
@@ -210,17 +209,14 @@ class Controller:
         motion.speed = tuple(speed)
         self._lead_to(goal)
 
-    def _follow(self, motion: Motion, command: p.Command) -> str:
+    def _follow(self, motion: Motion, command: p.Command, first: bool) -> str:
         """Go to what a command says; empty, or which guard it breaks."""
         arm = self.arm
         if motion.generator == p.Generator.JOINT_VELOCITY:
             goal = tuple(rad + rad_s * TICK_S for rad, rad_s in zip(self._goal, command.dq, strict=True))
         else:
             goal = command.q
-        if (
-            not motion.led
-            and max(abs(there - here) for there, here in zip(goal, self._goal, strict=True)) > START_RAD
-        ):
+        if first and max(abs(there - here) for there, here in zip(goal, self._goal, strict=True)) > START_RAD:
             return "joint_position_motion_generator_start_pose_invalid"
         speed = tuple((there - here) / TICK_S for there, here in zip(goal, self._goal, strict=True))
         acceleration = tuple((now - then) / TICK_S for now, then in zip(speed, motion.speed, strict=True))
@@ -235,7 +231,7 @@ class Controller:
                 return "joint_motion_generator_velocity_discontinuity"
             if abs(acceleration[at] - before[at]) > arm.jerk[at] * TICK_S * SLACK + 0.01:
                 return "joint_motion_generator_acceleration_discontinuity"
-        motion.speed, motion.acceleration, motion.led = speed, acceleration, True
+        motion.speed, motion.acceleration = speed, acceleration
         self._lead_to(goal)
         return ""
 
