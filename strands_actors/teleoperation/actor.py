@@ -56,7 +56,7 @@ AGAIN_S = 1.0
 """Until a leader that is gone is tried again."""
 
 KEY, GRIPPER = "key", "gripper"
-OVER = ("disarmed", "locked_out", "stopped", "ended", "no_drill")
+OVER = ("disarmed", "faulted", "locked_out", "stopped", "ended", "no_drill")
 """Refusals after which only the robot's operator can go on: the teleoperation has ended."""
 FRAME_REFUSED = ("too_fast", "past_travel")
 """Refusals of one target: the next may be accepted."""

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from strands_actors.contract.driver import Condition, Driver, GateState, Observation
+from strands_actors.contract.driver import Condition, Driver, GateState, Observation, Reason
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.messages import Perform, Setpoint
 
@@ -25,6 +25,7 @@ class Known(NamedTuple):
     state: failsafe.State
     leases: Leases
     cause: str  # of the state
+    reason: str  # the ``Reason`` of that cause; empty: none
     connect_error: str
     observation: Observation | None
     target: tuple[float, ...]
@@ -156,7 +157,9 @@ class Admission:
         if mode is Mode.ARMING:
             return Refused("arming", "move: the robot is being energised", "try again when it is armed")
         cause = f" ({known.cause})" if known.cause else ""
-        return Refused("disarmed", f"move: the robot is {mode}{cause}", "call resume() first")
+        # A code of its own: whoever moved the robot was ended by the robot, not by a person's stop.
+        code = "faulted" if known.reason == Reason.FAULT else "disarmed"
+        return Refused(code, f"move: the robot is {mode}{cause}", "call resume() first")
 
     def _refuse_latched(self, message: Setpoint) -> Refused | None:
         """Refuse a command without an end to a robot that would go on moving by it: a base, a

@@ -103,7 +103,7 @@ class Gate(Actor):
         self._resumes: list[Deferred] = []
         self._services: dict[int, Deferred] = {}  # by number: who waits for what is being carried out
         self._service = 0
-        self._cause = cause
+        self._cause, self._reason = cause, ""
         self._connect_error = "not connected yet"
         self._facts: dict[str, object] = {}
         self._last_stop: StopReport | None = None
@@ -238,6 +238,7 @@ class Gate(Actor):
             self._state,
             self._leases,
             self._cause,
+            self._reason,
             self._connect_error,
             self._observation,
             self._target,
@@ -371,7 +372,7 @@ class Gate(Actor):
         self._state, action = failsafe.step(before, event, lock)
         makes_safe = action is Action.MAKE_SAFE
         if makes_safe:
-            self._cause = cause
+            self._cause, self._reason = cause, reason
             self._live_until_ns = 0
             self._transport.tell(MakeSafe(self._state.epoch, safe_state, reason))  # before anybody else is told
             for resume in self._resumes:
@@ -459,7 +460,7 @@ class Gate(Actor):
             cause = f"arming failed: {message.error}"
             self._step(Event.ARM_FAILED, self._driver.fallbacks[Reason.STOP], Reason.FAULT, cause)
             return
-        self._cause = ""
+        self._cause = self._reason = ""
         self._advance(Event.ARM_DONE)
         self._aim_at_measured(message.observation)
         for resume in self._resumes:

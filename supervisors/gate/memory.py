@@ -39,4 +39,5 @@ class GateMemory(msgspec.Struct, frozen=True):
     refusals: int
     last_refusal: str
     no_standby: str = ""
+    reason: str = ""
     audited: bool = False
