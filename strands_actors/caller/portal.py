@@ -91,8 +91,17 @@ class Portal:
                 with contextlib.suppress(trio.RunFinishedError):
                     self._token.run_sync_soon(scope.cancel)
 
+        def start() -> None:
+            try:
+                self.nursery.start_soon(run)
+            except RuntimeError:  # the loop ends: its nursery is closed
+                future.cancel()
+
         future.add_done_callback(cancel)
-        self._token.run_sync_soon(self.nursery.start_soon, run)
+        try:
+            self._token.run_sync_soon(start)
+        except trio.RunFinishedError:
+            future.cancel()
         return future
 
     def leave(self) -> None:

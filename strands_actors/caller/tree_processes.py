@@ -12,6 +12,7 @@ import msgspec
 import trio
 
 from strands_actors.contract.driver import Driver, Reason
+from strands_actors.kernel.channels.link import Link
 from strands_actors.kernel.channels.zenoh_mesh import unix_endpoint
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import AskTimeout, Node, Ref, Unreachable
@@ -145,8 +146,11 @@ class TreeProcesses(Processes):
         self.root: Ref = node.ref(at.root, Root)
         self.tasks: Ref = node.ref(at.tasks, Tasks)
         self._scope = trio.CancelScope()
+        # Made here, not in the task: a root that is fenced before the task has begun is a closed link
+        # there, not a socket that is gone, which would end the loop of every robot of this program.
+        link = process.link(node, channels.of_root(self.robot))
         self._root_process = process  # last: other threads look here for whether there is somebody to ask
-        self.nursery.start_soon(self._attend, process, self._scope, beside)
+        self.nursery.start_soon(self._attend, process, link, self._scope, beside)
 
     def _begin_cameras(self, port: str) -> list[dict[str, Any]]:
         """What the root is to keep for them."""
@@ -163,11 +167,15 @@ class TreeProcesses(Processes):
         return {"drill": clause(plan.driver_class, plan.robot, at, plan.options, plan.drill_age_s)}
 
     async def _attend(
-        self, process: ChildProcess, scope: trio.CancelScope, beside: Callable[[], Awaitable[None]]
+        self,
+        process: ChildProcess,
+        link: Link,
+        scope: trio.CancelScope,
+        beside: Callable[[], Awaitable[None]],
     ) -> None:
         with scope:
             async with trio.open_nursery() as nursery:
-                nursery.start_soon(process.link(self.node, channels.of_root(self.robot)).run)
+                nursery.start_soon(link.run)
                 nursery.start_soon(beside)
                 await process.wait()
                 nursery.cancel_scope.cancel()

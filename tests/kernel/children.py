@@ -131,3 +131,8 @@ def family(args: dict[str, Any], sock: socket.socket) -> None:
     sock.sendall(str(child.pid).encode())
     time.sleep(1000)
     child.kill()
+
+
+def tell_scheduling(args: dict[str, Any], sock: socket.socket) -> None:
+    """Say how it is run."""
+    sock.sendall(str(os.sched_getscheduler(0)).encode())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 
@@ -72,3 +73,23 @@ def test_it_stays_in_memory_where_that_is_permitted_and_who_only_asks_does_not()
     assert locked == may
     assert int(before_kb) < 1000
     assert (int(after_kb) > 10_000) == (locked == "True")
+
+
+KEPT = """
+import os
+from strands_actors.kernel.processes.process import start
+from tests.kernel import children
+os.sched_setscheduler(0, os.{policy}, os.sched_param({priority}))
+print(start("tests.kernel.children:tell_scheduling", {{}}).socket.recv(8).decode())
+"""
+
+
+@pytest.mark.parametrize(("policy", "priority", "kept"), [("SCHED_IDLE", 0, True), ("SCHED_FIFO", 1, False)])
+def test_a_child_is_run_as_its_user_wants_but_never_first(policy: str, priority: int, kept: bool) -> None:
+    """Who may not leave SCHED_IDLE, under ``chrt -i``, could start no robot at all."""
+    code = KEPT.format(policy=policy, priority=priority)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    if not kept and "PermissionError" in done.stderr:
+        return  # not everybody may run first
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) == (getattr(os, policy) if kept else os.SCHED_OTHER)

@@ -34,10 +34,11 @@ FENCE_S = 1.0
 (a serial adapter that hangs) ends when that returns, and until then runs none of its own code."""
 
 # A child of a process that runs first does not, from its first line on: its imports take longer than
-# the kernel lets such a process compute.
+# the kernel lets such a process compute. Any other way to be run is the user's wish, and not everybody
+# may leave it.
 _BOOT = """
 import os, sys
-if hasattr(os, "sched_setscheduler"):
+if hasattr(os, "sched_setscheduler") and os.sched_getscheduler(0) == os.SCHED_FIFO:
     os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 from strands_actors.kernel.processes.child import main
 main(int(sys.argv[1]))
