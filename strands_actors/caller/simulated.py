@@ -15,8 +15,8 @@ from strands_actors.simulation.scene import placement
 BACKENDS = ("mujoco", "newton", "isaac")
 
 ISAAC = (
-    "Isaac Sim is not on the package index of Python alone: "
-    "pip install 'isaacsim[all]' --extra-index-url https://pypi.nvidia.com, on a machine with an RTX graphics card"
+    "Isaac Sim is not here. It needs Python 3.12 and an RTX graphics card: "
+    "pip install 'isaacsim[all,extscache]' --extra-index-url https://pypi.nvidia.com"
 )
 NOT_YET = "this version has no loader for it: it simulates by backend='mujoco'"
 
