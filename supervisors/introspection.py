@@ -8,8 +8,7 @@ import sys
 
 from strands_actors.kernel.actor import Actor
 from strands_actors.kernel.messages import Message, Refused
-
-from .messages import ActorInfo, Describe, Introspection
+from strands_actors.supervisors.root.messages import ActorInfo, Describe, Introspection
 
 ALLOW_FAULTS = "STRANDS_ACTORS_ALLOW_FAULTS"
 

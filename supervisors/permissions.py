@@ -11,14 +11,9 @@ from __future__ import annotations
 from strands_actors.kernel.channels.permissions import Channel, Told
 from strands_actors.kernel.messages import Message
 from strands_actors.kernel.node import PREFIX
-
-from . import addresses
-from .mesh.gateway_messages import Dated, Sync
-from .messages import (
+from strands_actors.supervisors.gate.messages import (
     Acquire,
     Beat,
-    Describe,
-    Fence,
     GetObservation,
     GetStatus,
     Perform,
@@ -26,8 +21,11 @@ from .messages import (
     Resume,
     Setpoint,
     Stop,
-    TaskStatus,
 )
+from strands_actors.supervisors.root.messages import Describe, Fence, TaskStatus
+
+from . import addresses
+from .mesh.gateway_messages import Dated, Sync
 
 WRITES: frozenset[type[Message]] = frozenset({Setpoint, Acquire, Release, GetObservation, GetStatus, Stop})
 """What a rollout tells the gate. A stop is refused to nobody."""

@@ -27,22 +27,12 @@ from strands_actors.kernel.health import gc_freeze as heap
 from strands_actors.kernel.mailbox import SUPERSEDED
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import ActorRef, AskTimeout, Unreachable
+from strands_actors.supervisors.gate.messages import Accepted, Acquire, GetObservation, Lease, Release, Setpoint
+from strands_actors.supervisors.root.messages import GetTask, Rollout, StopTask, TaskStatus
 
 from . import addresses
 from .gate.actions import plain
 from .gate.gate import Gate
-from .messages import (
-    Accepted,
-    Acquire,
-    GetObservation,
-    GetTask,
-    Lease,
-    Release,
-    Rollout,
-    Setpoint,
-    StopTask,
-    TaskStatus,
-)
 
 Action = dict[str, Any]
 Infer = Callable[[dict[str, float], str], Sequence[Action]]

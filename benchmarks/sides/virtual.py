@@ -27,8 +27,8 @@ from strands_actors.kernel.channels.local_mesh import LocalNetwork
 from strands_actors.kernel.clock import Clock, VirtualClock
 from strands_actors.kernel.node import Node, Ref
 from strands_actors.supervisors import addresses
+from strands_actors.supervisors.gate.messages import Accepted, Acquire, Beat, Lease, Resume, Resumed, Setpoint
 from strands_actors.supervisors.instrument import Acknowledge, Attach, Attached, Batch, Detach, InstrumentKeeper
-from strands_actors.supervisors.messages import Accepted, Acquire, Beat, Lease, Resume, Resumed, Setpoint
 from strands_actors.supervisors.wire.group import instrument_keeper
 from strands_actors.surfaces.recording.file import Recording, new_info
 from strands_actors.surfaces.recording.lines import Gap, Journal

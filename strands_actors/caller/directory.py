@@ -23,19 +23,9 @@ from strands_actors.kernel.node import AskTimeout, Node, Unreachable
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate.gate import Gate
-from strands_actors.supervisors.messages import (
-    Describe,
-    Fence,
-    GetStatus,
-    ProcessInfo,
-    Resume,
-    Resumed,
-    Status,
-    Stop,
-    StopReport,
-    TreeReport,
-)
+from strands_actors.supervisors.gate.messages import GetStatus, Resume, Resumed, Status, Stop, StopReport
 from strands_actors.supervisors.root.guardian import Guardian
+from strands_actors.supervisors.root.messages import Describe, Fence, ProcessInfo, TreeReport
 from strands_actors.supervisors.root.process import Root
 
 from .nodes import open_node

@@ -10,7 +10,8 @@ from typing import Any
 
 from strands_actors.contract.driver import Driver, Observation
 from strands_actors.kernel.messages import Refused
-from strands_actors.supervisors.messages import Status, StopReport, TaskStatus, TreeReport
+from strands_actors.supervisors.gate.messages import Status, StopReport
+from strands_actors.supervisors.root.messages import TaskStatus, TreeReport
 
 UNREACHABLE = "unreachable"
 """The state of a robot that does not answer, or was not connected."""

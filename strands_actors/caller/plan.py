@@ -30,7 +30,7 @@ from strands_actors.drivers import (
     resolve_driver,
 )
 from strands_actors.kernel.processes.limits import PolicyLimits, limits_of
-from strands_actors.supervisors.messages import MAX_LIFETIME_S
+from strands_actors.supervisors.gate.messages import MAX_LIFETIME_S
 from strands_actors.surfaces.cameras.config import SCENE, read_cameras
 from strands_actors.surfaces.drill.certificate import parse_age_s
 from strands_actors.surfaces.mesh.config import MeshConfig

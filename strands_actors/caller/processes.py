@@ -16,7 +16,8 @@ from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import ActorRef, AskTimeout, Node, Unreachable
 from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate.failsafe import LINKED, Mode
-from strands_actors.supervisors.messages import GetStatus, Lease, Status, StopReport, TreeReport
+from strands_actors.supervisors.gate.messages import GetStatus, Lease, Status, StopReport
+from strands_actors.supervisors.root.messages import TreeReport
 from strands_actors.surfaces.cameras.handle import Cameras
 
 from .plan import Plan

@@ -16,8 +16,9 @@ import trio
 from strands_actors.contract.driver import Driver, Observation, WireDown
 from strands_actors.kernel.messages import Refused
 from strands_actors.policies.registry import DEFAULT_PROVIDER
+from strands_actors.supervisors.gate.messages import Status
 from strands_actors.supervisors.loading import build_driver
-from strands_actors.supervisors.messages import Status, TaskStatus
+from strands_actors.supervisors.root.messages import TaskStatus
 from strands_actors.surfaces.agents.approval import APPROVE_S, Approval, approval_of
 from strands_actors.surfaces.agents.calls import read
 from strands_actors.surfaces.agents.tool import RobotTool

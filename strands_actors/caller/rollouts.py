@@ -19,7 +19,8 @@ from strands_actors.kernel.node import ActorRef, AskTimeout, Unreachable
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.gate.admission import about
 from strands_actors.supervisors.gate.failsafe import Mode
-from strands_actors.supervisors.messages import GetTask, Operate, Rollout, StartTask, Stop, StopTask, TaskStatus
+from strands_actors.supervisors.gate.messages import Stop
+from strands_actors.supervisors.root.messages import GetTask, Operate, Rollout, StartTask, StopTask, TaskStatus
 
 from .processes import Processes
 from .writer import Writer

@@ -17,8 +17,7 @@ from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Node, Unreachable
 from strands_actors.supervisors.gate.failsafe import Mode
-from strands_actors.supervisors.loading import build_driver
-from strands_actors.supervisors.messages import (
+from strands_actors.supervisors.gate.messages import (
     Accepted,
     GetObservation,
     Performed,
@@ -27,8 +26,9 @@ from strands_actors.supervisors.messages import (
     Status,
     Stop,
     StopReport,
-    TreeReport,
 )
+from strands_actors.supervisors.loading import build_driver
+from strands_actors.supervisors.root.messages import TreeReport
 from strands_actors.surfaces.cameras.handle import Cameras
 
 from .commanding import Commanding, Order, Orders

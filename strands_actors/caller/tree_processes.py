@@ -20,17 +20,9 @@ from strands_actors.kernel.processes.process import ChildProcess, start
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors import permissions as channels
 from strands_actors.supervisors.gate.failsafe import Mode
+from strands_actors.supervisors.gate.messages import Lease, StopReport
 from strands_actors.supervisors.loading import describe_driver
-from strands_actors.supervisors.messages import (
-    Describe,
-    Fence,
-    GetMesh,
-    Lease,
-    OnMesh,
-    Shutdown,
-    StopReport,
-    TreeReport,
-)
+from strands_actors.supervisors.root.messages import Describe, Fence, GetMesh, OnMesh, Shutdown, TreeReport
 from strands_actors.supervisors.standby.report import LOCK, REPORT
 from strands_actors.surfaces.drill.certificate import TWIN, clause
 

@@ -21,7 +21,8 @@ from strands_actors.kernel.health.processor import pressure
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import AskTimeout, Unreachable
 from strands_actors.policies.registry import choose_provider, robot_facts
-from strands_actors.supervisors.messages import Accepted, Performed, Resumed, Status, StopReport, TaskStatus
+from strands_actors.supervisors.gate.messages import Accepted, Performed, Resumed, Status, StopReport
+from strands_actors.supervisors.root.messages import TaskStatus
 
 from . import envelopes as answers
 from .envelopes import Answer

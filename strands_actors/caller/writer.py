@@ -9,7 +9,7 @@ from collections.abc import Callable
 import trio
 
 from strands_actors.kernel.messages import Refused
-from strands_actors.supervisors.messages import Acquire, Beat, Lease, Release
+from strands_actors.supervisors.gate.messages import Acquire, Beat, Lease, Release
 
 from .processes import Processes
 

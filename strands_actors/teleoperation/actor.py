@@ -26,20 +26,16 @@ from strands_actors.kernel.node import AskTimeout, Unreachable
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.gate.failsafe import WRITABLE
 from strands_actors.supervisors.gate.gate import Gate
-from strands_actors.supervisors.messages import (
+from strands_actors.supervisors.gate.messages import (
     Acquire,
     GetObservation,
     GetStatus,
-    GetTask,
     Lease,
-    Operate,
     Release,
-    Rollout,
     Setpoint,
     Status,
-    StopTask,
-    TaskStatus,
 )
+from strands_actors.supervisors.root.messages import GetTask, Operate, Rollout, StopTask, TaskStatus
 
 from .machine import SILENT_NS, Frame, Kind, Machine, Squeezes, State, Step
 from .page.server import Page

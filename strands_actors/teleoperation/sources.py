@@ -13,7 +13,7 @@ from strands_actors.contract.driver import Wire, WireDown
 from strands_actors.contract.loading import load
 from strands_actors.kernel.clock import Clock
 from strands_actors.supervisors.loading import load_driver
-from strands_actors.supervisors.messages import Operate
+from strands_actors.supervisors.root.messages import Operate
 
 LIMP = "limp"
 OPERATOR_NS = 200_000_000

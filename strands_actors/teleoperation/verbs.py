@@ -16,7 +16,7 @@ from strands_actors.caller.verbs import Verb
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.plain_numbers import as_python
 from strands_actors.kernel.messages import Refused
-from strands_actors.supervisors.messages import Operate
+from strands_actors.supervisors.root.messages import Operate
 
 from .actor import GRIPPER, KEY
 from .machine import Kind

@@ -33,8 +33,8 @@ from strands_actors.contract.loading import load
 from strands_actors.contract.safe_state import check_fallbacks
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.processes.interpreter import PYTHON, environment
+from strands_actors.supervisors.gate.messages import MAX_LIFETIME_S
 from strands_actors.supervisors.loading import describe_driver, load_driver
-from strands_actors.supervisors.messages import MAX_LIFETIME_S
 
 from .bench import Bench, driver_of
 from .cells import run_cell

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from strands_actors.contract.driver import Driver, Reason
-from strands_actors.supervisors.messages import LEASE_TTL_S
+from strands_actors.supervisors.gate.messages import LEASE_TTL_S
 from strands_actors.supervisors.root.stopped_detector import noticed_s
 from strands_actors.supervisors.wire.transport import BACKOFF_S
 

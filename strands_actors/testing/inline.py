@@ -19,7 +19,7 @@ from strands_actors.kernel.supervisor import Budget, ChildSpec, Supervisor
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.gate.failsafe import State
 from strands_actors.supervisors.gate.gate import Gate
-from strands_actors.supervisors.messages import GetStatus, Status
+from strands_actors.supervisors.gate.messages import GetStatus, Status
 from strands_actors.supervisors.root.guardian import Guardian
 from strands_actors.supervisors.root.lock_keeper import LockKeeper
 from strands_actors.supervisors.root.locks import Locks

@@ -9,7 +9,7 @@ import msgspec
 
 from strands_actors.contract.driver import Condition, Driver, GateState, Observation, Reason
 from strands_actors.kernel.messages import Refused
-from strands_actors.supervisors.messages import Perform, Setpoint
+from strands_actors.supervisors.gate.messages import Perform, Setpoint
 
 from . import failsafe
 from .failsafe import Mode

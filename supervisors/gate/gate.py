@@ -15,24 +15,19 @@ from strands_actors.kernel.actor import Actor, Deferred
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import Ref
-from strands_actors.supervisors.messages import (
+from strands_actors.supervisors.gate.messages import (
     BROUGHT,
     Accepted,
     Acquire,
-    Alive,
-    Arm,
     ArmDone,
     Beat,
     CarriedOut,
-    CarryOut,
-    Decided,
     GetObservation,
     GetStatus,
     Lease,
     LinkLost,
     LinkUp,
     LockKept,
-    MakeSafe,
     Observed,
     Perform,
     Performed,
@@ -43,13 +38,13 @@ from strands_actors.supervisors.messages import (
     SafeDone,
     Setpoint,
     StandbyIs,
-    StateIs,
     Status,
     Stop,
     Stopped,
     StopReport,
-    Write,
 )
+from strands_actors.supervisors.root.messages import Decided, StateIs
+from strands_actors.supervisors.wire.messages import Alive, Arm, CarryOut, MakeSafe, Write
 
 from . import failsafe
 from .admission import LATCHED, Admission, Known, refuse_at_the_end

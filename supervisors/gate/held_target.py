@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from strands_actors.contract.axis import AxisMode
 from strands_actors.contract.driver import Driver
-from strands_actors.supervisors.messages import StopReport
+from strands_actors.supervisors.gate.messages import StopReport
 
 
 def held_target(

@@ -12,7 +12,7 @@ import msgspec
 
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
-from strands_actors.supervisors.messages import LEASE_TTL_S, MAX_LIFETIME_S, Acquire, Beat
+from strands_actors.supervisors.gate.messages import LEASE_TTL_S, MAX_LIFETIME_S, Acquire, Beat
 
 LEASE_TTL_NS = round(LEASE_TTL_S * NS)
 _PROOF_BITS = 32

@@ -8,7 +8,7 @@ import msgspec
 
 from strands_actors.contract.driver import Observation
 from strands_actors.kernel.actor import Deferred
-from strands_actors.supervisors.messages import LockKept, StopReport
+from strands_actors.supervisors.gate.messages import LockKept, StopReport
 
 from . import failsafe
 from .lease import Leases

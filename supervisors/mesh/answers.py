@@ -9,7 +9,7 @@ import msgspec
 
 from strands_actors.kernel.channels.pubsub import PubSub
 from strands_actors.kernel.messages import Refused
-from strands_actors.supervisors.messages import StopReport
+from strands_actors.supervisors.gate.messages import StopReport
 
 from .schemas import EVENT_KEY, Refusal, Response, encode, response_key, schema
 

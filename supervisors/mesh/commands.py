@@ -24,8 +24,10 @@ from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Ref, Unreachable
 from strands_actors.kernel.processes.guard import not_approved, unapproved
-from strands_actors.supervisors import addresses, messages
+from strands_actors.supervisors import addresses
+from strands_actors.supervisors.gate import messages
 from strands_actors.supervisors.gate.gate import Gate
+from strands_actors.supervisors.root.messages import TaskStatus
 
 from . import schemas as mesh_json
 from .answers import Answers
@@ -66,7 +68,7 @@ class Commands(Actor):
         pubsub: PubSub,
         answers: Answers,
         shared: Shared,
-        task: Callable[[], messages.TaskStatus],
+        task: Callable[[], TaskStatus],
     ) -> None:
         """``task``: what the robot's policy process does."""
         self._task = task

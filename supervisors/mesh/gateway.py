@@ -30,11 +30,10 @@ from strands_actors.supervisors import addresses
 from strands_actors.supervisors import permissions as channels
 from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate.gate import Gate
-from strands_actors.supervisors.messages import (
+from strands_actors.supervisors.gate.messages import (
     Accepted,
     Acquire,
     Beat,
-    Describe,
     GetObservation,
     GetStatus,
     Lease,
@@ -47,9 +46,9 @@ from strands_actors.supervisors.messages import (
     Status,
     Stop,
     StopReport,
-    TreeReport,
 )
 from strands_actors.supervisors.root.guardian import Guardian
+from strands_actors.supervisors.root.messages import Describe, TreeReport
 from strands_actors.supervisors.root.stopping import make_safe
 
 from .command_rules import Limit, Shared

@@ -9,7 +9,7 @@ however long it was on its way.
 from __future__ import annotations
 
 from strands_actors.kernel.messages import Message
-from strands_actors.supervisors.messages import Acquire, Beat, Perform, Release, Resume, Setpoint
+from strands_actors.supervisors.gate.messages import Acquire, Beat, Perform, Release, Resume, Setpoint
 
 Datable = Setpoint | Acquire | Beat | Release | Resume | Perform
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from strands_actors.kernel.messages import Refused
-from strands_actors.supervisors import messages
 from strands_actors.supervisors.gate.failsafe import WRITABLE, Mode
+from strands_actors.supervisors.gate.messages import Status
 
 
-def refuse_by_mode(status: messages.Status, resumed_epoch: int) -> Refused | None:
+def refuse_by_mode(status: Status, resumed_epoch: int) -> Refused | None:
     """Who comes over the mesh to a robot that holds must resume it first, unless it holds because
     somebody on the mesh wanted it to. ``resumed_epoch``: in which that was last so."""
     if status.locked_by:

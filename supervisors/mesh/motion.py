@@ -21,12 +21,13 @@ from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Ref, Unreachable
 from strands_actors.kernel.processes.guard import not_approved, unapproved
-from strands_actors.supervisors import addresses, messages
+from strands_actors.supervisors import addresses
 from strands_actors.supervisors.deadlines import StopDeadlines
+from strands_actors.supervisors.gate import messages
 from strands_actors.supervisors.gate.admission import about
 from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.gate.lease import refuse_by_deadline
-from strands_actors.supervisors.messages import Rollout, StartTask, TaskStatus
+from strands_actors.supervisors.root.messages import Rollout, StartTask, StopTask, TaskStatus
 
 from . import schemas as mesh_json
 from .command_rules import Shared
@@ -229,7 +230,7 @@ class Motion:
         try:
             status = await self._tasks.ask(StartTask(where, options, rollout, command.deadline_ns), START_S)
         except (AskTimeout, Unreachable) as failure:
-            self._tasks.tell(messages.StopTask())  # what was not answered in time must not begin late
+            self._tasks.tell(StopTask())  # what was not answered in time must not begin late
             status = Refused("timeout", f"{failure}; nothing of it will begin", "try again")
         if not isinstance(status, TaskStatus):
             if lease != own:

@@ -21,7 +21,7 @@ from strands_actors.kernel.node import Node
 from strands_actors.kernel.supervisor import Budget, BudgetSpent, ChildSpec, Supervisor
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.deadlines import StopDeadlines
-from strands_actors.supervisors.messages import StateIs, TaskStatus
+from strands_actors.supervisors.root.messages import StateIs, TaskStatus
 
 from .answers import Answers
 from .command_rules import Shared

@@ -14,7 +14,8 @@ from strands_actors.contract.axis import AxisMode
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.tool_spec import tool_spec
 from strands_actors.supervisors.gate.failsafe import WRITABLE
-from strands_actors.supervisors.messages import Status, TaskStatus
+from strands_actors.supervisors.gate.messages import Status
+from strands_actors.supervisors.root.messages import TaskStatus
 
 TELEOP: Mapping[str, Any] = {"inputs": [], "publishers": {}, "receivers": {}}
 """No leader arm writes to this robot over the mesh."""

@@ -25,8 +25,9 @@ from strands_actors.kernel.node import AskTimeout, Ref, Sent, Unreachable
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate.gate import Gate
-from strands_actors.supervisors.messages import Resume, Resumed, StateIs, Stop
+from strands_actors.supervisors.gate.messages import Resume, Resumed, Stop
 from strands_actors.supervisors.root.guardian import Guardian
+from strands_actors.supervisors.root.messages import StateIs
 from strands_actors.supervisors.root.stopping import make_safe
 
 from .answers import Answers, told

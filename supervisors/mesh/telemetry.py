@@ -20,7 +20,8 @@ from strands_actors.kernel.node import AskTimeout, Ref, Unreachable
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.gate.failsafe import LINKED
 from strands_actors.supervisors.gate.gate import Gate
-from strands_actors.supervisors.messages import GetStatus, Status, TaskStatus
+from strands_actors.supervisors.gate.messages import GetStatus, Status
+from strands_actors.supervisors.root.messages import TaskStatus
 
 from . import schemas as mesh_json
 from .readings import mode_of, state_of

@@ -28,22 +28,19 @@ from strands_actors.kernel.health.processor import Life, Standing, life_of
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import Ref
 from strands_actors.supervisors.gate.failsafe import Mode, State
-from strands_actors.supervisors.messages import (
+from strands_actors.supervisors.gate.messages import LockKept, StandbyIs, Stopped, StopReport
+from strands_actors.supervisors.page import Owed
+from strands_actors.supervisors.root.messages import (
     Decided,
     Fence,
     HandedOver,
     Handover,
-    HandOverAgain,
     Happened,
-    LockKept,
     Renew,
     SilentUntil,
-    StandbyIs,
     StateIs,
-    Stopped,
-    StopReport,
 )
-from strands_actors.supervisors.page import Owed
+from strands_actors.supervisors.wire.messages import HandOverAgain
 from strands_actors.supervisors.wire.watchdog import Tick
 
 from .lock_keeper import Kept, LockKeeper

@@ -41,11 +41,12 @@ from strands_actors.supervisors import permissions as channels
 from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate.failsafe import LINKED, Mode, State
 from strands_actors.supervisors.gate.gate import Gate
+from strands_actors.supervisors.gate.messages import Stop, StopReport
 from strands_actors.supervisors.instrument import Attached, InstrumentKeeper, name_of
 from strands_actors.supervisors.introspection import Introspector
 from strands_actors.supervisors.loading import load_driver, without_secrets
 from strands_actors.supervisors.mesh.place import MeshPlace
-from strands_actors.supervisors.messages import (
+from strands_actors.supervisors.root.messages import (
     ActorInfo,
     Describe,
     GetMesh,
@@ -56,8 +57,6 @@ from strands_actors.supervisors.messages import (
     ProcessInfo,
     Shutdown,
     StateIs,
-    Stop,
-    StopReport,
     TaskStatus,
     TreeReport,
 )

@@ -23,7 +23,7 @@ from strands_actors.kernel.processes.process import ChildProcess
 from strands_actors.kernel.processes.spawner import Spawner
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors import permissions as channels
-from strands_actors.supervisors.messages import Guard, Guarding, LetGo, LetGone, WatchOver
+from strands_actors.supervisors.standby.messages import Guard, Guarding, LetGo, LetGone, WatchOver
 from strands_actors.supervisors.standby.process import Standby
 from strands_actors.supervisors.standby.watch import look_s, silent_s
 

@@ -7,7 +7,8 @@ import trio
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Ref, Sent, Unreachable
 from strands_actors.supervisors.deadlines import StopDeadlines
-from strands_actors.supervisors.messages import Fence, GetStatus, Stop, StopReport
+from strands_actors.supervisors.gate.messages import GetStatus, Stop, StopReport
+from strands_actors.supervisors.root.messages import Fence
 
 SILENT_S = 0.1
 """A gate that does not answer for so long is fenced."""

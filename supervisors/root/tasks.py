@@ -27,22 +27,20 @@ from strands_actors.supervisors import permissions as channels
 from strands_actors.supervisors.deadlines import USUAL_SAFE_S, StopDeadlines
 from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.gate.lease import refuse_by_deadline
+from strands_actors.supervisors.gate.messages import GetStatus, Stop, StopReport
 from strands_actors.supervisors.introspection import Introspector
 from strands_actors.supervisors.mesh import policy_access
-from strands_actors.supervisors.messages import (
+from strands_actors.supervisors.policy import Policy
+from strands_actors.supervisors.root.messages import (
     Fence,
-    GetStatus,
     GetTask,
     Happened,
     Operate,
     Rollout,
     StartTask,
-    Stop,
-    StopReport,
     StopTask,
     TaskStatus,
 )
-from strands_actors.supervisors.policy import Policy
 
 from .guardian import Guardian
 

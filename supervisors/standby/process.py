@@ -36,8 +36,8 @@ from strands_actors.supervisors import page as place
 from strands_actors.supervisors import permissions as channels
 from strands_actors.supervisors.introspection import Introspector
 from strands_actors.supervisors.loading import load_driver
-from strands_actors.supervisors.messages import Guard, Guarding, LetGo, LetGone, WatchOver
 from strands_actors.supervisors.root.stop_channel import LINGER_S, all_safe, attempt, attempt_anew, pauses_s
+from strands_actors.supervisors.standby.messages import Guard, Guarding, LetGo, LetGone, WatchOver
 from strands_actors.supervisors.wire.watchdog import Tick
 
 from .decision import Action, Seen, decide

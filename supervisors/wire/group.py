@@ -37,8 +37,8 @@ from strands_actors.supervisors.instrument import Attached, InstrumentKeeper, na
 from strands_actors.supervisors.introspection import Introspector
 from strands_actors.supervisors.loading import load_driver, without_secrets
 from strands_actors.supervisors.mesh import policy_access
-from strands_actors.supervisors.messages import RootGone
 from strands_actors.supervisors.root.stop_channel import LINGER_S, all_safe, attempt_anew, pauses_s
+from strands_actors.supervisors.wire.messages import RootGone
 
 from .transport import Transport
 from .watchdog import Watchdog

@@ -36,27 +36,19 @@ from strands_actors.kernel.clock import NS
 from strands_actors.kernel.health.realtime import memory, scheduling
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Ref, Unreachable
-from strands_actors.supervisors.messages import (
-    Arm,
+from strands_actors.supervisors.gate.messages import (
     ArmDone,
     CarriedOut,
-    CarryOut,
-    Cycle,
-    Cycled,
-    Handover,
-    HandOverAgain,
     LinkLost,
     LinkUp,
-    MakeSafe,
     Observed,
-    Renew,
     SafeDone,
-    SilentUntil,
     StopReport,
-    Write,
 )
 from strands_actors.supervisors.page import Owed
+from strands_actors.supervisors.root.messages import Handover, Renew, SilentUntil
 from strands_actors.supervisors.root.stop_channel import attempt_anew
+from strands_actors.supervisors.wire.messages import Arm, CarryOut, Cycle, Cycled, HandOverAgain, MakeSafe, Write
 
 ROOT_AGAIN_S = 0.01
 REACH_MARGIN_S = 0.25

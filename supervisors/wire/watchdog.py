@@ -31,7 +31,8 @@ from strands_actors.kernel.health.processor import Standing
 from strands_actors.kernel.messages import Message
 from strands_actors.kernel.node import AskTimeout, Ref, Unreachable
 from strands_actors.supervisors.deadlines import StopDeadlines
-from strands_actors.supervisors.messages import BROUGHT, Alive, Cycle, Cycled, Probe, RootGone, Stop, StopReport
+from strands_actors.supervisors.gate.messages import BROUGHT, Probe, Stop, StopReport
+from strands_actors.supervisors.wire.messages import Alive, Cycle, Cycled, RootGone
 
 ASKS = 2
 

@@ -19,7 +19,7 @@ from strands_actors.kernel.channels.permissions import Channel
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.gate import failsafe
 from strands_actors.supervisors.gate.gate import Gate
-from strands_actors.supervisors.messages import Stop
+from strands_actors.supervisors.gate.messages import Stop
 from strands_actors.supervisors.root import process
 from strands_actors.supervisors.root.lock_keeper import Kept, LockKeeper
 from strands_actors.supervisors.root.tasks import Tasks

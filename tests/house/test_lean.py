@@ -12,7 +12,7 @@ import pytest
 from strands_actors import Robot
 from strands_actors.caller.portal import portal
 from strands_actors.kernel.messages import Message
-from strands_actors.supervisors.messages import Describe, TreeReport
+from strands_actors.supervisors.root.messages import Describe, TreeReport
 from strands_actors.supervisors.root.process import Root
 
 HEAVY = ("numpy", "mujoco", "rich", "typer", "matplotlib", "textual", "mcap", "zstandard")

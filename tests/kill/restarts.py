@@ -18,7 +18,7 @@ from strands_actors.kernel.channels.permissions import Channel
 from strands_actors.kernel.node import Node
 from strands_actors.kernel.processes.process import ChildProcess
 from strands_actors.supervisors import addresses
-from strands_actors.supervisors.messages import GetTask, Rollout, StartTask, TaskStatus
+from strands_actors.supervisors.root.messages import GetTask, Rollout, StartTask, TaskStatus
 from strands_actors.supervisors.root.tasks import Tasks
 from strands_actors.testing import open_inline_tree, run_virtual
 

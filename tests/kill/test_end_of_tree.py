@@ -21,7 +21,7 @@ from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Unreachable
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.gate.gate import Gate
-from strands_actors.supervisors.messages import GetStatus, Resume
+from strands_actors.supervisors.gate.messages import GetStatus, Resume
 from strands_actors.testing import Twin, WireLog
 from strands_actors.testing.bench import Bench, Caller, moving_robot
 from tests.answers import until

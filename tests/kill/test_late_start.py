@@ -14,7 +14,7 @@ import pytest
 
 from strands_actors.caller import rollouts
 from strands_actors.caller.robot import RealRobot
-from strands_actors.supervisors.messages import StartTask
+from strands_actors.supervisors.root.messages import StartTask
 from strands_actors.testing import Twin
 
 Start = Callable[..., tuple[RealRobot, Twin]]

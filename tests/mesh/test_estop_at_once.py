@@ -20,9 +20,10 @@ from strands_actors.kernel.channels.zenoh_session import config, unix_endpoint
 from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.kernel.node import Node
 from strands_actors.supervisors import addresses
+from strands_actors.supervisors.gate.messages import GetStatus, Stop, StopReport
 from strands_actors.supervisors.mesh import schemas as mesh_json
 from strands_actors.supervisors.mesh.place import MeshPlace
-from strands_actors.supervisors.messages import GetStatus, Stop, StopReport, TaskStatus
+from strands_actors.supervisors.root.messages import TaskStatus
 from strands_actors.testing.fake import HARDWARE, FakeDriver, FakeHardware
 
 from .world import run, until

@@ -22,9 +22,7 @@ from strands_actors.kernel.frames import TELL, frame
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import Node, Unreachable
 from strands_actors.supervisors import addresses
-from strands_actors.supervisors.mesh.gateway import COMMANDS_PER_S, Gateway, GatewayStop
-from strands_actors.supervisors.mesh.gateway_messages import Datable, Dated, Sync, Synced
-from strands_actors.supervisors.messages import (
+from strands_actors.supervisors.gate.messages import (
     Accepted,
     Acquire,
     Beat,
@@ -40,6 +38,8 @@ from strands_actors.supervisors.messages import (
     Stop,
     StopReport,
 )
+from strands_actors.supervisors.mesh.gateway import COMMANDS_PER_S, Gateway, GatewayStop
+from strands_actors.supervisors.mesh.gateway_messages import Datable, Dated, Sync, Synced
 from strands_actors.testing import FakeDriver, FakeHardware, InlineTree
 
 from .world import robot_on_mesh, run, until

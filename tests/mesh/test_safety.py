@@ -11,8 +11,8 @@ import trio
 from strands_actors.caller.run_directory import Name, Note
 from strands_actors.kernel.channels.zenoh_session import unix_endpoint
 from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.gate.messages import Acquire, Lease, Release, Setpoint
 from strands_actors.supervisors.mesh import schemas as mesh_json
-from strands_actors.supervisors.messages import Acquire, Lease, Release, Setpoint
 from strands_actors.surfaces.mesh import control
 from strands_actors.surfaces.mesh.client import Reading
 from strands_actors.testing import FakeHardware, InlineTree

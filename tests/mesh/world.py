@@ -16,9 +16,10 @@ from strands_actors.kernel.channels.pubsub import Received
 from strands_actors.kernel.channels.zenoh_session import unix_endpoint
 from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.gate.messages import Resume
 from strands_actors.supervisors.mesh import schemas as mesh_json
 from strands_actors.supervisors.mesh.place import MeshPlace
-from strands_actors.supervisors.messages import Resume, TaskStatus
+from strands_actors.supervisors.root.messages import TaskStatus
 from strands_actors.surfaces.mesh.client import MeshClient, open_mesh
 from strands_actors.surfaces.mesh.config import TLS, MeshConfig
 from strands_actors.testing import FakeHardware, InlineTree, open_inline_tree

@@ -17,8 +17,9 @@ from mcap.writer import Writer
 
 from strands_actors.contract.driver import Observation, Reason
 from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.gate.messages import LinkLost, Observed, Resume, Stop
 from strands_actors.supervisors.instrument import Attached, Batch, Entry, Kind, encode
-from strands_actors.supervisors.messages import Happened, LinkLost, Observed, Resume, StateIs, Stop
+from strands_actors.supervisors.root.messages import Happened, StateIs
 from strands_actors.surfaces.recording import RecordingError
 from strands_actors.surfaces.recording.code import build_driver
 from strands_actors.surfaces.recording.file import METADATA, RecordingFile, new_info, read

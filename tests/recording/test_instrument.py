@@ -9,6 +9,7 @@ import trio
 from strands_actors.contract.driver import Reason
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.supervisors import instrument as instrument
+from strands_actors.supervisors.gate.messages import Accepted, Probe, Stop, StopReport
 from strands_actors.supervisors.instrument import (
     BATCH_BYTES,
     SILENT_S,
@@ -20,7 +21,6 @@ from strands_actors.supervisors.instrument import (
     Journal,
     Kind,
 )
-from strands_actors.supervisors.messages import Accepted, Probe, Stop, StopReport
 from strands_actors.testing import run_virtual
 from tests.tree.writer import armed
 

@@ -12,8 +12,9 @@ import trio
 from strands_actors.contract.driver import Reason
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.gate import failsafe, gate, lease
+from strands_actors.supervisors.gate.messages import Accepted, Beat, Observed, Resume, Stop
 from strands_actors.supervisors.instrument import Kind
-from strands_actors.supervisors.messages import Accepted, Beat, Observed, Resume, RootGone, Stop
+from strands_actors.supervisors.wire.messages import RootGone
 from strands_actors.surfaces.recording import RecordingError
 from strands_actors.surfaces.recording.file import Recording, entries_of
 from strands_actors.surfaces.recording.lines import Gap, Journal

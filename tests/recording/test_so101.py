@@ -26,8 +26,8 @@ from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import Node
 from strands_actors.supervisors.gate import lease
 from strands_actors.supervisors.gate.gate import Gate
+from strands_actors.supervisors.gate.messages import Acquire, Lease, Setpoint, Stop, StopReport
 from strands_actors.supervisors.instrument import SILENT_S
-from strands_actors.supervisors.messages import Acquire, Lease, Setpoint, Stop, StopReport
 from strands_actors.surfaces import cli
 from strands_actors.surfaces.recording import RecordingError, read, record, replay
 from strands_actors.surfaces.recording.code import build_driver

@@ -17,7 +17,9 @@ from strands_actors.kernel.messages import Message
 from strands_actors.kernel.node import Node
 from strands_actors.policies.registry import Sine
 from strands_actors.supervisors import addresses
-from strands_actors.supervisors.messages import Acquire, Beat, Resume, Setpoint, StateIs, StopReport, Write
+from strands_actors.supervisors.gate.messages import Acquire, Beat, Resume, Setpoint, StopReport
+from strands_actors.supervisors.root.messages import StateIs
+from strands_actors.supervisors.wire.messages import Write
 
 ROBOT = "so101"
 FAR = 90.0

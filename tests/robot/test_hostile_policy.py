@@ -18,8 +18,9 @@ from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import Node
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.gate.gate import Gate
-from strands_actors.supervisors.messages import SafeDone, StateIs, StopReport
+from strands_actors.supervisors.gate.messages import SafeDone, StopReport
 from strands_actors.supervisors.root.guardian import Guardian
+from strands_actors.supervisors.root.messages import StateIs
 from strands_actors.surfaces.mesh import estop
 from strands_actors.testing import Twin
 from tests.answers import json_of, state, status, task_ended, until

@@ -16,7 +16,7 @@ from strands_actors.caller.robot import RealRobot
 from strands_actors.kernel.messages import Message
 from strands_actors.kernel.node import AskTimeout
 from strands_actors.kernel.ref import Ref
-from strands_actors.supervisors.messages import GetStatus
+from strands_actors.supervisors.gate.messages import GetStatus
 from strands_actors.testing import Twin
 from tests.answers import json_of, state, status, task, task_ended, until, why
 

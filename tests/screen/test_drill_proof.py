@@ -11,7 +11,7 @@ import trio
 from trio.testing import MockClock
 
 from strands_actors.contract.driver import Reason
-from strands_actors.supervisors.messages import StopReport
+from strands_actors.supervisors.gate.messages import StopReport
 from strands_actors.surfaces.drill.steps import Drill
 
 BEGAN_NS = 1000

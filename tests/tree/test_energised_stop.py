@@ -9,7 +9,7 @@ import trio
 from strands_actors.contract.driver import HOLDING_REASONS, Reason
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.gate.failsafe import ENDING_REASONS
-from strands_actors.supervisors.messages import Accepted, Lease, Resume, Resumed, Stop, StopReport
+from strands_actors.supervisors.gate.messages import Accepted, Lease, Resume, Resumed, Stop, StopReport
 from strands_actors.testing import InlineTree, open_inline_tree, run_virtual
 from strands_actors.testing.fake import FakeDriver
 

@@ -9,7 +9,9 @@ import trio
 
 from strands_actors.contract.driver import ProcessSpent
 from strands_actors.kernel.supervisor import Budget
-from strands_actors.supervisors.messages import Accepted, RootGone, SilentUntil
+from strands_actors.supervisors.gate.messages import Accepted
+from strands_actors.supervisors.root.messages import SilentUntil
+from strands_actors.supervisors.wire.messages import RootGone
 from strands_actors.testing import FakeDriver, InlineTree, open_inline_tree, run_virtual
 
 from .writer import armed, freeze

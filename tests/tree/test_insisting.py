@@ -8,8 +8,9 @@ import trio
 from strands_actors.contract.driver import MotorReport, Reason
 from strands_actors.kernel.health.processor import Standing
 from strands_actors.supervisors.gate.failsafe import ENDING_REASONS, Mode
-from strands_actors.supervisors.messages import Fence, StateIs, Stop, StopReport
+from strands_actors.supervisors.gate.messages import Stop, StopReport
 from strands_actors.supervisors.root.guardian import START_DEADLINE_S
+from strands_actors.supervisors.root.messages import Fence, StateIs
 from strands_actors.supervisors.root.process import Tree
 from strands_actors.supervisors.root.stop_channel import INSIST_S, LINGER_S
 from strands_actors.testing import InlineTree, open_inline_tree, run_virtual

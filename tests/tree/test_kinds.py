@@ -14,7 +14,7 @@ from strands_actors.contract.driver import Driver, Reason
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.deadlines import StopDeadlines
-from strands_actors.supervisors.messages import Accepted, Stop, StopReport
+from strands_actors.supervisors.gate.messages import Accepted, Stop, StopReport
 from strands_actors.supervisors.root import stopping
 from strands_actors.testing import check_driver, open_inline_tree, run_virtual
 from strands_actors.testing.conformance import report

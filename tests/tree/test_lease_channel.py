@@ -7,7 +7,7 @@ import pytest
 
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.gate.lease import Leases
-from strands_actors.supervisors.messages import Acquire, Beat
+from strands_actors.supervisors.gate.messages import Acquire, Beat
 
 CALLER, POLICY = "so101 in process 1", "policy process 7"
 SECOND_NS = 10**9

@@ -16,9 +16,10 @@ import trio.testing
 
 from strands_actors.contract.driver import Reason
 from strands_actors.kernel.clock import MonotonicClock
-from strands_actors.supervisors.messages import Fence, Resume, Stop, StopReport
+from strands_actors.supervisors.gate.messages import Resume, Stop, StopReport
 from strands_actors.supervisors.root.lock_keeper import LockKeeper
 from strands_actors.supervisors.root.locks import UNREADABLE, Locks, locked_robots
+from strands_actors.supervisors.root.messages import Fence
 from strands_actors.testing import FakeHardware, InlineTree, open_inline_tree
 
 ESTOP = Stop(Reason.ESTOP, "the button", lock=True)

@@ -8,7 +8,8 @@ import trio
 
 from strands_actors.contract.driver import Reason, Wire, WireDown
 from strands_actors.kernel.messages import Refused
-from strands_actors.supervisors.messages import Accepted, Resume, Resumed, RootGone, Stop, StopReport
+from strands_actors.supervisors.gate.messages import Accepted, Resume, Resumed, Stop, StopReport
+from strands_actors.supervisors.wire.messages import RootGone
 from strands_actors.testing import FakeHardware, InlineTree, open_inline_tree, run_virtual
 from strands_actors.testing.fake import FakeStopChannel, FakeWire
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from strands_actors.contract.driver import Reason
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import AskTimeout, Unreachable
-from strands_actors.supervisors.messages import (
+from strands_actors.supervisors.gate.messages import (
     LEASE_TTL_S,
     Accepted,
     Acquire,

@@ -11,7 +11,7 @@ import trio
 
 from strands_actors.contract.driver import Condition, Observation, Permit, Reason, Service
 from strands_actors.kernel.messages import Message, Refused
-from strands_actors.supervisors.messages import LEASE_TTL_S, Accepted, Beat, Perform, Performed, Stop
+from strands_actors.supervisors.gate.messages import LEASE_TTL_S, Accepted, Beat, Perform, Performed, Stop
 from strands_actors.testing import open_inline_tree, run_virtual
 from strands_actors.testing.fake import FakeDriver, FakeWire
 

@@ -11,8 +11,8 @@ import trio
 import trio.testing
 
 from strands_actors.supervisors import addresses
-from strands_actors.supervisors.messages import Rollout, TaskStatus
 from strands_actors.supervisors.policy import Buffer, Policy
+from strands_actors.supervisors.root.messages import Rollout, TaskStatus
 from strands_actors.testing import open_inline_tree
 
 from .writer import armed

@@ -12,8 +12,9 @@ from strands_actors.kernel.mailbox import SUPERSEDED
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.gate.gate import Gate
-from strands_actors.supervisors.messages import Accepted, Rollout, Setpoint, TaskStatus
+from strands_actors.supervisors.gate.messages import Accepted, Setpoint
 from strands_actors.supervisors.policy import Policy
+from strands_actors.supervisors.root.messages import Rollout, TaskStatus
 from strands_actors.testing import open_inline_tree
 
 from .writer import armed

@@ -9,7 +9,7 @@ from strands_actors.contract.driver import Condition, Observation
 from strands_actors.kernel.health.heartbeat import Heartbeat
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.gate.lease import LEASE_TTL_NS
-from strands_actors.supervisors.messages import Accepted, Acquire, Lease
+from strands_actors.supervisors.gate.messages import Accepted, Acquire, Lease
 from strands_actors.supervisors.wire.watchdog import Watchdog, WatchdogMemory
 from strands_actors.testing import FakeDriver, InlineTree, open_inline_tree, run_virtual
 

@@ -13,7 +13,7 @@ import trio
 from strands_actors.contract.driver import Condition, Observation, Permit, Reason, Service, Timing, WireDown
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Message, Refused
-from strands_actors.supervisors.messages import Accepted, Perform, Performed, Resume, Stop, StopReport
+from strands_actors.supervisors.gate.messages import Accepted, Perform, Performed, Resume, Stop, StopReport
 from strands_actors.testing import open_inline_tree, run_virtual
 from strands_actors.testing.fake import FakeDriver, FakeStopChannel, FakeWire
 

@@ -17,17 +17,9 @@ from strands_actors.kernel.mailbox import SUPERSEDED
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import Node
 from strands_actors.supervisors import addresses
-from strands_actors.supervisors.messages import (
-    Accepted,
-    Acquire,
-    GetObservation,
-    Lease,
-    Release,
-    Rollout,
-    Setpoint,
-    TaskStatus,
-)
+from strands_actors.supervisors.gate.messages import Accepted, Acquire, GetObservation, Lease, Release, Setpoint
 from strands_actors.supervisors.policy import Policy
+from strands_actors.supervisors.root.messages import Rollout, TaskStatus
 
 PERIOD_S = 1 / 30
 

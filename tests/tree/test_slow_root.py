@@ -10,7 +10,7 @@ from strands_actors.kernel.node import Node
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.gate.failsafe import Mode, State
 from strands_actors.supervisors.gate.gate import Gate
-from strands_actors.supervisors.messages import GetStatus, Status
+from strands_actors.supervisors.gate.messages import GetStatus, Status
 from strands_actors.supervisors.root.guardian import Guardian
 from strands_actors.supervisors.wire.group import InlinePlace
 from strands_actors.testing import FakeHardware, run_virtual

@@ -9,7 +9,7 @@ import trio
 
 from strands_actors.contract.driver import Reason, WireDown
 from strands_actors.supervisors.gate.failsafe import Mode
-from strands_actors.supervisors.messages import GetStatus, Status, Stop, StopReport
+from strands_actors.supervisors.gate.messages import GetStatus, Status, Stop, StopReport
 from strands_actors.testing import run_virtual
 from strands_actors.testing.fake import FakeDriver, FakeWire
 from strands_actors.testing.inline import InlineTree, open_inline_tree

@@ -6,7 +6,7 @@ import trio
 
 from strands_actors.contract.driver import Reason
 from strands_actors.kernel.messages import Refused
-from strands_actors.supervisors.messages import Accepted, Resume, Resumed, StandbyIs, Stop, StopReport
+from strands_actors.supervisors.gate.messages import Accepted, Resume, Resumed, StandbyIs, Stop, StopReport
 from strands_actors.testing import open_inline_tree, run_virtual
 
 from .writer import armed

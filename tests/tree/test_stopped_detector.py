@@ -12,7 +12,7 @@ import pytest
 import trio
 
 from strands_actors.kernel.health.processor import Life, _life, is_stopped, life_of
-from strands_actors.supervisors.messages import Acquire, Lease, Stopped
+from strands_actors.supervisors.gate.messages import Acquire, Lease, Stopped
 from strands_actors.supervisors.root.stopped_detector import LOOKS, StoppedDetector
 from strands_actors.testing import InlineTree, open_inline_tree, run_virtual
 

@@ -19,7 +19,8 @@ from strands_actors.kernel.node import Node, Ref
 from strands_actors.kernel.processes.process import ChildProcess
 from strands_actors.kernel.supervisor import ChildSpec, Supervisor
 from strands_actors.supervisors import addresses
-from strands_actors.supervisors.messages import Acquire, GetTask, Lease, Rollout, StartTask, StopTask, TaskStatus
+from strands_actors.supervisors.gate.messages import Acquire, Lease
+from strands_actors.supervisors.root.messages import GetTask, Rollout, StartTask, StopTask, TaskStatus
 from strands_actors.supervisors.root.tasks import Tasks
 from strands_actors.testing import InlineTree, open_inline_tree, run_virtual
 

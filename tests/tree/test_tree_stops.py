@@ -9,10 +9,9 @@ import trio
 
 from strands_actors.contract.driver import Reason
 from strands_actors.kernel.messages import Refused
-from strands_actors.supervisors.messages import (
+from strands_actors.supervisors.gate.messages import (
     Accepted,
     Acquire,
-    Fence,
     GetObservation,
     Lease,
     Probe,
@@ -22,6 +21,7 @@ from strands_actors.supervisors.messages import (
     Stop,
     StopReport,
 )
+from strands_actors.supervisors.root.messages import Fence
 from strands_actors.testing import open_inline_tree, run_virtual
 
 from .writer import Writer, armed, freeze, setpoints

@@ -7,7 +7,8 @@ import trio
 
 from strands_actors.contract.driver import MotorReport, Reason
 from strands_actors.kernel.messages import Refused
-from strands_actors.supervisors.messages import Accepted, Acquire, Beat, Cycle, Lease, MakeSafe, Stop, Write
+from strands_actors.supervisors.gate.messages import Accepted, Acquire, Beat, Lease, Stop
+from strands_actors.supervisors.wire.messages import Cycle, MakeSafe, Write
 from strands_actors.testing import FakeHardware, open_inline_tree, run_virtual
 
 from .writer import Writer, armed, freeze, setpoints

@@ -7,7 +7,7 @@ from typing import Any
 import trio
 
 from strands_actors.kernel.messages import Message
-from strands_actors.supervisors.messages import Acquire, Lease, Resume, Resumed, Setpoint
+from strands_actors.supervisors.gate.messages import Acquire, Lease, Resume, Resumed, Setpoint
 from strands_actors.testing import InlineTree
 
 

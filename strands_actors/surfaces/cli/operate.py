@@ -13,7 +13,7 @@ from strands_actors.caller.run_directory import Note, locks_dir
 from strands_actors.caller.strays import Stray
 from strands_actors.contract.driver import Reason
 from strands_actors.kernel.messages import Refused
-from strands_actors.supervisors.messages import Resumed, StopReport
+from strands_actors.supervisors.gate.messages import Resumed, StopReport
 from strands_actors.supervisors.root.locks import Locks, locked_robots
 
 Verb = Callable[[Directory, Note], Awaitable[tuple[bool, str]]]

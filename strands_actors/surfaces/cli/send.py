@@ -14,7 +14,7 @@ from strands_actors.caller.processes import NotConnected
 from strands_actors.caller.tree import RobotTree
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Unreachable
-from strands_actors.supervisors.messages import Accepted
+from strands_actors.supervisors.gate.messages import Accepted
 from strands_actors.surfaces.mesh.reach import reach
 
 from .errors import Problem

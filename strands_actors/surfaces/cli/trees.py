@@ -11,7 +11,7 @@ import trio
 
 from strands_actors.caller import directory
 from strands_actors.caller.run_directory import Note
-from strands_actors.supervisors.messages import TreeReport
+from strands_actors.supervisors.root.messages import TreeReport
 
 if TYPE_CHECKING:
     from rich.text import Text

@@ -24,7 +24,7 @@ from strands_actors.contract.driver import Driver, Reason
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.processes.process import wait_for_end_of
 from strands_actors.supervisors.gate.failsafe import Mode
-from strands_actors.supervisors.messages import Resumed, StopReport
+from strands_actors.supervisors.gate.messages import Resumed, StopReport
 from strands_actors.supervisors.wire.transport import BACKOFF_S
 from strands_actors.testing.twin import Twin
 from strands_actors.testing.wirelog import WireLog

@@ -11,9 +11,9 @@ from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import Node
 from strands_actors.supervisors import addresses
+from strands_actors.supervisors.gate.messages import Beat, Perform, Setpoint, Stop
 from strands_actors.supervisors.mesh.gateway import Gateway, GatewayStop
 from strands_actors.supervisors.mesh.gateway_messages import Datable, Dated, Sync, Synced
-from strands_actors.supervisors.messages import Beat, Perform, Setpoint, Stop
 
 from .robot_clock import RobotClock
 

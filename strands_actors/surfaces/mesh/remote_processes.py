@@ -27,8 +27,9 @@ from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import AskTimeout, Node, Unreachable
 from strands_actors.supervisors import addresses
+from strands_actors.supervisors.gate.messages import Lease, Release, Stop, StopReport
 from strands_actors.supervisors.mesh.gateway_messages import Synced
-from strands_actors.supervisors.messages import Describe, Lease, Release, Stop, StopReport, TreeReport
+from strands_actors.supervisors.root.messages import Describe, TreeReport
 
 from .gateway_ref import GatewayRef
 

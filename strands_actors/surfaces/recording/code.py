@@ -13,11 +13,10 @@ from strands_actors.contract.driver import Driver
 from strands_actors.contract.loading import load
 from strands_actors.contract.shown import shown
 from strands_actors.drivers import PLAIN, get_native_driver_class
-from strands_actors.supervisors import messages
-from strands_actors.supervisors.gate import failsafe, gate
+from strands_actors.supervisors import gate
 from strands_actors.supervisors.instrument import Attached
 from strands_actors.supervisors.loading import describe_driver
-from strands_actors.supervisors.wire import watchdog
+from strands_actors.supervisors.wire import messages, watchdog
 
 from .errors import RecordingError
 
@@ -67,7 +66,8 @@ def fingerprint(driver_class: type[Driver]) -> str:
 
 
 def _sources(driver_class: type[Driver]) -> list[Path]:
-    deciding = [Path(str(module.__file__)) for module in (contract, failsafe, gate, messages, watchdog)]
+    deciding = [Path(str(module.__file__)) for module in (contract, messages, watchdog)]
+    deciding += sorted(Path(str(gate.__file__)).parent.glob("*.py"))
     home = Path(str(sys.modules[driver_class.__module__].__file__)).parent
     folders = [home]
     if (common := home.parent / "common") and driver_class.__module__.startswith("strands_actors.drivers."):

@@ -8,7 +8,10 @@ import msgspec
 
 from strands_actors.kernel.frames import Down
 from strands_actors.kernel.messages import Message, Refused
-from strands_actors.supervisors import messages
+from strands_actors.supervisors.gate import messages as of_the_gate
+from strands_actors.supervisors.root import messages as of_the_root
+from strands_actors.supervisors.standby import messages as of_the_standby
+from strands_actors.supervisors.wire import messages as of_the_wire
 from strands_actors.supervisors.wire import watchdog
 
 LONGEST = 400
@@ -16,7 +19,7 @@ LONGEST = 400
 
 def _kinds() -> dict[str, type[Message]]:
     found: dict[str, type[Message]] = {"Down": Down, "Refused": Refused}
-    for module in (messages, watchdog):
+    for module in (of_the_gate, of_the_root, of_the_standby, of_the_wire, watchdog):
         for name, value in vars(module).items():
             if isinstance(value, type) and issubclass(value, Message) and value is not Message:
                 found[name] = value

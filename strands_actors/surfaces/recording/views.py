@@ -9,30 +9,24 @@ import msgspec
 
 from strands_actors.contract.driver import Observation
 from strands_actors.kernel.messages import Message, Refused
-from strands_actors.supervisors.instrument import Entry, Kind
-from strands_actors.supervisors.messages import (
+from strands_actors.supervisors.gate.messages import (
     Accepted,
     Acquire,
     ArmDone,
-    Fence,
-    Happened,
     Lease,
     LinkLost,
     LinkUp,
-    MakeSafe,
     Observed,
     Release,
-    Renew,
     Resume,
     SafeDone,
     Setpoint,
-    Shutdown,
-    StartTask,
-    StateIs,
     Stop,
     StopReport,
-    StopTask,
 )
+from strands_actors.supervisors.instrument import Entry, Kind
+from strands_actors.supervisors.root.messages import Fence, Happened, Renew, Shutdown, StartTask, StateIs, StopTask
+from strands_actors.supervisors.wire.messages import MakeSafe
 
 from .lines import Command, Gap, Lifecycle, Log, Motor, Refusal, Safe, Seen
 

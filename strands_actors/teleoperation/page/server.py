@@ -18,7 +18,7 @@ from wsproto.events import AcceptConnection, CloseConnection, Message, Ping, Req
 from wsproto.utilities import ProtocolError
 
 from strands_actors.kernel.clock import Clock
-from strands_actors.supervisors.messages import Operate
+from strands_actors.supervisors.root.messages import Operate
 
 from .requests import HEAD_END, MAX_HEAD, Lateness, parse, refuse
 

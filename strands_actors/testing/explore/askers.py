@@ -15,24 +15,20 @@ from strands_actors.kernel.node import AskTimeout, Node, Ref, Unreachable
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors import permissions as channels
 from strands_actors.supervisors.gate.gate import Gate
-from strands_actors.supervisors.messages import (
+from strands_actors.supervisors.gate.messages import (
     Acquire,
     Beat,
-    Fence,
     GetStatus,
     Lease,
     Release,
     Resume,
     Resumed,
-    Rollout,
     Setpoint,
-    Shutdown,
-    StartTask,
     Status,
     Stop,
-    StopTask,
 )
 from strands_actors.supervisors.root.guardian import Guardian
+from strands_actors.supervisors.root.messages import Fence, Rollout, Shutdown, StartTask, StopTask
 from strands_actors.supervisors.root.process import Root
 from strands_actors.supervisors.root.tasks import Tasks
 

@@ -8,7 +8,7 @@ import trio
 from strands_actors.kernel.actor import Actor
 from strands_actors.kernel.frames import ASK, frame
 from strands_actors.supervisors import addresses
-from strands_actors.supervisors.messages import Acquire, Resume, Stop, StopReport
+from strands_actors.supervisors.gate.messages import Acquire, Resume, Stop, StopReport
 
 from .links import Net, SimMesh
 from .plan import CALLER

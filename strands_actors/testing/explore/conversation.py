@@ -9,21 +9,17 @@ import msgspec
 
 from strands_actors.kernel.frames import ASK, REPLY, TELL, decode_frame
 from strands_actors.kernel.messages import Message, Refused
-from strands_actors.supervisors.messages import (
+from strands_actors.supervisors.gate.messages import (
     Accepted,
-    Fence,
     Lease,
     Release,
     Resume,
     Resumed,
     Setpoint,
-    Shutdown,
-    StartTask,
     Stop,
     StopReport,
-    StopTask,
-    TaskStatus,
 )
+from strands_actors.supervisors.root.messages import Fence, Shutdown, StartTask, StopTask, TaskStatus
 
 Question = Setpoint | Stop | Resume | Release | Fence | Shutdown | StartTask | StopTask
 Reply = Accepted | Refused | StopReport | Resumed | Lease | TaskStatus

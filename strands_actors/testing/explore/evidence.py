@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 from strands_actors.contract.driver import Reason
-from strands_actors.supervisors.messages import Setpoint, Stop
+from strands_actors.supervisors.gate.messages import Setpoint, Stop
 
 from .conversation import Asked, Conversation
 from .plan import AT_A_POINT, BUS, CONDITIONS, SERVICE, Event

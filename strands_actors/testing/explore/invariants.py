@@ -11,7 +11,8 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 from strands_actors.contract.driver import HOLDING_REASONS, Reason
-from strands_actors.supervisors.messages import Fence, Resume, Setpoint, StartTask, Stop, StopReport
+from strands_actors.supervisors.gate.messages import Resume, Setpoint, Stop, StopReport
+from strands_actors.supervisors.root.messages import Fence, StartTask
 
 from .conversation import Asked
 from .evidence import Evidence

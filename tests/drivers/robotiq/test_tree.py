@@ -17,7 +17,7 @@ from strands_actors import Robot
 from strands_actors.caller.portal import portal
 from strands_actors.caller.robot import RealRobot
 from strands_actors.contract.driver import Reason
-from strands_actors.supervisors.messages import StopReport
+from strands_actors.supervisors.gate.messages import StopReport
 from strands_actors.testing import WireLog
 from tests.answers import json_of, why
 from tests.drivers.common.twin_process import TwinProcess, wait_until

@@ -23,7 +23,7 @@ from strands_actors.drivers.feetech.driver import Feetech
 from strands_actors.drivers.feetech.twin import FeetechBus
 from strands_actors.drivers.feetech.wire import FeetechStopChannel, FeetechWire
 from strands_actors.kernel.clock import Clock
-from strands_actors.supervisors.messages import (
+from strands_actors.supervisors.gate.messages import (
     Accepted,
     Acquire,
     Lease,

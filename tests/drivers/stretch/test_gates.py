@@ -15,7 +15,7 @@ from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.gate.admission import Admission, Known
 from strands_actors.supervisors.gate.failsafe import Mode, State
 from strands_actors.supervisors.gate.lease import Leases
-from strands_actors.supervisors.messages import Perform
+from strands_actors.supervisors.gate.messages import Perform
 
 NOW_NS = 10**12
 DRIVER = Stretch("stretch3", "", {})

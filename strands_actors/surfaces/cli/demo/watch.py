@@ -18,7 +18,8 @@ from strands_actors.caller.robot import RealRobot
 from strands_actors.kernel.node import AskTimeout, Ref, Unreachable
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.gate.gate import Gate
-from strands_actors.supervisors.messages import Describe, GetStatus, ProcessInfo, Status, TreeReport
+from strands_actors.supervisors.gate.messages import GetStatus, Status
+from strands_actors.supervisors.root.messages import Describe, ProcessInfo, TreeReport
 from strands_actors.supervisors.root.process import Root
 
 from .wire import Wire

@@ -7,7 +7,7 @@ from collections import deque
 from rich.table import Table
 from rich.text import Text
 
-from strands_actors.supervisors.messages import StopReport
+from strands_actors.supervisors.gate.messages import StopReport
 from strands_actors.surfaces.cli.trees import styled
 
 from .feed import Seen
