@@ -40,7 +40,8 @@ def test_saf_008_after_a_stop_only_a_resume_moves_it(reason: Reason) -> None:
             assert tree.hardware.energised == [True, True]
             assert isinstance(await writer.acquire(), Lease)
             refused = await writer.send(latched=True, a=6.0)
-            assert isinstance(refused, Refused) and refused.code == "disarmed"
+            code = "faulted" if reason is Reason.FAULT else "disarmed"
+            assert isinstance(refused, Refused) and refused.code == code
             await trio.sleep(0.5)
             assert tree.hardware.of("setpoint", stopped_ns + 1) == []
             assert isinstance(await tree.gate.ask(Resume(), 1.0), Resumed)
