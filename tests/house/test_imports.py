@@ -133,9 +133,7 @@ def test_the_walk_sees_the_whole_package() -> None:
     ):
         assert name in MODULES
     assert not any("/." in str(path) for path in MODULES.values())
-    assert {target for _, target in IMPORTS[f"{PACKAGE}.supervisors.gate.gate"]} & {
-        f"{PACKAGE}.kernel.actor.Actor"
-    }
+    assert {target for _, target in IMPORTS[f"{PACKAGE}.supervisors.gate.gate"]} & {f"{PACKAGE}.kernel.actor.Actor"}
 
 
 @pytest.mark.parametrize("name", MODULES)

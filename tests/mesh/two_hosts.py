@@ -200,7 +200,8 @@ def shown(twin: Twin, since_ns: int) -> str:
     setpoints = [entry.t_ns for entry in twin.log.host("setpoint", since_ns)]
     gaps_ms = [(after - before) / 1e6 for before, after in itertools.pairwise(setpoints)]
     held = sum(1 for entry in twin.log.entries(since_ns) if entry.safe_state)
-    return f"{len(setpoints)} setpoints on the wire, longest gap {max(gaps_ms, default=0.0):.0f} ms, {held} safe frames"
+    longest_ms = max(gaps_ms, default=0.0)
+    return f"{len(setpoints)} setpoints on the wire, longest gap {longest_ms:.0f} ms, {held} safe frames"
 
 
 if __name__ == "__main__":
