@@ -177,6 +177,8 @@ def measure(twin: Twin, robot: Host, caller: Host, network: Network) -> None:
         until(lambda: not caller.ask("task")["running"], "it is over", within_s=duration_s + 30.0)
         task = caller.ask("task")
         print(f"{title}: {task['exit_reason']} after {task['steps']} steps; {shown(twin, began_ns)}", flush=True)
+        if task["exit_reason"] != "duration":
+            print(f"  {task}", flush=True)
         if caller.ask("state") != "armed":
             caller.ask("resume")
     network.loss = 0.0
