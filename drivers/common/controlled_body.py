@@ -4,10 +4,13 @@ as nothing on the wire moves it."""
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Protocol
 
 from .jointed_body import JointedBody
+from .physics import Plant
 from .simulation_control.body import Hand
+from .simulation_control.protocol import TIMESTEP_S
 
 
 class ControlledBody(JointedBody, ABC):
@@ -49,3 +52,53 @@ class ControlledBody(JointedBody, ABC):
     def aim(self, values: Sequence[float]) -> None:
         if self.hand is Hand.SIM:
             self.aim_controller(values)
+
+
+class LedController(Protocol):
+    """A twin's controller that has ticks of its own and can be led by the simulation."""
+
+    plant: Plant
+
+    @property
+    def led(self) -> bool: ...
+    def lead(self, on: bool) -> None: ...
+    def aim(self, goal: Sequence[float]) -> None: ...
+    def hold(self) -> None: ...
+    def advance(self, elapsed_s: float) -> None: ...
+    def wake_up(self) -> None: ...
+
+
+class LedBody(ControlledBody):
+    """While nobody has the robot on the wire, the simulation may move it."""
+
+    def __init__(self, controller: LedController, is_driven: Callable[[], bool]) -> None:
+        """``is_driven``: whether the wire moves the arm."""
+        super().__init__(controller.plant, lambda: None)  # the controller's own ticks
+        self._controller = controller
+        self._is_driven = is_driven
+
+    @property
+    def driven(self) -> bool:
+        return self._is_driven()
+
+    @property
+    def led(self) -> bool:
+        return self._controller.led
+
+    def lead(self, on: bool) -> None:
+        self._controller.lead(on)
+
+    def aim_controller(self, values: Sequence[float]) -> None:
+        self._controller.aim(values)
+
+    def hold(self) -> None:
+        if self.hand is Hand.SIM:
+            self._controller.hold()
+
+    def step(self, steps: int) -> None:
+        self._controller.advance(steps * TIMESTEP_S)
+        super().step(steps)
+
+    def reset(self) -> None:
+        super().reset()
+        self._controller.wake_up()

@@ -46,13 +46,18 @@ class Network:
         self._to = dict(zip(ends, reversed(ends), strict=True))
         self._random = random.Random(1)
         self.delay_s = self.loss = 0.0
-        self.is_cut = False
-        threading.Thread(target=self._run, daemon=True).start()
+        self.is_cut = self._is_over = False
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def close(self) -> None:
+        self._is_over = True
+        self._thread.join()
 
     def _run(self) -> None:
         waiting: list[tuple[float, int, int, bytes]] = []
         count = itertools.count()
-        while True:
+        while not self._is_over:
             timeout_s = max(0.0, waiting[0][0] - time.monotonic()) if waiting else 0.1
             for end in select.select(list(self._to), [], [], timeout_s)[0]:
                 packet = os.read(end, PACKET)
@@ -154,11 +159,13 @@ def main() -> None:
         with Twin("so101", home) as twin:
             robot = Host("robot", home, str(twin.port))
             caller = Host("caller", home, "0.6")
+            network = Network((robot.end, caller.end))
             try:
-                measure(twin, robot, caller, Network((robot.end, caller.end)))
+                measure(twin, robot, caller, network)
             finally:
                 caller.close()
                 robot.close()
+                network.close()
 
 
 def measure(twin: Twin, robot: Host, caller: Host, network: Network) -> None:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import heapq
 import itertools
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple, Protocol
 
 import trio
@@ -67,6 +67,17 @@ class Frost:
     async def thawed(self) -> None:
         if trio.current_time() < self._thaw_s:
             await trio.sleep_until(self._thaw_s)
+
+    async def every(self, period_s: float, step: Callable[[], None]) -> None:
+        """Call ``step`` once a period while the robot is not frozen, until cancelled. A period that was
+        missed is made up for at once, more are not."""
+        due_s = trio.current_time()
+        while True:
+            await self.thawed()
+            await trio.lowlevel.checkpoint()  # what was woken together with us first reads what has come
+            step()
+            due_s = max(due_s + period_s, trio.current_time() - period_s)
+            await trio.sleep_until(due_s)
 
 
 class _Departure(NamedTuple):

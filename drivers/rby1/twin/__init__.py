@@ -11,12 +11,12 @@ from typing import Any, Unpack
 
 import trio
 
+from strands_actors.drivers.common.controlled_body import LedBody
 from strands_actors.drivers.common.twin import Fault, Start, TcpServer, WireLog, known_options, run_server
 from strands_actors.drivers.common.twin.grpc import GrpcHost
 from strands_actors.drivers.rby1.protocol import PORT, Manager, ManagerOrder
 from strands_actors.drivers.rby1.robots import TABLES
 
-from .body import RBY1Body
 from .controller import Controller
 from .service import RBY1Service
 
@@ -55,11 +55,11 @@ class RBY1Server(TcpServer):
     def __init__(self, controller: Controller, log: WireLog, host: str | None, port: int) -> None:
         self._service = RBY1Service(controller)
         self._grpc = GrpcHost(self._service)
-        self._body = RBY1Body(controller)
+        self._body = LedBody(controller, lambda: controller.driven)
         super().__init__(Machine(self._service), {port: self._grpc.serve}, log, host)
 
     @property
-    def body(self) -> RBY1Body:
+    def body(self) -> LedBody:
         return self._body
 
     def set_fault(self, text: str) -> None:
@@ -94,17 +94,11 @@ class RBY1Server(TcpServer):
     async def serve(self) -> None:
         async with trio.open_nursery() as nursery:
             nursery.start_soon(super().serve)
-            nursery.start_soon(self._tick)
+            nursery.start_soon(self._frost.every, TICK_S, self._tick)
 
-    async def _tick(self) -> None:
-        due_s = trio.current_time()
-        while True:
-            await self._frost.thawed()
-            await trio.lowlevel.checkpoint()  # whoever was woken together with us first reads what has come
-            self._service.tick()
-            self._grpc.flush()
-            due_s = max(due_s + TICK_S, trio.current_time() - TICK_S)
-            await trio.sleep_until(due_s)
+    def _tick(self) -> None:
+        self._service.tick()
+        self._grpc.flush()
 
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:

@@ -113,18 +113,11 @@ class URServer(TcpServer):
     async def serve(self) -> None:
         async with trio.open_nursery() as nursery:
             nursery.start_soon(super().serve)
-            nursery.start_soon(self._tick)
+            nursery.start_soon(self._frost.every, 1.0 / TICK_HZ, self._tick)
 
-    async def _tick(self) -> None:
-        period_s = 1.0 / TICK_HZ
-        due_s = trio.current_time()
-        while True:
-            await self._frost.thawed()
-            await trio.lowlevel.checkpoint()  # whoever was woken together with us first reads what has come
-            self.controller.tick()
-            self._tell()
-            due_s = max(due_s + period_s, trio.current_time() - period_s)
-            await trio.sleep_until(due_s)
+    def _tick(self) -> None:
+        self.controller.tick()
+        self._tell()
 
     def _tell(self) -> None:
         """To everybody what is due; what several want is computed once."""

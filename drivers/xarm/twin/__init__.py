@@ -15,6 +15,7 @@ from typing import Any, Unpack
 
 import trio
 
+from strands_actors.drivers.common.controlled_body import LedBody
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.twin import (
     ClientGone,
@@ -34,7 +35,6 @@ from strands_actors.drivers.common.twin import (
 from strands_actors.drivers.xarm import protocol as p
 from strands_actors.drivers.xarm.arms import arm_of
 
-from .body import XArmBody
 from .controller import TICK_HZ, Controller
 from .publisher import HZ, Publisher
 
@@ -114,14 +114,14 @@ class XArmServer(TcpServer):
         faults = Faults()
         self._machine = Machine(controller, faults)
         self._publisher = Publisher(controller, faults)
-        self._body = XArmBody(controller)
+        self._body = LedBody(controller, lambda: controller.runs)
         handlers: dict[int, Handler] = {port: answering(functools.partial(ControlSession, controller, faults))}
         for number in HZ:
             handlers[number] = functools.partial(self._publisher.serve, number)
         super().__init__(self._machine, handlers, log, host)
 
     @property
-    def body(self) -> XArmBody:
+    def body(self) -> LedBody:
         return self._body
 
     def set_fault(self, text: str) -> None:
@@ -155,18 +155,11 @@ class XArmServer(TcpServer):
     async def serve(self) -> None:
         async with trio.open_nursery() as nursery:
             nursery.start_soon(super().serve)
-            nursery.start_soon(self._tick)
+            nursery.start_soon(self._frost.every, 1.0 / TICK_HZ, self._tick)
 
-    async def _tick(self) -> None:
-        period_s = 1.0 / TICK_HZ
-        due_s = trio.current_time()
-        while True:
-            await self._frost.thawed()
-            await trio.lowlevel.checkpoint()  # whoever was woken together with us first reads what has come
-            self.controller.tick()
-            self._publisher.push(time.monotonic())
-            due_s = max(due_s + period_s, trio.current_time() - period_s)
-            await trio.sleep_until(due_s)
+    def _tick(self) -> None:
+        self.controller.tick()
+        self._publisher.push(time.monotonic())
 
 
 def may_bind(port: int) -> bool:

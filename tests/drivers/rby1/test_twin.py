@@ -5,11 +5,11 @@ from __future__ import annotations
 
 import pytest
 
+from strands_actors.drivers.common.controlled_body import LedBody
 from strands_actors.drivers.common.simulation_control.body import Hand
 from strands_actors.drivers.rby1.commands import Command, Finish, JointPosition
 from strands_actors.drivers.rby1.protocol import Control, JointOrder, Manager, ManagerOrder
 from strands_actors.drivers.rby1.robots import TABLES
-from strands_actors.drivers.rby1.twin.body import RBY1Body
 from strands_actors.drivers.rby1.twin.controller import Controller
 
 
@@ -158,7 +158,7 @@ def test_a_fault_ends_what_runs_until_it_is_reset() -> None:
 
 def test_a_simulation_has_the_joints_while_nobody_drives_them() -> None:
     robot = Robot()
-    body = RBY1Body(robot)
+    body = LedBody(robot, lambda: robot.driven)
     robot.energise()
     assert set(body.hands) == {Hand.WIRE}
     body.take(True)

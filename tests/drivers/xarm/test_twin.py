@@ -12,13 +12,13 @@ import mujoco
 import numpy as np
 import pytest
 
+from strands_actors.drivers.common.controlled_body import LedBody
 from strands_actors.drivers.common.physics import Plant
 from strands_actors.drivers.common.simulation_control.body import Hand
 from strands_actors.drivers.xarm import protocol as p
 from strands_actors.drivers.xarm.arms import arm_of, model_table
 from strands_actors.drivers.xarm.protocol import ERROR, INVALID, NOT_READY, Mode, Register, State
 from strands_actors.drivers.xarm.twin import controller_of, may_bind
-from strands_actors.drivers.xarm.twin.body import XArmBody
 from strands_actors.drivers.xarm.twin.controller import TICK_HZ, Controller
 
 
@@ -157,7 +157,7 @@ def test_motors_off_is_stopped_and_braked() -> None:
 
 def test_the_simulation_moves_it_until_it_is_energised_on_the_wire() -> None:
     world = World()
-    body = XArmBody(world.controller)
+    body = LedBody(world.controller, lambda: world.controller.runs)
     body.take(True)
     assert set(body.hands) == {Hand.SIM}
     body.aim(world.at(joint1=0.5))
