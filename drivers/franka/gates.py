@@ -5,6 +5,7 @@ from __future__ import annotations
 from strands_actors.contract.axis import Axis
 from strands_actors.contract.axis_gates import past_range, stale
 from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, Observation
+from strands_actors.contract.sensors import number_of
 from strands_actors.kernel.messages import Refused
 
 from .protocol import RobotMode, mode_name
@@ -49,7 +50,7 @@ def refuse_mode(mode: int, reasons: str) -> Refused | None:
 
 
 def movable(observation: Observation, now_ns: int) -> Refused | None:
-    return refuse_mode(_mode(observation), observation.faults.get(REASONS, ""))
+    return refuse_mode(number_of(observation.sensors, "robot_mode", 0), observation.faults.get(REASONS, ""))
 
 
 def not_lost(observation: Observation, now_ns: int) -> Refused | None:
@@ -85,7 +86,7 @@ def reaches_it(candidate: Candidate, state: GateState) -> Refused | None:
     """Refuse a new target while too few commands reach the controller: it would end the motion.
     Without a motion nobody knows."""
     rate = state.observation.sensors.get("success_rate", (1.0,))[0]
-    if _mode(state.observation) != RobotMode.MOVE or rate >= TOO_POOR:
+    if number_of(state.observation.sensors, "robot_mode", 0) != RobotMode.MOVE or rate >= TOO_POOR:
         return None
     return Refused(
         "success_rate",
@@ -94,7 +95,3 @@ def reaches_it(candidate: Candidate, state: GateState) -> Refused | None:
         f"{rate:.2f}",
         f"at least {TOO_POOR:g}",
     )
-
-
-def _mode(observation: Observation) -> int:
-    return round(observation.sensors.get("robot_mode", (0.0,))[0])

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from strands_actors.contract.axis import Axis
 from strands_actors.contract.axis_gates import past_range, stale
 from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, Observation
+from strands_actors.contract.sensors import number_of
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
 
@@ -67,8 +68,7 @@ def refuse_state(state: int, fault_bank: int) -> Refused | None:
 
 
 def base_ready(observation: Observation, now_ns: int) -> Refused | None:
-    sensors = observation.sensors
-    state, bank = (round(sensors.get(name, (0.0,))[0]) for name in ("arm_state", "fault_bank"))
+    state, bank = (number_of(observation.sensors, name, 0) for name in ("arm_state", "fault_bank"))
     return refuse_state(state, bank)
 
 

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from strands_actors.contract.axis import Axis
 from strands_actors.contract.axis_gates import past_range
 from strands_actors.contract.driver import Candidate, Condition, ConditionCheck, GateCheck, GateState, Observation
+from strands_actors.contract.sensors import number_of
 from strands_actors.drivers.common.step_gates import refuse_step
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
@@ -63,7 +64,7 @@ def stale(ttl_s: float) -> ConditionCheck:
 
 
 def safety(observation: Observation, now_ns: int) -> Refused | None:
-    level = _sensor(observation, "safety_state")
+    level = number_of(observation.sensors, "safety_state")
     if level == 0:
         return None
     return Refused("safety", f"move: safety stop, level {level}", _ON_THE_PENDANT, f"{level}", "0")
@@ -102,14 +103,14 @@ def control_mode(observation: Observation, now_ns: int) -> Refused | None:
 
 
 def overlay(observation: Observation, now_ns: int) -> Refused | None:
-    if _sensor(observation, "overlay") != Overlay.NO_OVERLAY:
+    if number_of(observation.sensors, "overlay") != Overlay.NO_OVERLAY:
         return None
     remedy = "start the robot program's motion again, with the FRI overlay"
     return Refused("overlay", "move: the overlay is lost", remedy, "NO_OVERLAY", "JOINT")
 
 
 def quality(observation: Observation, now_ns: int) -> Refused | None:
-    number = _sensor(observation, "fri_quality")
+    number = number_of(observation.sensors, "fri_quality")
     if number >= Quality.GOOD:
         return None
     name = name_of(Quality, number)
@@ -139,14 +140,8 @@ def too_fast(axes: Sequence[Axis], oneshot_s: float) -> GateCheck:
 def _refuse_other(
     observation: Observation, sensor: str, wanted: State | ClientMode | ControlMode, what: str, remedy: str
 ) -> Refused | None:
-    number = _sensor(observation, sensor)
+    number = number_of(observation.sensors, sensor)
     if number == wanted:
         return None
     name = name_of(type(wanted), number)
     return Refused(sensor, f"move: {what} is {name}", remedy, name, wanted.name)
-
-
-def _sensor(observation: Observation, name: str) -> int:
-    """Return a number that the controller says; -1 when it does not."""
-    row = observation.sensors.get(name)
-    return round(row[0]) if row else -1

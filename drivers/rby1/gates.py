@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import msgspec
@@ -10,6 +9,7 @@ import msgspec
 from strands_actors.contract.axis import Axis
 from strands_actors.contract.axis_gates import past_range, stale
 from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, Observation
+from strands_actors.contract.sensors import number_of
 from strands_actors.drivers.common.step_gates import refuse_lead, refuse_step
 from strands_actors.kernel.messages import Refused
 
@@ -51,15 +51,15 @@ def refuse_fault(manager: int) -> Refused | None:
 
 
 def released(observation: Observation, now_ns: int) -> Refused | None:
-    return refuse_pressed(_number(observation, "emergency_stop") != 0)
+    return refuse_pressed(number_of(observation.sensors, "emergency_stop") != 0)
 
 
 def faultless(observation: Observation, now_ns: int) -> Refused | None:
-    return refuse_fault(_number(observation, "control_manager"))
+    return refuse_fault(number_of(observation.sensors, "control_manager"))
 
 
 def powered(observation: Observation, now_ns: int) -> Refused | None:
-    power, ready = _number(observation, "power"), _number(observation, "joints_ready")
+    power, ready = number_of(observation.sensors, "power"), number_of(observation.sensors, "joints_ready")
     if power == 1 and ready == 1:
         return None
     what = "the motors have no power" if power != 1 else "servos are off"
@@ -68,7 +68,7 @@ def powered(observation: Observation, now_ns: int) -> Refused | None:
 
 def enabled(observation: Observation, now_ns: int) -> Refused | None:
     """Refuse to move while the control manager does nothing."""
-    manager = _number(observation, "control_manager")
+    manager = number_of(observation.sensors, "control_manager")
     if manager == Manager.ENABLED:
         return None
     name, wanted = name_of(Manager, manager), name_of(Manager, Manager.ENABLED)
@@ -133,9 +133,3 @@ def runs_ahead(axes: Sequence[Axis]) -> GateCheck:
         return refuse_lead(axes, candidate, state, own_speeds(axes, state.observation), LEAD_S)
 
     return runs_ahead
-
-
-def _number(observation: Observation, name: str) -> int:
-    """Return a sensor that is a whole number; -1 when the robot has not told it."""
-    row = observation.sensors.get(name)
-    return round(row[0]) if row and math.isfinite(row[0]) else -1

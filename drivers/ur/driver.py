@@ -85,10 +85,10 @@ class UR(Driver):
         return plain(read)
 
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
-        self.period_s = 1 / self.resolve(robot, options)["control_frequency"]
+        read = self.resolve(robot, options)
+        self.period_s = 1 / read["control_frequency"]
         self.robot = TABLES.canonical(robot)
-        rtde_hz = self.resolve(robot, options)["rtde_frequency"]
-        self.config = URConfig(self.robot, port, self.timing.state_ttl_s, rtde_hz)
+        self.config = URConfig(self.robot, port, self.timing.state_ttl_s, read["rtde_frequency"])
         if ":" in port:
             self.config.check_port()  # one that names another port is told at once
         self.declare(Part(PartKind.ARM, arm_of(robot).axes))

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from strands_actors.contract.axis import Axis
 from strands_actors.contract.axis_gates import past_range, stale, too_fast
 from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, Observation
+from strands_actors.contract.sensors import number_of
 from strands_actors.kernel.messages import Refused
 
 from .protocol import MOVABLE_SAFETY, RobotMode, RuntimeState, SafetyMode, mode_name
@@ -55,16 +56,16 @@ def refuse_modes(robot: int, safety: int) -> Refused | None:
 
 
 def modes(observation: Observation, now_ns: int) -> Refused | None:
-    robot = _sensor(observation, "robot_mode", RobotMode.NO_CONTROLLER)
-    return refuse_modes(robot, _sensor(observation, "safety_mode", 0))
+    robot = number_of(observation.sensors, "robot_mode", RobotMode.NO_CONTROLLER)
+    return refuse_modes(robot, number_of(observation.sensors, "safety_mode", 0))
 
 
 def program(observation: Observation, now_ns: int) -> Refused | None:
     """Refuse unless the control script runs, and was not stopped since the robot was armed: motion
     never goes on by itself after a protective stop, or when the controller's watchdog has ended the
     script."""
-    runs = _sensor(observation, "runtime_state", 0)
-    if _sensor(observation, "control", 0) != 1 or runs not in RUNNING:
+    runs = number_of(observation.sensors, "runtime_state", 0)
+    if number_of(observation.sensors, "control", 0) != 1 or runs not in RUNNING:
         return Refused("program", "move: control script is not running", "stop(), then resume()", limit="PLAYING")
     return None
 
@@ -74,12 +75,7 @@ CONDITIONS = (Condition(modes), Condition(program))
 
 def paused(candidate: Candidate, state: GateState) -> Refused | None:
     """Refuse a setpoint for which the controller is halted by its operator."""
-    runs = _sensor(state.observation, "runtime_state", 0)
+    runs = number_of(state.observation.sensors, "runtime_state", 0)
     if runs in PAUSED or state.observation.sensors.get("speed_scaling", (0.0,))[0] <= 0.0:
         return Refused("paused", "move: the program is paused", "play it on the pendant, or raise the speed slider")
     return None
-
-
-def _sensor(observation: Observation, name: str, missing: int) -> int:
-    row = observation.sensors.get(name)
-    return round(row[0]) if row else missing

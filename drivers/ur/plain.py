@@ -4,7 +4,7 @@ advance."""
 from __future__ import annotations
 
 import contextlib
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterator
 from typing import Any
 
 import trio
@@ -74,7 +74,7 @@ class Samples:
     def __init__(self, stream: TcpPort) -> None:
         self._stream = stream
         self._decoder = p.Decoder()
-        self._waiting: list[p.Packet] = []
+        self._packets: Iterator[p.Packet] = iter(())  # that came with one asked for
         self._recipe: p.Recipe
 
     async def start(self) -> None:
@@ -93,11 +93,10 @@ class Samples:
 
     async def _packet(self, kind: int) -> bytes:
         while True:
-            while self._waiting:
-                packet = self._waiting.pop(0)
+            for packet in self._packets:
                 if packet.kind == kind:
                     return packet.payload
-            self._waiting.extend(self._decoder.feed(await receive(self._stream)))
+            self._packets = self._decoder.feed(await receive(self._stream))
 
 
 @contextlib.asynccontextmanager

@@ -107,15 +107,6 @@ class Recipe:
         return {name: next(flat) if count == 1 else tuple(islice(flat, count)) for name, count in rows}
 
 
-TEXT_ERROR = 1
-
-
-def text_message(text: str, source: str = "RTDE", level: int = TEXT_ERROR) -> bytes:
-    """The payload of a text message."""
-    said, said_by = text.encode()[:255], source.encode()[:255]
-    return bytes((len(said),)) + said + bytes((len(said_by),)) + said_by + bytes((level,))
-
-
 def version_request() -> bytes:
     return frame(Kind.VERSION, struct.pack(">H", RTDE_VERSION))
 

@@ -27,6 +27,13 @@ TOPICS_HZ: Mapping[str, float] = {
 Row = tuple[float, ...]
 
 
+def number_of(sensors: Mapping[str, Row], name: str, missing: int = -1) -> int:
+    """Return a sensor that is one whole number (a mode, a state); ``missing``: the robot has not
+    told it."""
+    row = sensors.get(name)
+    return round(row[0]) if row and math.isfinite(row[0]) else missing
+
+
 class Sensor(msgspec.Struct, frozen=True):
     """One topic. ``fields``: field on the topic -> name in ``Observation.sensors``; ``name[0]`` is
     one number of a row. ``prefix``: whatever sensors begin so are fields too, for a driver that

@@ -16,6 +16,13 @@ from .outputs import INPUT_TYPES, OUTPUTS, Sample
 
 VERSION = struct.pack(">4I", 5, 13, 1, 0)
 WRONG_BY_RAD = 0.5
+TEXT_ERROR = 1
+
+
+def _text_message(text: str) -> bytes:
+    """Return the payload of a text message: what is said, by whom, and how bad it is."""
+    said = text.encode()[:255]
+    return bytes((len(said),)) + said + b"\x04RTDE" + bytes((TEXT_ERROR,))
 
 
 class RtdeServer:
@@ -78,7 +85,7 @@ class Client:
         """Log what is not understood, in the controller's log too, and tell who sent it."""
         self._connection.heard(t_ns, "malformed", raw)
         self._server.controller.note(f"RTDE: {why}")
-        self._connection.say("read", p.frame(p.Kind.TEXT, p.text_message(f"RTDE: {why}")))
+        self._connection.say("read", p.frame(p.Kind.TEXT, _text_message(f"RTDE: {why}")))
 
     def wants(self, tick: int) -> bool:
         return self._started and self._outputs is not None and tick % self._every == 0
