@@ -248,7 +248,7 @@ def test_saf_017_one_operator_speaks_for_no_other_and_overhears_none(
             ):
                 assert alice.sender.startswith("alice.")
                 overheard: list[str] = []
-                for session in bob._sessions.values():
+                for session in bob.sessions.all:
                     for key in ("strands/**", f"strands/{alice.sender}/response/**", "strands/*/response/**"):
                         session.subscribe(key, lambda received: overheard.append(received.key))
                 await until(lambda: alice.is_there(robot) and bob.is_there(robot), "the robot is there")

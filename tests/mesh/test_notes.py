@@ -15,7 +15,7 @@ import trio
 from strands_actors.caller.run_directory import Name, Note, is_held, notes
 from strands_actors.kernel.channels.zenoh_session import unix_endpoint
 from strands_actors.surfaces.mesh import estop_button
-from strands_actors.surfaces.mesh.client import EVERYBODY, LOOK_S
+from strands_actors.surfaces.mesh.sessions import EVERYBODY, LOOK_S
 
 from .world import mesh, robot_on_mesh, run, until
 

@@ -155,7 +155,7 @@ def test_a_flood_of_estops_leaves_a_robot_that_can_be_resumed() -> None:
     async def test() -> None:
         async with robot_on_mesh() as (robot, tree, _), mesh() as client:
             for _ in range(3000):
-                client._via[robot].put(mesh_json.ESTOP_KEY, b"", "x")
+                client.sessions.via[robot].put(mesh_json.ESTOP_KEY, b"", "x")
             await tree.until("disarmed")
             with trio.fail_after(5):  # no backlog
                 while (await tree.status()).mode != "armed":

@@ -91,7 +91,7 @@ class Samples:
 async def raw(client: MeshClient, robot: str, payload: bytes, key: str = "cmd") -> None:
     """Put what the client itself would never send."""
     await until(lambda: client.is_there(robot), "it is there")
-    client._via[robot].put(mesh_json.key(robot, key) if "/" not in key else key, payload, "x")
+    client.sessions.via[robot].put(mesh_json.key(robot, key) if "/" not in key else key, payload, "x")
 
 
 def code(answer: Mapping[str, Any] | Refused) -> str:
