@@ -50,6 +50,8 @@ from strands_actors.supervisors.root.messages import Handover, Renew, SilentUnti
 from strands_actors.supervisors.root.stop_channel import attempt_anew
 from strands_actors.supervisors.wire.messages import Arm, CarryOut, Cycle, Cycled, HandOverAgain, MakeSafe, Write
 
+from .serving import Serving
+
 ROOT_AGAIN_S = 0.01
 REACH_MARGIN_S = 0.25
 """Of ``Timing.safe_s``: what is left when ``Wire.reach`` is given up."""
@@ -87,34 +89,6 @@ class _Permit:
             raise PermitDenied("a stop is waiting")
 
 
-class _Serving:
-    """What a wire keeps up beside its calls (``Wire.serve``), and how that ended."""
-
-    def __init__(self) -> None:
-        self.scope = trio.CancelScope()
-        self.ready = trio.Event()
-        self.failure: WireDown | ProcessSpent | None = None
-
-    async def run(self, wire: Wire) -> None:
-        with self.scope:
-            try:
-                async with trio.open_nursery() as nursery:
-                    await nursery.start(wire.serve)
-                    self.ready.set()
-            except* (WireDown, ProcessSpent) as failures:
-                failure: BaseException = failures
-                while isinstance(failure, BaseExceptionGroup):
-                    failure = failure.exceptions[0]
-                assert isinstance(failure, WireDown | ProcessSpent)
-                self.failure = failure
-        self.ready.set()
-
-    def check(self) -> None:
-        """Raise what ended it."""
-        if self.failure is not None:
-            raise self.failure
-
-
 class Transport(Actor):
     """``energised``: an earlier wire left something energised, or nobody has confirmed that it did not.
     ``owed``: where that is noted, for a standby."""
@@ -133,7 +107,7 @@ class Transport(Actor):
         self._addresses = gate, watchdog, guardian
         self.epoch = epoch
         self._wire: Wire | None = None
-        self._serving = _Serving()
+        self._serving = Serving()
         self._lost: Wire | None = None  # the last that was open, until another one is
         self._owed = owed or Owed()
         self._owed.safe_state = energised
@@ -404,7 +378,7 @@ class Transport(Actor):
         self._wire = self._lost = None
 
     async def _serve(self, wire: Wire) -> None:
-        self._serving = serving = _Serving()
+        self._serving = serving = Serving()
         self.context.start_soon(serving.run, wire)
         await serving.ready.wait()
         serving.check()
