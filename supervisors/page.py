@@ -1,5 +1,9 @@
 """The page of memory that root, wire and standby of one robot share, and what stands where on
-it."""
+it.
+
+Whether something may be energised stands here because the standby can ask nobody: a wire that is
+killed while it makes safe leaves a standby that acts; one that has made safe, a standby that ends.
+"""
 
 from __future__ import annotations
 

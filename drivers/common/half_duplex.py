@@ -84,7 +84,7 @@ class HalfDuplexBus(Generic[PacketT]):
         self._margin_s = margin_s
         self._quiet_ns = round(quiet_s * NS)
         self._quiet_until_ns = 0
-        self._pending: dict[int, int] = {}  # who still owes an answer to a question that was given up
+        self._pending: dict[int, int] = {}  # who may still answer a question that was given up
         self._pending_end_s = 0.0
         self.stray_bytes = 0
         """Bytes heard during the last question that belong to no expected reply."""

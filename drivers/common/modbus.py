@@ -32,7 +32,7 @@ from .tcp_port import ByteStream
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # else a bad frame is printed on stderr
 
 SILENT_S = 0.5
-"""A peer that owes an answer and has said nothing for so long is gone."""
+"""A peer that was asked and has said nothing for so long is gone."""
 
 MAX_OPEN = 4096
 """Questions without an answer, while others are answered; far fewer than there are transaction
@@ -107,7 +107,7 @@ class ModbusClient:
         self._number = 0
         self._open: dict[int, ModbusPDU] = {}  # questions whose answer has not come
         self._answers: dict[int, list[int] | None] = {}  # by question that somebody waits for
-        self._waiting_since_ns = 0  # when it was last heard, or since when it owes an answer
+        self._waiting_since_ns = 0  # when it was last heard, or since when it was asked
         self._asked_ns = 0
 
     def write_registers(self, address: int, values: Sequence[int]) -> None:
@@ -122,7 +122,7 @@ class ModbusClient:
 
     async def answer(self, number: int, within_s: float) -> list[int] | None:
         """The registers that were asked for, or None: not yet. Raise ``WireDown`` when the peer
-        refuses anything, owes an answer and has said nothing for ``SILENT_S``, or speaks
+        refuses anything, was asked and has said nothing for ``SILENT_S``, or speaks
         nonsense."""
         with trio.move_on_after(within_s):
             while self._answers[number] is None:

@@ -24,7 +24,7 @@ from .protocol import Call, Frame
 OpenStream = Callable[[str, int], Awaitable[ByteStream]]
 
 SILENT_S = 0.5
-"""A base that owes an answer and has said nothing for so long is gone."""
+"""A base that was asked and has said nothing for so long is gone."""
 
 HANDSHAKE_S = 0.6
 """More than that: what connects and does not speak is told as such."""
@@ -88,7 +88,7 @@ class KortexClient:
         self._decoder = p.Decoder()
         self._open: dict[int, int] = {}  # number of a question without an answer -> what was asked
         self._awaited: dict[int, Frame | None] = {}  # the answers that somebody wants
-        self._waiting_since_ns = 0  # when it was last heard, or since when it owes an answer
+        self._waiting_since_ns = 0  # when it was last heard, or since when it was asked
         self._asked_ns = 0
 
     def tell(self, call: Call, payload: bytes = b"") -> None:
@@ -104,7 +104,7 @@ class KortexClient:
         return number
 
     async def listen(self, number: int, within_s: float) -> None:
-        """Take what comes until that answer has come. Raise ``WireDown`` when the base owes answers
+        """Take what comes until that answer has come. Raise ``WireDown`` when the base was asked
         and has said nothing for ``SILENT_S``."""
         with trio.move_on_after(within_s):
             while number in self._awaited and self._awaited[number] is None:

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from strands_actors.contract.axis import Axis
 from strands_actors.contract.axis_gates import past_range
 from strands_actors.contract.driver import Candidate, Condition, ConditionCheck, GateCheck, GateState, Observation
+from strands_actors.drivers.common.step_gates import refuse_step
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
 
@@ -21,7 +22,6 @@ from .protocol import JOINTS, ClientMode, ControlMode, Drive, Overlay, Quality, 
 LONGEST_STEP_S = 0.1
 """A slower stream may not step further than a joint turns meanwhile."""
 
-_ROUNDING = 1e-9
 _ON_THE_PENDANT = "clear it on the pendant"
 
 
@@ -130,20 +130,8 @@ def too_fast(axes: Sequence[Axis], oneshot_s: float) -> GateCheck:
     target. A command on its own is one period of the control loop."""
 
     def too_fast(candidate: Candidate, state: GateState) -> Refused | None:
-        period_s, before = span_s(state, oneshot_s), last_target(state)
-        for at in candidate.named:
-            step = abs(candidate.values[at] - before[at])
-            allowed = axes[at].speed * period_s
-            if not step <= allowed + _ROUNDING:
-                shown = math.floor(allowed * 1e5) / 1e5
-                return Refused(
-                    "too_fast",
-                    f"move: {axes[at].key} steps {step:.5g} rad, limit {shown:.5g} at {1 / period_s:.4g} Hz",
-                    f"step at most {shown:.5g} rad",
-                    f"{step:.5g}",
-                    f"{shown:.5g}",
-                )
-        return None
+        speeds = [axis.speed for axis in axes]
+        return refuse_step(axes, candidate, last_target(state), speeds, span_s(state, oneshot_s))
 
     return too_fast
 

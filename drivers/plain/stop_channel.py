@@ -138,7 +138,7 @@ class Spare:
         await self._process.wait()
 
     def kill(self) -> None:
-        """End the process, whatever it does, and have it buried."""
+        """End the process, whatever it does, and have it reaped."""
         self._process.kill()
         self._process.part()
         self._socket.close()

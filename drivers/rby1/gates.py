@@ -10,6 +10,7 @@ import msgspec
 from strands_actors.contract.axis import Axis
 from strands_actors.contract.axis_gates import past_range, stale
 from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, Observation
+from strands_actors.drivers.common.step_gates import refuse_lead, refuse_step
 from strands_actors.kernel.messages import Refused
 
 from .protocol import Manager, name_of
@@ -22,7 +23,6 @@ LEAD_S = 0.2
 """A target may be ahead of where its joint was measured by what the joint turns meanwhile
 [assumed: no joint lags so far behind]."""
 
-_ROUNDING = 1e-9
 _FAULTS = (Manager.MINOR_FAULT, Manager.MAJOR_FAULT)
 _RESUME = "see to its cause, then stop() and resume()"
 
@@ -97,6 +97,11 @@ def own_axes(axes: Sequence[Axis], observation: Observation) -> Sequence[Axis] |
     return [msgspec.structs.replace(axis, low=one, high=two, speed=rad_s) for axis, one, two, rad_s in rows]
 
 
+def own_speeds(axes: Sequence[Axis], observation: Observation) -> list[float]:
+    """Return the joints' speeds, rad/s, as the robot tells them, else as the table does."""
+    return [axis.speed for axis in own_axes(axes, observation) or axes]
+
+
 def past_own_range(axes: Sequence[Axis]) -> GateCheck:
     """Refuse what is past the ranges that the robot tells of itself."""
 
@@ -115,19 +120,7 @@ def too_fast(axes: Sequence[Axis], period_s: float) -> GateCheck:
     period: in that time the robot is told to be there."""
 
     def too_fast(candidate: Candidate, state: GateState) -> Refused | None:
-        own = own_axes(axes, state.observation) or axes
-        for at in candidate.named:
-            step, allowed = abs(candidate.values[at] - state.target[at]), own[at].speed * period_s
-            if not step <= allowed + _ROUNDING:
-                shown = math.floor(allowed * 1e5) / 1e5
-                return Refused(
-                    "too_fast",
-                    f"move: {axes[at].key} steps {step:.5g} rad, limit {shown:.5g} at {1 / period_s:.4g} Hz",
-                    f"step at most {shown:.5g} rad",
-                    f"{step:.5g}",
-                    f"{shown:.5g}",
-                )
-        return None
+        return refuse_step(axes, candidate, state.target, own_speeds(axes, state.observation), period_s)
 
     return too_fast
 
@@ -137,20 +130,7 @@ def runs_ahead(axes: Sequence[Axis]) -> GateCheck:
     back."""
 
     def runs_ahead(candidate: Candidate, state: GateState) -> Refused | None:
-        own = own_axes(axes, state.observation) or axes
-        for at in candidate.named:
-            lead = abs(candidate.values[at] - state.observation.position[at])
-            allowed = own[at].speed * LEAD_S
-            if not lead <= allowed + _ROUNDING:
-                shown = math.floor(allowed * 1e4) / 1e4
-                return Refused(
-                    "runs_ahead",
-                    f"move: {axes[at].key} is to be {lead:.4g} rad from where it is, limit {shown:.4g}",
-                    "send targets no quicker than the robot follows them",
-                    f"{lead:.4g}",
-                    f"{shown:.4g}",
-                )
-        return None
+        return refuse_lead(axes, candidate, state, own_speeds(axes, state.observation), LEAD_S)
 
     return runs_ahead
 

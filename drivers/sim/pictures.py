@@ -17,7 +17,7 @@ from strands_actors.contract.driver import WireDown
 from strands_actors.drivers.common.lean_mujoco import mujoco
 from strands_actors.drivers.common.simulation_control import protocol as p
 from strands_actors.drivers.common.simulation_control.client import Refusal, SimulationClient
-from strands_actors.drivers.common.simulation_control.renderer import CannotRender, Studio, plain
+from strands_actors.drivers.common.simulation_control.renderer import CannotRender, SceneRenderer, plain
 from strands_actors.drivers.common.simulation_control.scene import View
 
 MODEL_S = 10.0
@@ -35,7 +35,7 @@ class ScenePictures:
         width, height = settings.captured_size
         assert width is not None and height is not None
         self._size = width, height
-        self._studio: Studio | None = None
+        self._renderer: SceneRenderer | None = None
         self._scene = -1
 
     async def read(self) -> Picture:
@@ -44,9 +44,9 @@ class ScenePictures:
         if pose.scene != self._scene:
             await self._take_scene()
             return await self.read()
-        assert self._studio is not None
+        assert self._renderer is not None
         try:
-            rgb = await trio.to_thread.run_sync(self._studio.shoot, pose.qpos, *self._size, self._view)
+            rgb = await trio.to_thread.run_sync(self._renderer.shoot, pose.qpos, *self._size, self._view)
         except CannotRender as failure:
             raise WireDown(str(failure)) from None
         width, height = self._size
@@ -54,23 +54,23 @@ class ScenePictures:
 
     async def aclose(self) -> None:
         self._client.close()
-        if self._studio is not None:
-            await trio.to_thread.run_sync(self._studio.close)
-            self._studio = None
+        if self._renderer is not None:
+            await trio.to_thread.run_sync(self._renderer.close)
+            self._renderer = None
 
     async def _take_scene(self) -> None:
         found = await self._client.call(p.GetModel(0), p.Model, MODEL_S)
-        if self._studio is not None:
-            await trio.to_thread.run_sync(self._studio.close)
-            self._studio = None
-        self._studio = await trio.to_thread.run_sync(self._build, found.binary)
+        if self._renderer is not None:
+            await trio.to_thread.run_sync(self._renderer.close)
+            self._renderer = None
+        self._renderer = await trio.to_thread.run_sync(self._build, found.binary)
         self._scene = found.scene
 
-    def _build(self, binary: bytes) -> Studio:
+    def _build(self, binary: bytes) -> SceneRenderer:
         model: Any = plain(mujoco.MjModel.from_binary_path("scene.mjb", {"scene.mjb": binary}))
         view = View(tuple(model.stat.center), model.stat.extent)
         try:
-            return Studio(model, view, *self._size)
+            return SceneRenderer(model, view, *self._size)
         except CannotRender as failure:
             raise WireDown(str(failure)) from None
 

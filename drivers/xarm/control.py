@@ -57,7 +57,7 @@ class Control:
 
     @property
     def idle(self) -> bool:
-        """Return whether it owes no reply."""
+        """Return whether every command was answered."""
         return not self._open
 
     def silent_s(self, now_ns: int) -> float:

@@ -11,6 +11,7 @@ import msgspec
 from strands_actors.contract.axis import Axis
 from strands_actors.contract.axis_gates import past_range, stale
 from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, Observation
+from strands_actors.drivers.common.step_gates import refuse_lead, refuse_step
 from strands_actors.kernel.messages import Refused
 
 from .arms import Arm, Range
@@ -21,7 +22,6 @@ LEAD_S = 0.1
 mode drives to it at full speed, also when the arm was kept from following [assumed: no arm lags so
 far behind]."""
 
-_ROUNDING = 1e-9
 
 _AGAIN = "see to its cause, then call stop() and resume()"
 
@@ -100,19 +100,7 @@ def too_fast(arm: Arm, axes: Axes, period_s: float) -> GateCheck:
     comes."""
 
     def too_fast(candidate: Candidate, state: GateState) -> Refused | None:
-        allowed = speed_limit(arm, state) * period_s
-        for at in candidate.named:
-            step = abs(candidate.values[at] - state.target[at])
-            if not step <= allowed + _ROUNDING:
-                shown = math.floor(allowed * 1e5) / 1e5
-                return Refused(
-                    "too_fast",
-                    f"move: {axes[at].key} steps {step:.5g} rad, limit {shown:.5g} at {1 / period_s:.4g} Hz",
-                    f"step at most {shown:.5g} rad",
-                    f"{step:.5g}",
-                    f"{shown:.5g}",
-                )
-        return None
+        return refuse_step(axes, candidate, state.target, [speed_limit(arm, state)] * len(axes), period_s)
 
     return too_fast
 
@@ -122,19 +110,7 @@ def runs_ahead(arm: Arm, axes: Axes) -> GateCheck:
     back."""
 
     def runs_ahead(candidate: Candidate, state: GateState) -> Refused | None:
-        allowed = speed_limit(arm, state) * LEAD_S
-        for at in candidate.named:
-            lead = abs(candidate.values[at] - state.observation.position[at])
-            if not lead <= allowed + _ROUNDING:
-                shown = math.floor(allowed * 1e4) / 1e4
-                return Refused(
-                    "runs_ahead",
-                    f"move: {axes[at].key} is to be {lead:.4g} rad from where it is, limit {shown:.4g}",
-                    "send targets no quicker than the arm follows them",
-                    f"{lead:.4g}",
-                    f"{shown:.4g}",
-                )
-        return None
+        return refuse_lead(axes, candidate, state, [speed_limit(arm, state)] * len(axes), LEAD_S)
 
     return runs_ahead
 

@@ -56,7 +56,7 @@ class RosLink(ReportingBase, Protocol):
         ...
 
     @property
-    def owes(self) -> bool:
+    def is_behind(self) -> bool:
         """Whether so many commands have not been taken yet that another would be carried out
         late."""
         ...

@@ -88,7 +88,7 @@ class Ros2Link:
         self.drive(m.REST)
 
     @property
-    def owes(self) -> bool:
+    def is_behind(self) -> bool:
         return False  # rclpy keeps the newest few, and tells nobody which were taken
 
     def drive(self, twist: m.Twist) -> None:

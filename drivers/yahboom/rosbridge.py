@@ -112,7 +112,7 @@ class RosbridgeLink:
         self._send(p.publish(m.CMD_VEL, m.twist_message(m.REST, stop=True)))
 
     @property
-    def owes(self) -> bool:
+    def is_behind(self) -> bool:
         return len(self._owed) >= MOST_OWED
 
     def drive(self, twist: m.Twist) -> None:

@@ -97,7 +97,7 @@ class YahboomWire(Wire):
         axes = len(self._config.axes)
         arm_rad, arm_at_s = values[len(BASE) : axes], values[ARM_AT]
         silent_s = (self._clock.now_ns() - self._link.news.odometry_ns) / NS
-        if silent_s > QUIET_S or self._link.owes:
+        if silent_s > QUIET_S or self._link.is_behind:
             raise PermitDenied(f"the robot takes nothing now (odometry {silent_s * 1e3:.0f} ms ago)")
         permit.check()
         if values[DRIVES]:

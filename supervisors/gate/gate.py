@@ -290,7 +290,7 @@ class Gate(Actor):
         return None
 
     def _writer_stopped(self, pid: int) -> None:
-        """What its silence would become is known already."""
+        """Hold as if its lease or its last setpoint had run out: a stopped process can send neither."""
         held = self._leases.held
         if held is None or not self._live_until_ns:
             return

@@ -121,7 +121,7 @@ class Leases(msgspec.Struct):
     def refuse(self, what: str, lease: int, channel: str) -> Refused | None:
         held = self.held
         if held is None:
-            return Refused("no_lease", f"{what}: nobody holds the lease", "acquire it first")
+            return Refused("no_lease", f"{what}: the lease is free", "acquire it first")
         if self.find(lease, channel) is None:
             return Refused("lease", f"{what}: {held.holder} holds the lease", "wait until it is released")
         return None

@@ -260,7 +260,7 @@ class Gateway(Actor):
 
 
 class GatewayStop(Actor):
-    """Stops for callers of other hosts. Whoever may reach the gateway may stop, however often, with
+    """Stop the robot for callers of other hosts: for all who reach the gateway, however often, with
     or without a lease."""
 
     def __init__(self, robot: str, deadlines: StopDeadlines) -> None:

@@ -84,7 +84,7 @@ class ResumeOrder(Message, frozen=True):
 
 
 class Safety(Actor):
-    """Makes the robot safe for whoever asks, and resumes it for whoever may."""
+    """Make the robot safe for everybody, and resume it for operators."""
 
     def __init__(self, robot: str, driver: Driver, pubsub: PubSub, answers: Answers, shared: Shared) -> None:
         self._robot = robot

@@ -1,4 +1,9 @@
-"""Keeps a standby process alive, with a way to the hardware, and says when there is none."""
+"""Keep a standby process alive, with a way to the hardware, and say when there is none.
+
+Nothing is armed without one (the gate refuses: ``no_standby``). What already moves goes on while it
+is replaced: root and wire are both there, and a hold would make a third process one more that stops
+a robot, with legs that fall.
+"""
 
 from __future__ import annotations
 

@@ -1,8 +1,14 @@
 """The standby process: makes the robot safe when neither root nor wire is left.
 
 It has a session of its own and ignores every signal that can be ignored: it ends by its root's
-order (SIGKILL), or by itself when nothing is left to do. It holds a stop channel of its own, ready
-before anything is armed.
+order (SIGKILL), which is the last thing a root does, or by itself when nothing is left to do.
+
+It holds a stop channel of its own, the driver's: a duplicate of the serial descriptor by way of the
+root, or a session of its own on a network. A wire's link counts as up only when that could be used
+at once, and it is closed before the next wire opens the port.
+
+It is not the spawner: that one forks what runs code of others, so it must stay a process with one
+thread and nothing open. The root forks the standby before it has threads itself.
 """
 
 from __future__ import annotations

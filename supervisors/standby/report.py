@@ -1,5 +1,6 @@
 """What a standby leaves in the run directory: a report of what it did, for the next robot of that
-name; and, while it lives, a lock, for which the next robot waits.
+name; and, while it lives, a lock, for which the next robot waits: so a standby never writes to a
+robot that is another tree's. One that the system has stopped is ended by the next robot.
 """
 
 from __future__ import annotations

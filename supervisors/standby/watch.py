@@ -1,5 +1,5 @@
-"""How root and wire look, by their ends and heartbeats. No I/O and no clock: it is told what was
-seen, and when."""
+"""How root and wire look, by their ends (pidfds) and their heartbeats (on the page that both beat
+on). No I/O and no clock: it is told what was seen, and when."""
 
 from __future__ import annotations
 

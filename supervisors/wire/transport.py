@@ -116,7 +116,7 @@ class _Serving:
 
 
 class Transport(Actor):
-    """``owes``: an earlier wire left something energised, or nobody has confirmed that it did not.
+    """``energised``: an earlier wire left something energised, or nobody has confirmed that it did not.
     ``owed``: where that is noted, for a standby."""
 
     def __init__(
@@ -126,7 +126,7 @@ class Transport(Actor):
         watchdog: str,
         guardian: str,
         epoch: int,
-        owes: bool = False,
+        energised: bool = False,
         owed: Owed | None = None,
     ) -> None:
         self._driver = driver
@@ -136,7 +136,7 @@ class Transport(Actor):
         self._serving = _Serving()
         self._lost: Wire | None = None  # the last that was open, until another one is
         self._owed = owed or Owed()
-        self._owed.safe_state = owes
+        self._owed.safe_state = energised
         self._performing: trio.CancelScope | None = None
         self._spent = False  # of this process nothing can be had any more but a safe frame
         self._last: Write | None = None

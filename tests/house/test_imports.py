@@ -18,7 +18,6 @@ PACKAGE = "strands_actors"
 class Import(NamedTuple):
     line: int
     target: str  # absolute: a module, or a module and a name in it
-    is_lazy: bool  # inside a function
 
 
 def modules_below(root: Path, package: str) -> dict[str, Path]:
@@ -35,24 +34,18 @@ def modules_below(root: Path, package: str) -> dict[str, Path]:
 def imports_of(name: str, is_package: bool, source: str) -> Iterator[Import]:
     """Return what a module imports: when it is loaded, later in a function, and for type checkers
     alone."""
-    yield from _walk(ast.parse(source), name if is_package else name.rpartition(".")[0], is_lazy=False)
-
-
-def _walk(node: ast.AST, package: str, is_lazy: bool) -> Iterator[Import]:
-    for child in ast.iter_child_nodes(node):
-        if isinstance(child, ast.Import):
-            for alias in child.names:
-                yield Import(child.lineno, alias.name, is_lazy)
-        elif isinstance(child, ast.ImportFrom):
-            base = child.module or ""
-            if child.level:
-                above = package.split(".")[: len(package.split(".")) - child.level + 1]
+    package = name if is_package else name.rpartition(".")[0]
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield Import(node.lineno, alias.name)
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                above = package.split(".")[: len(package.split(".")) - node.level + 1]
                 base = ".".join([*above, base] if base else above)
-            for alias in child.names:
-                yield Import(child.lineno, f"{base}.{alias.name}", is_lazy)
-        else:
-            inside = isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
-            yield from _walk(child, package, is_lazy or inside)
+            for alias in node.names:
+                yield Import(node.lineno, f"{base}.{alias.name}")
 
 
 MODULES = modules_below(ROOT, PACKAGE)
@@ -96,7 +89,7 @@ def allowed(name: str) -> tuple[str, ...] | None:
 def faults(name: str, imports: list[Import]) -> list[str]:
     """What a module imports and must not."""
     found = []
-    for line, target, _ in imports:
+    for line, target in imports:
         if is_in(target, "drivers", "supervisors"):
             found.append(f"{name}:{line} imports {target}: a user's own folder of that name would shadow it")
         if not is_in(target, PACKAGE):
@@ -140,9 +133,7 @@ def test_the_walk_sees_the_whole_package() -> None:
     ):
         assert name in MODULES
     assert not any("/." in str(path) for path in MODULES.values())
-    assert {target for _, target, _ in IMPORTS[f"{PACKAGE}.supervisors.gate.gate"]} & {
-        f"{PACKAGE}.kernel.actor.Actor"
-    }
+    assert {target for _, target in IMPORTS[f"{PACKAGE}.supervisors.gate.gate"]} & {f"{PACKAGE}.kernel.actor.Actor"}
 
 
 @pytest.mark.parametrize("name", MODULES)
@@ -151,15 +142,9 @@ def test_a_module_imports_only_what_is_below_it(name: str) -> None:
 
 
 def test_no_module_imports_itself_by_a_detour() -> None:
-    """Not even for type checkers."""
-    lazy = {f"{PACKAGE}"}  # its names are looked up when they are asked for
+    """Not even for type checkers, nor in a function."""
     graph = {
-        name: {
-            module_of(target)
-            for _, target, is_lazy in imports
-            if is_in(target, PACKAGE) and not (is_lazy and name in lazy)
-        }
-        - {name}
+        name: {module_of(target) for _, target in imports if is_in(target, PACKAGE)} - {name}
         for name, imports in IMPORTS.items()
     }
     assert cycles({name: targets & set(graph) for name, targets in graph.items()}) == []
@@ -218,7 +203,7 @@ def test_a_cycle_is_found() -> None:
 def test_a_cycle_for_type_checkers_is_found() -> None:
     sources = {"a.b": "if TYPE_CHECKING:\n  from .c import C", "a.c": "from a.b import B"}
     graph = {
-        name: {target.rpartition(".")[0] for _, target, _ in imports_of(name, False, source)}
+        name: {target.rpartition(".")[0] for _, target in imports_of(name, False, source)}
         for name, source in sources.items()
     }
     assert cycles({name: targets & set(graph) for name, targets in graph.items()}) == [["a.b", "a.c", "a.b"]]

@@ -289,10 +289,10 @@ async def test_a_frozen_child_costs_neither_time_nor_memory() -> None:
 
 
 @real_time
-async def test_an_end_is_told_before_the_child_is_buried_and_by_another_thread(
+async def test_an_end_is_told_before_the_child_is_reaped_and_by_another_thread(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """SAF-003: to bury a process may take the kernel long; a root that runs before everything else
+    """SAF-003: to reap a process may take the kernel long; a root that runs before everything else
     does not wait for that before it makes safe."""
     monkeypatch.setattr(process_module, "runs_first", lambda: True)
     async with child("echo") as process:

@@ -159,7 +159,7 @@ def test_saf_018_a_wire_without_a_root_stays_for_a_motor_that_is_not_confirmed(
 
 
 def alive(pid: int) -> bool:
-    """Not gone, nor waiting to be buried."""
+    """Not gone, nor waiting to be reaped."""
     try:
         return Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()[0] != b"Z"
     except OSError:

@@ -57,7 +57,7 @@ def pids(arm: RealRobot) -> dict[str, int]:
 
 
 def alive(pid: int) -> bool:
-    """Not gone, nor waiting to be buried."""
+    """Not gone, nor waiting to be reaped."""
     try:
         return Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()[0] != b"Z"
     except OSError:

@@ -54,7 +54,7 @@ class Body(Protocol):
         ...
 
     def take(self, on: bool) -> None:
-        """Energise what nobody holds, where it is; or let go of what was taken."""
+        """Energise what the wire does not hold, where it is; or let go of what was taken."""
         ...
 
     def aim(self, values: Sequence[float]) -> None:

@@ -39,7 +39,7 @@ class Renderer:
         self._spec = spec
         self._limiter = trio.CapacityLimiter(1)
         self._view: View | None = None
-        self._studio: Studio | None = None
+        self._drawn: SceneRenderer | None = None
         self._stale = False
         self._binary: tuple[int, bytes] | None = None
         self.scene = 0
@@ -68,21 +68,21 @@ class Renderer:
         self.scene += 1
 
     def close(self) -> None:
-        if self._studio is not None:
-            self._studio.close()
+        if self._drawn is not None:
+            self._drawn.close()
 
     def _render(self, pose: Sequence[float], width: int, height: int, camera: str) -> bytes:
         if self._stale:
             self._stale, self._view = False, None
             self.close()
-            self._studio = None
-        if self._studio is not None and not self._studio.holds(width, height):
-            self._studio.close()
-            self._studio = None
-        if self._studio is None:
+            self._drawn = None
+        if self._drawn is not None and not self._drawn.holds(width, height):
+            self._drawn.close()
+            self._drawn = None
+        if self._drawn is None:
             view = self._look(pose)
-            self._studio = Studio(decorate(self._spec, view).compile(), view, width, height)
-        return self._studio.shoot(pose, width, height, camera)
+            self._drawn = SceneRenderer(decorate(self._spec, view).compile(), view, width, height)
+        return self._drawn.shoot(pose, width, height, camera)
 
     def _look(self, pose: Sequence[float]) -> View:
         """Where to stand is decided once, by the robot's pose at the time."""
@@ -107,7 +107,7 @@ def plain(model: Any) -> Any:
     return model
 
 
-class Studio:
+class SceneRenderer:
     """A scene, and an OpenGL context for it, usable in any thread, one at a time; for pictures of at
     most that size. Raise ``CannotRender`` without OpenGL."""
 

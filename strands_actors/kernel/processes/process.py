@@ -89,8 +89,8 @@ class ChildProcess(ABC):
     async def wait(self) -> int:
         """Wait until the process is gone; its exit code (negative: the signal)."""
 
-    def part(self) -> None:  # noqa: B027  # who has another parent is buried by that one
-        """Let it go on without us; it is buried all the same."""
+    def part(self) -> None:  # noqa: B027  # who has another parent is reaped by that one
+        """Let it go on without us; it is reaped all the same."""
 
     def link(self, node: Router, channel: Channel | None = None) -> Link:
         """The parent's end; run its ``run``. ``channel``: what the child may say."""
@@ -110,7 +110,7 @@ class ChildProcess(ABC):
         return not scope.cancelled_caught
 
     async def drop(self, within_s: float = FENCE_S) -> None:
-        """Fence it, and keep no hold on it: what has not been seen to end is buried all the
+        """Fence it, and keep no hold on it: what has not been seen to end is reaped all the
         same."""
         if not await self.fence(within_s):
             self.part()
@@ -149,7 +149,7 @@ class OwnChild(ChildProcess):
     walked for minutes, and wrote no safe frame."""
 
     def __init__(self, child: Started, link_socket: socket.socket) -> None:
-        # Nobody else buries it: until we do, the number is its own.
+        # Nobody else reaps it: until we do, the number is its own.
         super().__init__(child.pid, link_socket, _pidfd_of(child.pid))
         self._child = child
         self._code: int | None = None
@@ -159,7 +159,7 @@ class OwnChild(ChildProcess):
         return self._ended() is None
 
     def part(self) -> None:
-        threading.Thread(target=_bury, args=(self._child,), daemon=True).start()
+        threading.Thread(target=_reap, args=(self._child,), daemon=True).start()
 
     async def wait(self) -> int:
         if self._pidfd is not None and self._ended() is None:
@@ -173,7 +173,7 @@ class OwnChild(ChildProcess):
         if self._code is None:
             self._code = _exit_code(self._child)
             if self._code is not None and runs_first():
-                trio.lowlevel.spawn_system_task(_bury_later, self._child)
+                trio.lowlevel.spawn_system_task(_reap_later, self._child)
             elif self._code is not None:
                 self._child.wait()
         return self._code
@@ -184,22 +184,22 @@ def _exit_code(child: Started) -> int | None:
         return child.poll()  # macOS, where nobody runs before everything else
     try:
         seen = os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT)
-    except ChildProcessError:  # buried
+    except ChildProcessError:  # reaped
         return child.poll()
     if seen is None:
         return None
     return seen.si_status if seen.si_code == os.CLD_EXITED else -seen.si_status
 
 
-async def _bury_later(child: Started) -> None:
+async def _reap_later(child: Started) -> None:
     """When what its end calls for has been done."""
     try:
         await trio.sleep(BURY_AFTER_S)
     finally:
-        threading.Thread(target=_bury, args=(child,), daemon=True).start()
+        threading.Thread(target=_reap, args=(child,), daemon=True).start()
 
 
-def _bury(child: Started) -> None:
+def _reap(child: Started) -> None:
     run_like_others()
     child.wait()
 

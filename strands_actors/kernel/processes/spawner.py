@@ -227,6 +227,6 @@ def _serve(sock: socket.socket, name: Sequence[str]) -> None:
                 return
             pid = fork_child(descriptors[0], session=data == _SESSION)
             os.close(descriptors[0])
-            pidfd = os.pidfd_open(pid)  # before it can be buried: nobody else can have its number
+            pidfd = os.pidfd_open(pid)  # before it can be reaped: nobody else can have its number
             children[pidfd] = pid
             socket.send_fds(sock, [_REPORT.pack(pid, _STARTED)], [pidfd])

@@ -187,7 +187,7 @@ def send(
     mesh: Mesh = None,
     json: Json = False,
 ) -> None:
-    """Move a robot whose lease nobody holds."""
+    """Move a robot whose lease is free."""
     from .send import send as run
 
     raise typer.Exit(run(robot, targets, seconds, resume, mesh, as_json=json))

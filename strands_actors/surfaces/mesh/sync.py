@@ -34,8 +34,8 @@ def estop(*, mesh: MeshConfig | None = None, by: str = "", within_s: float = EST
 
 @contextlib.contextmanager
 def estop_button(*, mesh: MeshConfig | None = None, by: str = "") -> Iterator[Callable[[], list[Outcome]]]:
-    """For whoever may have to stop at any moment: join the mesh now, wait for its robots (half a
-    second, if one does not come), and stay. Gives a function that does as ``estop`` does. Call it
+    """Join the mesh now, for a program that may have to stop at any moment: wait for its robots
+    (half a second, if one does not come), and stay. Gives a function that does as ``estop`` does. Call it
     from any thread, as often as need be: the order leaves in that thread, before anything is waited
     for. Raise ``ValueError`` for a configuration that cannot be used."""
     joined: Future[MeshClient] = Future()

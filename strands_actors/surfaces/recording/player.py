@@ -60,7 +60,7 @@ class Outcome(msgspec.Struct):
 
 
 class _Player:
-    """One actor on paper, and the step that is being gathered."""
+    """One actor in a replay context, and the step that is being gathered."""
 
     def __init__(self, actor: Actor, context: ReplayContext, effects: list[Effect], world: list[bytes]) -> None:
         self.actor = actor

@@ -2,7 +2,7 @@
 is told: a file to look at and to replay (``to_file``), or episodes to learn from
 (``surfaces.dataset``).
 
-The robot owes it nothing. When it is slow, frozen or dead the robot's instruments fill up or close
+The robot waits for nothing of it. When it is slow, frozen or dead the robot's instruments fill up or close
 by themselves; when the robot's processes die it tells the sink, and attaches again as soon as
 there is somebody to attach to.
 """

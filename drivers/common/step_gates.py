@@ -1,0 +1,51 @@
+"""Gates of arms whose controller goes to each target within one control period, at once: it has no
+speed of its own that a far target could not exceed. Pure; nothing is ever clipped."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from strands_actors.contract.axis import Axis
+from strands_actors.contract.driver import Candidate, GateState
+from strands_actors.kernel.messages import Refused
+
+_ROUNDING = 1e-9
+
+
+def refuse_step(
+    axes: Sequence[Axis], candidate: Candidate, before: Sequence[float], speeds: Sequence[float], period_s: float
+) -> Refused | None:
+    """Refuse a step from ``before`` that is more than a joint turns in ``period_s`` at its speed,
+    radians a second."""
+    for at in candidate.named:
+        step, allowed = abs(candidate.values[at] - before[at]), speeds[at] * period_s
+        if not step <= allowed + _ROUNDING:  # a NaN is refused too
+            shown = math.floor(allowed * 1e5) / 1e5
+            return Refused(
+                "too_fast",
+                f"move: {axes[at].key} steps {step:.5g} rad, limit {shown:.5g} at {1 / period_s:.4g} Hz",
+                f"step at most {shown:.5g} rad",
+                f"{step:.5g}",
+                f"{shown:.5g}",
+            )
+    return None
+
+
+def refuse_lead(
+    axes: Sequence[Axis], candidate: Candidate, state: GateState, speeds: Sequence[float], lead_s: float
+) -> Refused | None:
+    """Refuse a target further ahead of the measured position than a joint turns in ``lead_s``:
+    small steps come quicker than it follows, or something holds it back."""
+    for at in candidate.named:
+        lead, allowed = abs(candidate.values[at] - state.observation.position[at]), speeds[at] * lead_s
+        if not lead <= allowed + _ROUNDING:
+            shown = math.floor(allowed * 1e4) / 1e4
+            return Refused(
+                "runs_ahead",
+                f"move: {axes[at].key} is to be {lead:.4g} rad from where it is, limit {shown:.4g}",
+                "send targets no quicker than the robot follows them",
+                f"{lead:.4g}",
+                f"{shown:.4g}",
+            )
+    return None

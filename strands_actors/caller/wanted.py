@@ -1,0 +1,249 @@
+"""What is wanted of ``Robot(...)``: its arguments, read and checked one by one, with the class of its
+driver and a mode that is no longer ``auto``."""
+
+from __future__ import annotations
+
+import logging
+import os
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import msgspec
+
+from strands_actors.contract.driver import Driver
+from strands_actors.contract.loading import load
+from strands_actors.contract.shown import closest, shown
+from strands_actors.drivers import (
+    MODEL,
+    canonical_name,
+    constructor_keywords,
+    driver_name,
+    get_lerobot_class,
+    get_native_driver_class,
+    list_driver_coverage,
+    list_native_drivers,
+    resolve_driver,
+)
+from strands_actors.kernel.processes.limits import PolicyLimits, limits_of
+from strands_actors.supervisors.gate.messages import MAX_LIFETIME_S
+from strands_actors.surfaces.drill.certificate import parse_age_s
+from strands_actors.surfaces.mesh.config import MeshConfig
+
+from .simulated import Scene, check_backend
+
+MODES = ("sim", "real", "auto")
+MODE_VARIABLE = "STRANDS_ROBOT_MODE"
+"""What ``mode="auto"`` means on this machine: ``sim`` or ``real``. No other mode reads it."""
+_log = logging.getLogger("strands_actors")
+_TOOL_NAME = re.compile(r"[A-Za-z0-9_-]{1,64}\Z")
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """The arguments of ``Robot(...)``, as far as they are the factory's own."""
+
+    name: str
+    robot: str
+    mode: str
+    tool_name: str
+    port: str | None
+    transport: str | None
+    sim: Any
+    cameras: Any
+    data_config: Any
+    mesh: MeshConfig
+    drill_age_s: float | None
+    at: str | None
+    lifetime_s: float | None
+    policy_limits: PolicyLimits
+    scene: Scene
+    options: dict[str, Any] = field(repr=False)
+
+    def given(self) -> dict[str, Any]:
+        """What only hardware has a use for."""
+        own = {"port": self.port, "transport": self.transport, "sim": self.sim}
+        own |= {"require_drill": self.drill_age_s, "at": self.at, "lifetime": self.lifetime_s}
+        return {key: value for key, value in own.items() if value is not None} | self.options
+
+
+def read(
+    name: str,
+    mode: str,
+    *,
+    driver: str = "auto",
+    port: str | None = None,
+    transport: str | None = None,
+    sim: Any = None,
+    tool_name: str | None = None,
+    cameras: Any = None,
+    data_config: Any = None,
+    mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None,
+    at: str | None = None,
+    lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | PolicyLimits | None = None,
+    backend: str = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None,
+    **options: Any,
+) -> tuple[Wanted, type[Any]]:
+    """Return them with the driver's class. Raise ``ValueError`` for names, values and unknown keywords,
+    ``TypeError`` for a value of another kind."""
+    chosen_mode = str(mode).strip().lower()
+    if chosen_mode not in MODES:
+        raise ValueError(f"Robot: mode is {mode!r}. use {', '.join(map(repr, MODES))} (upper or lower case)")
+    robot = canonical_name(name)
+    scene = Scene(backend, urdf_path, position, orientation, keyframe)
+    check_backend(backend)
+    driver_class = _driver_class(name, robot, driver, scene.model(robot) is not None and chosen_mode != "real")
+    chosen = robot if tool_name is None else tool_name
+    if not isinstance(chosen, str) or not _TOOL_NAME.match(chosen):
+        raise ValueError(f"Robot: tool_name is {chosen!r}. use 1 to 64 of A-Z a-z 0-9 _ -")
+    _check_keywords(driver_class, options)
+    options = _spelled(driver_class, options)
+    if mesh is False:
+        mesh = MeshConfig()
+    if mesh is not None and not isinstance(mesh, MeshConfig):
+        raise TypeError(
+            f"Robot: mesh is {mesh!r}. give MeshConfig(listen=...), or False for none; every robot is on the mesh "
+            "of its own user anyway"
+        )
+    if mesh is None:
+        mesh = MeshConfig.from_environment()
+    if at is not None:
+        mesh = msgspec.structs.replace(mesh, connect=at, listen=())
+    mesh.check()
+    if lifetime is not None and not 0 < lifetime <= MAX_LIFETIME_S:
+        raise ValueError(f"Robot: lifetime is {lifetime!r}. give seconds, above 0 and at most {MAX_LIFETIME_S:g}")
+    drill_age_s = None if require_drill is None else parse_age_s(require_drill)
+    if chosen_mode == "auto":
+        port, chosen_mode = _look_around(driver_class, port, transport) if at is None else (port, "real")
+    if chosen_mode == "real" and transport == "serial" and _is_serial(driver_class):
+        transport = None  # the page's word for a port
+    return (
+        Wanted(
+            name,
+            robot,
+            chosen_mode,
+            chosen,
+            port,
+            transport,
+            sim,
+            cameras,
+            data_config,
+            mesh,
+            drill_age_s,
+            at,
+            lifetime,
+            limits_of(policy_limits),
+            scene,
+            options,
+        ),
+        driver_class,
+    )
+
+
+def _driver_class(name: str, robot: str, driver: str, has_model: bool) -> type[Any]:
+    known = list_driver_coverage()
+    if has_model and "strands" not in known.get(robot, ()):
+        if driver != "strands":
+            resolve_driver(name, driver)  # refuses another word
+        return load(MODEL)  # type: ignore[no-any-return]  # by its name
+    if robot not in known:
+        raise ValueError(_unknown(name, known))
+    if resolve_driver(name, driver) == "strands":
+        driver_class = get_native_driver_class(robot)
+        assert driver_class is not None
+        return driver_class
+    if driver == "auto" and "lerobot" not in known[robot]:
+        native = ", ".join(list_native_drivers())
+        raise ValueError(
+            f"Robot: {name} has no native driver. a model of it simulates: register_robot({robot!r}, "
+            f"model_xml=...). these have a driver: {native}"
+        )
+    return get_lerobot_class(name)
+
+
+def _unknown(name: str, known: Iterable[str]) -> str:
+    if name.endswith("_leader"):
+        follower = canonical_name(name.removesuffix("_leader"))
+        its = f" its follower is Robot({follower!r}, mode='real', port=...)" if follower in known else ""
+        return (
+            f"Robot: {name} is a teleoperator. use Teleoperator({name!r}, port=...) and arm.teleoperate(it).{its}"
+        )
+    close = closest(name, known, 3)
+    hint = f" Did you mean: {', '.join(close)}?" if close else ""
+    return f"Robot: {shown(name)} is not known.{hint} strands_actors.list_robots() has them all"
+
+
+def _check_keywords(driver_class: type[Any], options: Mapping[str, Any]) -> None:
+    accepted = constructor_keywords(driver_class)
+    if "**" in accepted:
+        return
+    for keyword in options:
+        if keyword not in accepted:
+            close = closest(keyword, accepted)
+            hint = f" ({keyword!r} -> {close[0]!r}?)" if close else ""
+            raise ValueError(
+                f"Robot: {driver_name(driver_class)} takes no {keyword!r}{hint}. it takes {', '.join(accepted)}"
+            )
+
+
+def _spelled(driver_class: type[Any], options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options under the driver's own names of them."""
+    others: Mapping[str, str] = getattr(driver_class, "SPELLINGS", {})
+    told: dict[str, Any] = {}
+    for keyword, value in options.items():
+        own = others.get(keyword, keyword)
+        if own in told:
+            other = next(name for name in options if others.get(name, name) == own and name != keyword)
+            raise ValueError(f"Robot: {other} and {keyword} are both given. they are the same: give one of them")
+        told[own] = value
+    return told
+
+
+def _is_serial(driver_class: type[Any]) -> bool:
+    return issubclass(driver_class, Driver) and getattr(driver_class, "PORT_KIND", None) == "serial"
+
+
+def _look_around(driver_class: type[Any], port: str | None, transport: str | None) -> tuple[str | None, str]:
+    """Port and mode of ``mode="auto"``: as the port or the environment says, else by what is
+    plugged in."""
+    if port is not None or transport is not None:
+        return port, "real"
+    wanted = _mode_of_environment()
+    if wanted == "sim":
+        return None, "sim"
+    found = adapters(driver_class)
+    if wanted == "real":
+        return found[0] if len(found) == 1 else None, "real"
+    return (found[0], "real") if len(found) == 1 else (None, "sim")
+
+
+def _mode_of_environment() -> str:
+    """``sim`` or ``real``, as ``STRANDS_ROBOT_MODE`` says; empty: it says nothing."""
+    word = os.environ.get(MODE_VARIABLE, "").strip().lower()
+    if word in ("", "auto"):
+        return ""
+    if word not in MODES:
+        _log.warning("%s is %r, and is ignored. use %s", MODE_VARIABLE, word, ", ".join(map(repr, MODES)))
+        return ""
+    return word
+
+
+def adapters(driver_class: type[Any]) -> list[str]:
+    """Serial devices that may be this driver's bus, by the adapter they are."""
+    if getattr(driver_class, "PORT_KIND", None) != "serial":
+        return []
+    from serial.tools import list_ports
+
+    wanted = getattr(driver_class, "USB_IDS", ())
+    return sorted(
+        port.device
+        for port in list_ports.comports()
+        if (getattr(port, "vid", None), getattr(port, "pid", None)) in wanted
+    )
