@@ -9,7 +9,6 @@ LeRobot is imported once; each trial is a fork of that process which runs LeRobo
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import random
 import shutil
@@ -22,7 +21,8 @@ from pathlib import Path
 
 from strands_actors.testing import Twin
 
-MOTORS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
+from .calibration import NAME, write
+
 STARTS_S = 180.0
 LATEST_S = 2.0
 """After the first setpoint."""
@@ -60,12 +60,8 @@ def main() -> None:
 
 
 def _calibrated(home: Path) -> list[str]:
-    motors = {
-        motor: {"id": at, "drive_mode": 0, "homing_offset": 0, "range_min": 0, "range_max": 4095}
-        for at, motor in enumerate(MOTORS, start=1)
-    }
-    (home / "black.json").write_text(json.dumps(motors))
-    return ["--robot.type=so101_follower", "--robot.id=black", f"--robot.calibration_dir={home}"]
+    write(home)
+    return ["--robot.type=so101_follower", f"--robot.id={NAME}", f"--robot.calibration_dir={home}"]
 
 
 def _trial(twin: Twin, run: object) -> tuple[float | None, int, int]:
