@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -26,13 +26,13 @@ LONG_S = 240.0
 """For another process to import torch, on a busy machine."""
 FRAMES = (20, 31, 7)
 TASKS = ("put the cube down", "wave", "put the cube down")
-CAMERA = {"front": {"type": "scene", "fps": 10, "width": 128, "height": 96}}
+CAMERA: dict[str, dict[str, Any]] = {"front": {"type": "scene", "fps": 10, "width": 128, "height": 96}}
 SMALL_ACT = (
     "--policy.type=act", "--policy.dim_model=32", "--policy.n_heads=2", "--policy.dim_feedforward=64",
     "--policy.n_encoder_layers=1", "--policy.n_vae_encoder_layers=1", "--policy.latent_dim=8",
     "--policy.chunk_size=30", "--policy.n_action_steps=30",
 )  # fmt: skip
-HZ = 30
+HZ, RUNS_S = 30, 4.0
 
 
 def as_it_is(root: Path, _: Path) -> Path:
@@ -93,7 +93,7 @@ def test_what_a_twin_recorded_is_trained_on_and_drives_it_at_its_rate(
         checkpoint = tmp_path / "trained" / "checkpoints" / "last" / "pretrained_model"
         config = json.loads((checkpoint / "config.json").read_text())
         assert config["type"] == "act" and "observation.images.front" in config["input_features"]
-        driven(twin, checkpoint)
+        at_its_rate(twin, {"pretrained_name_or_path": str(checkpoint)})
 
 
 def looking(twin: Twin) -> Any:
@@ -112,18 +112,19 @@ def recorded(twin: Twin, root: Path) -> None:
                     time.sleep(0.02)
 
 
-def driven(twin: Twin, checkpoint: Path) -> None:
+def at_its_rate(twin: Twin, asked: Mapping[str, Any]) -> None:
+    """A checkpoint drives the twin."""
     with looking(twin) as arm:
-        asked = {"policy_provider": "lerobot_local", "pretrained_name_or_path": str(checkpoint)}
-        json_of(arm.start_task("swing", **asked, units="degrees", duration=LONG_S, control_frequency=HZ))
+        given = {"policy_provider": "lerobot_local", "units": "degrees", "control_frequency": HZ, **asked}
+        json_of(arm.start_task("swing", duration=LONG_S, **given))
         until(lambda: task(arm)["steps"] or not task(arm)["running"], "it moves", LONG_S)
         began_ns, steps = time.monotonic_ns(), task(arm)["steps"]
-        time.sleep(4.0)
+        time.sleep(RUNS_S)
         told = task(arm)
         assert told["running"], told
         hz = (told["steps"] - steps) / ((time.monotonic_ns() - began_ns) / 1e9)
-        print(f"{hz:.1f} steps/s, {len(twin.log.host('setpoint', began_ns))} setpoints in 4 s")
-        assert told["steps"] - steps > 4.0 * HZ * 0.5, told  # the machine may be busy
+        print(f"{hz:.1f} steps/s, {len(twin.log.host('setpoint', began_ns))} setpoints in {RUNS_S:g} s")
+        assert told["steps"] - steps > RUNS_S * HZ * 0.5, told  # the machine may be busy
         stopped_ns = time.monotonic_ns()
         json_of(arm.stop_task())
         task_ended(arm)
