@@ -81,7 +81,7 @@ BUS = {
     "unload": 2,
     "brown out": 1,
 }
-SESSION = {
+SESSION = {  # of a stream: nothing is lost or doubled, but held up
     "pull": 4,
     "hold requests": 2,
     "hold replies": 3,
@@ -92,7 +92,7 @@ SESSION = {
     "reset": 3,
     "brown out": 1,
 }
-NETWORK = {
+NETWORK = {  # of datagrams
     "lose replies": 3,
     "lose requests": 2,
     "drop": 3,
@@ -199,9 +199,8 @@ NETWORK_RECIPES: tuple[Recipe, ...] = (
     *_OF_ANY_WIRE,
 )
 RECIPES_OF = {"so101": RECIPES, "xarm7": SESSION_RECIPES, "unitree_go2": NETWORK_RECIPES}
-"""By robot; of the others: those of services."""
-"""Things that are dangerous beside each other, and how many seconds each comes after the one
-before."""
+"""By robot; of the others: those of services. Things that are dangerous beside each other, and how
+many seconds each comes after the one before."""
 
 
 def plan_of(seed: int, robot: str) -> Plan:
