@@ -22,7 +22,7 @@ from strands_actors.supervisors.gate.messages import (
     Setpoint,
     Stop,
 )
-from strands_actors.supervisors.root.messages import Describe, Fence, TaskStatus
+from strands_actors.supervisors.root.messages import Describe, EpisodeKey, Fence, TaskStatus
 
 from . import addresses
 from .mesh.gateway_messages import Dated, Sync
@@ -71,7 +71,7 @@ def of_policy(robot: str, name: str) -> Channel:
     """The other end is a policy process: in the root, and in the wire. ``name``: what its leases
     are bound to."""
     at = addresses.of(robot)
-    tells: dict[str, Told] = {at.gate: WRITES, at.tasks: frozenset({TaskStatus})}
+    tells: dict[str, Told] = {at.gate: WRITES, at.tasks: frozenset({TaskStatus, EpisodeKey})}
     return Channel(
         name, _of(robot, "policy", ("policy",), instruments=False), f"{PREFIX}/node/{robot}.policy.", tells
     )

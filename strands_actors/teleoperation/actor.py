@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -35,10 +37,19 @@ from strands_actors.supervisors.gate.messages import (
     Setpoint,
     Status,
 )
-from strands_actors.supervisors.root.messages import GetTask, Operate, Rollout, StopTask, TaskStatus
+from strands_actors.supervisors.root.messages import (
+    EpisodeKey,
+    EpisodeState,
+    GetTask,
+    Operate,
+    Rollout,
+    StopTask,
+    TaskStatus,
+)
+from strands_actors.supervisors.root.tasks import Tasks
 
 from .machine import SILENT_NS, Frame, Kind, Machine, Squeezes, State, Step
-from .page.server import Page
+from .page.server import Page, write_address
 from .sources import Arm, Asked, Operator, Reading, Source, made_of
 
 ASK_S = 0.1
@@ -50,6 +61,8 @@ ROBOT_S = 0.5
 """While it is idle it asks so often whether the robot can be moved at all."""
 AGAIN_S = 1.0
 """Until a leader that is gone is tried again."""
+RECORDER_S = 3.0
+"""A recorder that has told nothing for so long is gone."""
 
 KEY, GRIPPER = "key", "gripper"
 OVER = ("disarmed", "faulted", "locked_out", "stopped", "ended", "no_drill")
@@ -87,10 +100,14 @@ class Teleoperation(Actor):
         self._leader = "connecting"
         self._position: dict[str, float] = {}
         self._ended: TaskStatus | None = None
+        self._episode = EpisodeState()
+        self._episode_ns = 0
 
     async def started(self) -> None:
         context = self.context
-        self._gate = context.ref(addresses.of(self._rollout.robot).gate, Gate)
+        at = addresses.of(self._rollout.robot)
+        self._gate = context.ref(at.gate, Gate)
+        self._tasks = context.ref(at.tasks, Tasks)
         self._operator = Operator(tuple(axis.key for axis in self._axes), context.clock)
         self._began_ns = context.clock.now_ns()
         context.start_soon(self._lead)
@@ -98,10 +115,12 @@ class Teleoperation(Actor):
         context.start_soon(self._ask_robot)
         self._tell()
 
-    async def receive(self, message: Operate | StopTask | GetTask) -> TaskStatus | None:
+    async def receive(self, message: Operate | EpisodeState | StopTask | GetTask) -> TaskStatus | None:
         match message:
             case Operate():
                 self._operator.take(message)
+            case EpisodeState():
+                self._episode, self._episode_ns = message, self.context.clock.now_ns()
             case StopTask():
                 await self._end("stopped", "")
                 return self._status()
@@ -144,15 +163,24 @@ class Teleoperation(Actor):
 
     async def _serve(self, told: Mapping[str, Any]) -> None:
         axes = [axis.key for axis in self._axes]
-        page = Page(self.context.clock, self._operator.take, self._shown, axes, self._rollout.instruction)
+        title = self._rollout.instruction
+        page = Page(self.context.clock, self._operator.take, self._press, self._shown, axes, title)
         try:
-            await page.serve(told["host"], told["port"], told["address_file"])
+            await page.serve(told["host"], told["port"], partial(write_address, Path(told["address_file"])))
         except OSError as failure:
             await self._end("policy", f"no page at {told['host']}:{told['port']}: {failure}")
 
+    def _press(self, t_ns: int, word: str) -> None:
+        """A key of the recorder's, if there is one: it listens."""
+        self._tasks.tell(EpisodeKey(t_ns, word))
+
     def _shown(self) -> dict[str, Any]:
-        """What the page is told: where the robot was last sent, besides."""
-        return {"state": str(self._machine.state), "why": self._machine.why, "position": self._position}
+        """What the page is told: where the robot was last sent, and what its recorder does,
+        besides."""
+        shown = {"state": str(self._machine.state), "why": self._machine.why, "position": self._position}
+        if self._episode_ns and self.context.clock.now_ns() - self._episode_ns < RECORDER_S * NS:
+            shown["episode"] = msgspec.structs.asdict(self._episode)
+        return shown
 
     async def _read(self, source: Source) -> None:
         next_s = trio.current_time()

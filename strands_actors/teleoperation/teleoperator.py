@@ -24,7 +24,8 @@ from . import lerobot
 from .machine import Kind
 
 KEYBOARD = "keyboard"
-PAGES = ("page", "gamepad", "phone")
+PHONE = "phone"
+PAGES = ("page", "gamepad", PHONE)
 OPERATED = (KEYBOARD, *PAGES)
 """What somebody does with keys or sticks, in the process of the teleoperation or told to it."""
 
@@ -85,7 +86,7 @@ class Teleoperator:
             else:
                 self.kind = Kind.JOG
                 if name in PAGES:
-                    self._listen = _where(options.pop("listen", ""))
+                    self._listen = where_to_listen(options.pop("listen", ""))
                 if options or relative:
                     raise TypeError(
                         f"Teleoperator: {name} takes no {', '.join(options) or 'relative'}. leave that out"
@@ -204,11 +205,11 @@ class Teleoperator:
         self.cleanup()
 
 
-def _where(listen: object) -> tuple[str, int]:
-    """``host``, ``host:port`` or nothing. Raise ``ValueError``."""
+def where_to_listen(listen: object) -> tuple[str, int]:
+    """Of a page: ``host``, ``host:port`` or nothing. Raise ``ValueError``."""
     host, _, number = str(listen).partition(":")
     if not isinstance(listen, str) or (number and not (number.isdigit() and int(number) < 65536)):
-        raise ValueError(f"Teleoperator: listen is {listen!r}. give an address of this host, or address:port")
+        raise ValueError(f"a page cannot listen on {listen!r}. give an address of this host, or address:port")
     return host or "127.0.0.1", int(number or 0)
 
 

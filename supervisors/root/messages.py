@@ -120,6 +120,26 @@ class Operate(Message, frozen=True):
     rates: dict[str, float] = msgspec.field(default_factory=dict)
 
 
+class EpisodeKey(Message, frozen=True):
+    """The operator of a teleoperation presses a key of the recorder's, who hears of it in the
+    root's journal. ``word``: as ``record --dataset`` takes it; ``t_ns``: when it was pressed."""
+
+    t_ns: int
+    word: str
+
+
+class EpisodeState(Message, frozen=True):
+    """A recorder of episodes tells the operator of a teleoperation how far it is: at each change,
+    and once a second. ``running``: an episode; ``text``: its line of progress; ``said``: what
+    happened last."""
+
+    lane = "latest"
+
+    running: bool = False
+    text: str = ""
+    said: str = ""
+
+
 class StopTask(Message, frozen=True):
     lane = "urgent"
 

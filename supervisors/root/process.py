@@ -49,6 +49,7 @@ from strands_actors.supervisors.mesh.place import MeshPlace
 from strands_actors.supervisors.root.messages import (
     ActorInfo,
     Describe,
+    EpisodeState,
     GetMesh,
     GetTask,
     Happened,
@@ -77,7 +78,7 @@ LAST_WORDS_S = 0.02
 """For what has been told to leave, before its process ends."""
 ACTORS_BUDGET = Budget(restarts=3, within_s=5.0, backoff_s=0.05)
 
-_DULL = frozenset({Tick, Describe, TreeReport, GetTask, TaskStatus})
+_DULL = frozenset({Tick, Describe, TreeReport, GetTask, TaskStatus, EpisodeState})
 
 
 class Root(Actor):

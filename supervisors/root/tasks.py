@@ -32,6 +32,8 @@ from strands_actors.supervisors.introspection import Introspector
 from strands_actors.supervisors.mesh import policy_access
 from strands_actors.supervisors.policy import Policy
 from strands_actors.supervisors.root.messages import (
+    EpisodeKey,
+    EpisodeState,
     Fence,
     GetTask,
     Happened,
@@ -90,14 +92,17 @@ class Tasks(Actor):
             self.context.start_soon(self._end, self.process)
 
     async def receive(
-        self, message: StartTask | StopTask | GetTask | Operate | TaskStatus
+        self, message: StartTask | StopTask | GetTask | Operate | EpisodeKey | EpisodeState | TaskStatus
     ) -> TaskStatus | Refused | None:
         match message:
             case TaskStatus():
                 self.status = message
-            case Operate():
+            case Operate() | EpisodeState():
                 if self.process is not None and self._is_actor:
                     self._policy.tell(message)
+            case EpisodeKey():
+                if self._is_actor:
+                    self.context.note(message)
             case GetTask():
                 return self.status
             case StartTask():

@@ -13,7 +13,7 @@ import pytest
 import trio
 
 from strands_actors.contract.axis import parse_action
-from strands_actors.contract.driver import Candidate, Driver, GateState, MotorReport, Reason
+from strands_actors.contract.driver import Candidate, Driver, GateState, MotorReport, PermitDenied, Reason
 from strands_actors.contract.loading import load
 from strands_actors.kernel.channels.permissions import Channel
 from strands_actors.kernel.messages import Refused
@@ -23,11 +23,14 @@ from strands_actors.supervisors.gate.messages import Stop
 from strands_actors.supervisors.root import process
 from strands_actors.supervisors.root.lock_keeper import Kept, LockKeeper
 from strands_actors.supervisors.root.tasks import Tasks
+from strands_actors.supervisors.wire import transport
 from strands_actors.supervisors.wire.group import ProcessPlace
 from strands_actors.supervisors.wire.transport import Transport
 from strands_actors.testing.explore.askers import Asker
 
 Session: Any = load("strands_actors.drivers.common.servo.wire:_Session")
+Outcome: Any = load("strands_actors.drivers.common.outcome:Outcome")
+reports: Any = load("strands_actors.drivers.unitree.safing:reports")
 
 
 def a_stop_writes_nothing_on_a_lost_link(patch: pytest.MonkeyPatch) -> None:
@@ -115,6 +118,58 @@ def _parse_from_the_last(self: Driver, action: Mapping[str, float], state: GateS
 def nobody_looks_at_the_robot_itself(patch: pytest.MonkeyPatch) -> None:
     """Its conditions are asked before a setpoint only."""
     patch.setattr(Gate, "_look_at_conditions", lambda *_, **named: None)
+
+
+def a_stop_of_a_controller_is_not_read_back(patch: pytest.MonkeyPatch) -> None:
+    """What was sent counts as done."""
+
+    async def stop(control: Any) -> Any:
+        control.send(SET_STATE, bytes((STOPPED,)))
+        await trio.lowlevel.checkpoint()
+        return Outcome(True, True, "")
+
+    patch.setattr("strands_actors.drivers.xarm.wire.stop", stop)
+    patch.setattr("strands_actors.drivers.xarm.stop_channel.stop", stop)
+
+
+SET_STATE, STOPPED = 12, 4
+
+
+def a_setpoint_leaves_after_its_deadline(patch: pytest.MonkeyPatch) -> None:
+    """It is looked at when it is accepted only."""
+    check = transport._Permit.check
+
+    def forgetful(self: Any) -> None:
+        try:
+            check(self)
+        except PermitDenied as denied:
+            if "deadline" not in str(denied):
+                raise
+
+    patch.setattr(transport._Permit, "check", forgetful)
+
+
+def legs_are_told_to_let_go_once(patch: pytest.MonkeyPatch) -> None:
+    """A datagram is taken for an order that has arrived."""
+
+    async def bring_down(link: Any, safe_state: str, held_by: Any = None) -> tuple[MotorReport, ...]:
+        written = link.send(link.safe_frame(False))
+        await trio.lowlevel.checkpoint()
+        joints = link.model.joints
+        return tuple(MotorReport(joint.key, joint.slot, written, True, True, "") for joint in joints)
+
+    patch.setattr("strands_actors.drivers.unitree.wire.bring_down", bring_down)
+    patch.setattr("strands_actors.drivers.unitree.stop_channel.bring_down", bring_down)
+
+
+def the_root_has_not_found_the_legs(patch: pytest.MonkeyPatch) -> None:
+    """Its own participant is taken for ready when it is open."""
+
+    async def make_safe(self: Any, safe_state: str) -> tuple[MotorReport, ...]:
+        await trio.lowlevel.checkpoint()
+        return reports(self._config.model, False, "the root has not found the robot")  # type: ignore[no-any-return]
+
+    patch.setattr("strands_actors.drivers.unitree.stop_channel.UnitreeStopChannel.make_safe", make_safe)
 
 
 async def _nothing(self: Any) -> None:

@@ -23,8 +23,8 @@ class Version(NamedTuple):
 
 
 VERSIONS = (
-    Version("0.4.4", "3.11", "feetech,dynamixel"),
-    Version("0.6.1", "3.12", "core-scripts,feetech,dynamixel"),
+    Version("0.4.4", "3.11", "feetech,dynamixel,smolvla"),
+    Version("0.6.1", "3.12", "core-scripts,training,feetech,dynamixel,smolvla"),
 )
 
 
@@ -44,15 +44,16 @@ def _run(version: Version, arguments: list[str]) -> int:
     environment = folder() / version.lerobot
     python = str(environment / "bin" / "python")
     done = environment / "strands-actors"
-    if not done.exists():
+    lerobot = f"lerobot[{version.extras}]=={version.lerobot}"
+    if not done.exists() or done.read_text() != lerobot:
         found = interpreter(version.python)
         if found is None:
             print(f"lerobot {version.lerobot} needs Python {version.python}, and there is none here")
             return 2
         _do(found, "-m", "venv", str(environment))
-        _do(python, "-m", "pip", "install", f"lerobot[{version.extras}]=={version.lerobot}")
+        _do(python, "-m", "pip", "install", lerobot)
         _do(python, "-m", "pip", "install", "-e", str(ROOT), "pytest>=8.3", "hypothesis>=6.120")
-        done.touch()
+        done.write_text(lerobot)
     # Not editable: LeRobot has to find it as it finds what people install.
     _do(python, "-m", "pip", "install", "-q", "--no-deps", "--force-reinstall", str(PLUGIN))
     print(f"$ lerobot {version.lerobot}, Python {version.python}", flush=True)

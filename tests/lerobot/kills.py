@@ -9,7 +9,6 @@ LeRobot is imported once; each trial is a fork of that process which runs LeRobo
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import random
 import shutil
@@ -18,11 +17,15 @@ import statistics
 import sys
 import tempfile
 import time
+from collections import Counter
+from importlib.metadata import version
 from pathlib import Path
 
 from strands_actors.testing import Twin
+from strands_actors.testing.trials import subject
 
-MOTORS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
+from .calibration import NAME, write
+
 STARTS_S = 180.0
 LATEST_S = 2.0
 """After the first setpoint."""
@@ -45,27 +48,25 @@ def main() -> None:
         robot = _calibrated(home) if theirs else ours
         sys.argv = ["lerobot-teleoperate", *robot, f"--robot.port={twin.port}"]
         sys.argv += ["--teleop.discover_packages_path=tests.lerobot.sine", "--teleop.type=sine", "--fps=30"]
-        found = []
+        found, loads = [], []
         for _ in range(repeats):
             found.append(_trial(twin, lerobot_teleoperate.main))
+            loads.append(os.getloadavg()[0])
             print(*found[-1], flush=True)
     times = sorted(safe_ms for safe_ms, _, _ in found if safe_ms is not None)
-    print(f"{'their' if theirs else 'our'} so101, {repeats} kills")
+    print(f"{'their' if theirs else 'our'} so101, {repeats} kills, lerobot {version('lerobot')}")
+    print("; ".join(subject().values()), f"load {min(loads):.1f} to {max(loads):.1f}", sep="; ")
     print(f"a frame that takes the torque: {len(times)}")
     if times:
         print(f"after {statistics.median(times):.1f} ms (median), {times[-1]:.1f} ms (worst)")
     print(f"setpoints after it: {sum(after for _, after, _ in found)}")
-    print(f"servos with torque {LOOK_S:g} s later: {[torque for _, _, torque in found]}")
+    print(f"servos with torque {LOOK_S:g} s later: {Counter(torque for _, _, torque in found)}")
     shutil.rmtree(home)
 
 
 def _calibrated(home: Path) -> list[str]:
-    motors = {
-        motor: {"id": at, "drive_mode": 0, "homing_offset": 0, "range_min": 0, "range_max": 4095}
-        for at, motor in enumerate(MOTORS, start=1)
-    }
-    (home / "black.json").write_text(json.dumps(motors))
-    return ["--robot.type=so101_follower", "--robot.id=black", f"--robot.calibration_dir={home}"]
+    write(home)
+    return ["--robot.type=so101_follower", f"--robot.id={NAME}", f"--robot.calibration_dir={home}"]
 
 
 def _trial(twin: Twin, run: object) -> tuple[float | None, int, int]:

@@ -2,24 +2,60 @@
 
 from __future__ import annotations
 
+import dataclasses
+import importlib
 import json
 import os
+import re
 import signal
 import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import lerobot
 import pytest
+from lerobot.robots import RobotConfig
 
 from strands_actors import Robot
+from strands_actors.drivers.plain.lerobot.types import TYPES, missing
+from strands_actors.surfaces.cli.robots import show_robots
 from strands_actors.testing import Twin
 from tests.answers import json_of, state, status, until, why
 from tests.drivers.plain.rig import pid_of
 
-MOTORS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
+from .calibration import NAME, write
+
 LONG_S = 240.0
 """For another process to import torch, on a busy machine."""
+
+
+def test_every_type_of_this_lerobot_is_a_robot_here_with_its_config_as_the_table_says() -> None:
+    folder = Path(str(lerobot.__file__)).parent / "robots"
+    registered = {
+        name: module.parent.name
+        for module in folder.glob("*/*.py")
+        for name in re.findall(r'RobotConfig\.register_subclass\("(\w+)"\)', module.read_text())
+    }
+    assert len(registered) >= 14
+    by_type = {kind.type: kind for kind in TYPES.values()}
+    assert not set(registered) - set(by_type), "LeRobot has types that no robot here is"
+    for name, module in registered.items():
+        kind = by_type[name]
+        assert kind.module == module
+        importlib.import_module(f"lerobot.robots.{module}")
+        fields = {field.name for field in dataclasses.fields(RobotConfig.get_choice_class(name))}
+        assert not kind.port or kind.port in fields, name
+    lacking = {kind.type for kind in TYPES.values() if missing(kind).startswith("pip install -U")}
+    assert lacking == set(by_type) - set(registered)
+
+
+def test_list_says_who_really_works_here(capsys: pytest.CaptureFixture[str]) -> None:
+    show_robots(as_json=True)
+    rows = {row["robot"]: row for row in json.loads(capsys.readouterr().out)["robots"]}
+    for robot in ("so100", "so101", "koch", "omx", "bi_so101", "hope_jr_hand", "earthrover"):
+        assert rows[robot]["missing"] is None and "lerobot" in rows[robot]["coverage"], rows[robot]
+    assert "pip install" in rows["reachy2"]["missing"] and "unitree_sdk2py" in rows["unitree_g1"]["missing"]
 
 
 class Arm(NamedTuple):
@@ -29,12 +65,8 @@ class Arm(NamedTuple):
 
 @pytest.fixture(params=["so101", "koch"])
 def arm(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Arm]:
-    motors = {
-        motor: {"id": at, "drive_mode": 0, "homing_offset": 0, "range_min": 0, "range_max": 4095}
-        for at, motor in enumerate(MOTORS, start=1)
-    }
-    (tmp_path / "black.json").write_text(json.dumps(motors))
-    known = {"tool_name": "black", "calibration_dir": str(tmp_path)}
+    write(tmp_path)
+    known = {"tool_name": NAME, "calibration_dir": str(tmp_path)}
     with Twin(request.param, tmp_path) as twin:
         robot = Robot(request.param, mode="real", driver="lerobot", port=twin.port, **known)
         try:

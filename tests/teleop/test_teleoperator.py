@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -127,6 +128,15 @@ def test_the_command_wants_to_know_where() -> None:
         leader_of("so101_leader")
 
 
+@pytest.fixture
+def forgets_lerobot() -> Iterator[None]:
+    """What a stand-in put among the modules goes with it: another test has another one."""
+    yield
+    for name in [name for name in sys.modules if name.partition(".")[0] in ("lerobot", "draccus")]:
+        del sys.modules[name]
+
+
+@pytest.mark.usefixtures("forgets_lerobot")
 def test_lerobots_own_are_made_by_their_type(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Against a stand-in of lerobot's package: its registry, its discovery, its factory."""
     if "lerobot" not in sys.modules and not lerobot.is_there():
@@ -141,6 +151,11 @@ def test_lerobots_own_are_made_by_their_type(tmp_path: Path, monkeypatch: pytest
     assert made.get_action() == {"shoulder_pan.pos": 2.0}
     with pytest.raises(ValueError, match="no teleoperator 'wheel'"):
         lerobot.make("wheel")
+    with pytest.raises(ValueError, match=r"stick has no speed\. it has gain"):
+        lerobot.make("stick", speed=2.0)
+    made.connect()
+    with pytest.raises(ConnectionError, match=r"stick 'left' is not calibrated .* --teleop\.id=left"):
+        lerobot.make("stick", gain=0.0, id="left").connect()  # it would have asked somebody
     leader = Teleoperator("lerobot:stick", gain=2.0, id="right", port="/dev/ttyACM9")
     told = trio.run(leader.source)
     assert told["factory"] == lerobot.FACTORY
@@ -154,6 +169,7 @@ def stand_in(root: Path) -> None:
         folder.mkdir(parents=True)
     for folder in (root / "lerobot", package, root / "lerobot" / "utils"):
         (folder / "__init__.py").touch()
+    (root / "draccus.py").write_text("def decode(config_class, given):\n    return config_class(**given)\n")
     (root / "lerobot" / "utils" / "import_utils.py").write_text("def register_third_party_plugins(): pass\n")
     (package / "config.py").write_text(
         "class TeleoperatorConfig:\n"
@@ -166,7 +182,7 @@ def stand_in(root: Path) -> None:
     (package / "stick" / "__init__.py").write_text(
         "from ..config import TeleoperatorConfig\n"
         "class Config:\n"
-        "    def __init__(self, gain):\n"
+        "    def __init__(self, gain, id=None):\n"
         "        self.gain = gain\n"
         "TeleoperatorConfig.known['stick'] = Config\n"
     )
@@ -174,6 +190,12 @@ def stand_in(root: Path) -> None:
         "class Stick:\n"
         "    def __init__(self, config):\n"
         "        self.config = config\n"
+        "    @property\n"
+        "    def is_calibrated(self):\n"
+        "        return self.config.gain != 0.0\n"
+        "    def connect(self, calibrate=True):\n"
+        "        assert not calibrate\n"
+        "    def disconnect(self): ...\n"
         "    def get_action(self):\n"
         "        return {'shoulder_pan.pos': self.config.gain}\n"
         "def make_teleoperator_from_config(config):\n"

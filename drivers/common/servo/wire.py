@@ -6,6 +6,7 @@ around arming.
 
 from __future__ import annotations
 
+import contextlib
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar, Generic
@@ -21,7 +22,7 @@ from strands_actors.contract.driver import (
     Wire,
     WireDown,
 )
-from strands_actors.drivers.common.half_duplex import HalfDuplexBus, Health, PacketT
+from strands_actors.drivers.common.half_duplex import HalfDuplexBus, Health, PacketT, Quiet
 from strands_actors.drivers.common.port_users import users_of
 from strands_actors.drivers.common.serial_port import BytePort, in_use, open_serial
 from strands_actors.kernel.clock import NS, Clock
@@ -174,7 +175,9 @@ class ServoWire(Wire, Generic[PacketT]):
         if session.bus.quiet:
             await trio.lowlevel.checkpoint()  # so that a caller who reads in a loop lets others run
         else:
-            await self._measure(session)
+            # a question that a stop cut short, and nobody answered, begins the quiet time here
+            with contextlib.suppress(Quiet):
+                await self._measure(session)
         return session.observation
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:

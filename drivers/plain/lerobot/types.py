@@ -15,6 +15,7 @@ class Type(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     module: str
     needs: str
     extra: str
+    also: str = ""
     port: str = "port"
     buses: tuple[str, ...] = ()
     stop: tuple[str, ...] = ()
@@ -35,10 +36,23 @@ class Type(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 def missing(kind: Type) -> str:
     """Return the line that installs what this robot needs and this machine lacks; empty: it is all
-    here."""
-    if importlib.util.find_spec("lerobot") is not None and importlib.util.find_spec(kind.needs) is not None:
+    here. Nothing is imported: LeRobot's packages bring torch."""
+    has_type = _has_type(kind)
+    if has_type and importlib.util.find_spec(kind.needs) is not None:
         return ""
-    return f"pip install 'lerobot[{kind.extra}]'" if kind.extra else "pip install lerobot"
+    newer = "-U " if has_type is False else ""  # pip keeps a LeRobot that is there
+    lerobot = f"'lerobot[{kind.extra}]'" if kind.extra else "lerobot"
+    return f"pip install {newer}{lerobot}{f', and {kind.also}' if kind.also else ''}"
+
+
+def _has_type(kind: Type) -> bool | None:
+    """Return whether the LeRobot of this environment has the robot: some came later. None: there is
+    no LeRobot."""
+    lerobot = importlib.util.find_spec("lerobot")
+    if lerobot is None:
+        return None
+    places = [Path(folder) / "robots" / kind.module for folder in lerobot.submodule_search_locations or ()]
+    return any(place.is_dir() or place.with_suffix(".py").is_file() for place in places)
 
 
 TYPES = msgspec.toml.decode((Path(__file__).parent / "types.toml").read_bytes(), type=dict[str, Type])

@@ -10,6 +10,7 @@ import json
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from strands_actors.drivers.common.legged_body import LeggedBody
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.unitree import rpc
 from strands_actors.drivers.unitree.gates import HANDSHAKE_FSM
@@ -34,13 +35,19 @@ class Onboard:
     ``silence``."""
 
     def __init__(
-        self, model: Model, note: Callable[[str, str], None], silence_s: float = 0.0, simulator: bool = False
+        self,
+        model: Model,
+        note: Callable[[str, str], None],
+        silence_s: float = 0.0,
+        simulator: bool = False,
+        body: LeggedBody | None = None,
     ) -> None:
         """``silence_s``: without a LowCmd for so long the robot damps; 0: never. ``simulator``: it
-        takes every LowCmd, whatever mode it is in."""
+        takes every LowCmd, whatever mode it is in. ``body``: in place of that of the robot's
+        table."""
         self.model = model
         self._simulator = simulator
-        self.body = body_of(model)
+        self.body = body or body_of(model)
         self.soc: int | None = 80
         self._note = note
         self._silence_s = silence_s

@@ -17,6 +17,7 @@ import trio
 
 from strands_actors.drivers.common.controlled_body import LedBody
 from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.physics import Plant
 from strands_actors.drivers.common.twin import (
     ClientGone,
     Exchange,
@@ -181,6 +182,7 @@ def controller_of(
     firmware: str = "1.12.10",
     speed_limit_rad_s: float = 3.14159,
     now_s: Callable[[], float] = time.monotonic,
+    plant: Plant | None = None,
 ) -> Controller:
     """Raise ``ValueError`` for a type that is not known."""
     arm = arm_of(robot)
@@ -189,7 +191,7 @@ def controller_of(
     if at is None:
         known = ", ".join(map(str, sorted({kind.number for kind in arm.types})))
         raise ValueError(f"arm_type is {arm_type}. Use {known}")
-    return Controller(robot, arm.types[at], text, speed_limit_rad_s=speed_limit_rad_s, now_s=now_s)
+    return Controller(robot, arm.types[at], text, speed_limit_rad_s=speed_limit_rad_s, now_s=now_s, plant=plant)
 
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:

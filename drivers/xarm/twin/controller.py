@@ -49,9 +49,11 @@ class Controller:
         *,
         speed_limit_rad_s: float,
         now_s: Callable[[], float] = time.monotonic,
+        plant: Plant | None = None,
     ) -> None:
-        """``speed_limit_rad_s``: what it says of itself; its arm turns as the table says."""
-        self.plant = Plant.from_table(model_table(robot, kind))
+        """``speed_limit_rad_s``: what it says of itself; its arm turns as the table says.
+        ``plant``: its arm, in place of that of the robot's table."""
+        self.plant = plant or Plant.from_table(model_table(robot, kind))
         self.version_text = version
         self.version = p.parse_version(version.encode())
         self.speed_limit_rad_s = speed_limit_rad_s

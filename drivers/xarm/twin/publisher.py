@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from typing import Protocol
 
 from strands_actors.drivers.common.twin import Connection, Fault, Faults, Reply
 from strands_actors.drivers.xarm import reports as r
@@ -12,6 +13,12 @@ from .controller import TICK_HZ, Controller
 HZ = {r.NORMAL_PORT: 5.0, r.RICH_PORT: 5.0, r.REAL_PORT: 100.0}
 WRONG_BY_RAD = 0.5
 ROOM_C = 30
+
+
+class Sender(Protocol):
+    """What is needed of a connection to push reports."""
+
+    def send(self, data: bytes) -> None: ...
 
 
 class Publisher:
@@ -35,14 +42,21 @@ class Publisher:
             listener.flush(now_s)
 
     async def serve(self, port: int, connection: Connection) -> None:
-        listener = Listener(port, connection)
-        self._listeners.append(listener)
+        listener = self.add(port, connection)
         try:
             while True:
                 t_ns, data = await connection.receive()
                 connection.heard(t_ns, "other", data)
         finally:
-            self._listeners.remove(listener)
+            self.remove(listener)
+
+    def add(self, port: int, connection: Sender) -> Listener:
+        listener = Listener(port, connection)
+        self._listeners.append(listener)
+        return listener
+
+    def remove(self, listener: Listener) -> None:
+        self._listeners.remove(listener)
 
     def _packed(self, port: int) -> bytes:
         report = self._report()
@@ -66,7 +80,7 @@ class Publisher:
 
 
 class Listener:
-    def __init__(self, port: int, connection: Connection) -> None:
+    def __init__(self, port: int, connection: Sender) -> None:
         self.port = port
         self.due_s = 0.0
         self.waiting: deque[tuple[float, bytes]] = deque()

@@ -234,7 +234,13 @@ def ports(
 def teleop(
     robot: Kind,
     leader: Annotated[
-        str, typer.Option("--from", metavar="LEADER", help="NAME:PORT of a leader arm, keyboard, module:Class.")
+        str,
+        typer.Option(
+            "--from",
+            metavar="LEADER",
+            help="NAME:PORT of a leader arm, keyboard, lerobot:TYPE, module:Class; page, gamepad and phone are one "
+            "page, :ADDRESS:PORT of it for your network.",
+        ),
     ],
     port: Annotated[str | None, typer.Option(help="Of a real robot: its serial port or address.")] = None,
     twin: Annotated[bool, typer.Option("--twin", help="Lead its twin; without a port: a simulation.")] = False,
@@ -296,6 +302,12 @@ def record(
     fps: Annotated[int, typer.Option(min=1, max=240, help="Of a dataset.")] = 30,
     camera: Annotated[list[str] | None, typer.Option(help="Of a dataset: a camera of the robot's.")] = None,
     codec: Annotated[str, typer.Option(help="Of its videos: av1, or mpeg4 for a small processor.")] = "av1",
+    keys: Annotated[
+        str | None,
+        typer.Option(
+            metavar="page|gamepad|phone", help="Of a dataset: the episode keys on a page, too. :ADDRESS:PORT."
+        ),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Record all that a running robot is told, decides and does; or episodes to learn from."""
@@ -307,7 +319,9 @@ def record(
         from .dataset import record as record_dataset
 
         order = Order(robot, os.path.abspath(dataset), task, fps, tuple(camera or ()), codec, episodes, seconds)
-        raise typer.Exit(record_dataset(order, as_json=json))
+        raise typer.Exit(record_dataset(order, keys, as_json=json))
+    if keys is not None:
+        raise Problem("record: --keys are those of a dataset's episodes. give --dataset DIR")
     assert out is not None
     from .record import record as run
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -15,15 +14,19 @@ from rich.console import Console
 from rich.table import Table
 
 from strands_actors.surfaces.dataset.compact import compact as make_compact
+from strands_actors.surfaces.dataset.errors import DatasetError
 from strands_actors.surfaces.dataset.keys import HELP, STDIN, read_keys, read_words, single_keys
+from strands_actors.surfaces.dataset.page import serve_keys
 from strands_actors.surfaces.dataset.repair import repair as do_repair
-from strands_actors.surfaces.dataset.run import EpisodeSummary, Summary, record_episodes
-from strands_actors.surfaces.dataset.session import Event, Order, Progress, give_way
+from strands_actors.surfaces.dataset.run import Command, EpisodeSummary, Onlooker, Summary, record_episodes
+from strands_actors.surfaces.dataset.session import Event, Order, Progress, State, give_way
 from strands_actors.surfaces.dataset.show import Shown
 from strands_actors.surfaces.dataset.show import show as look_at
 from strands_actors.surfaces.recording.errors import RecordingError
+from strands_actors.teleoperation.teleoperator import PAGES, where_to_listen
 
 from .errors import Problem
+from .teleop import how_to_open
 
 CLEAR = "\r\x1b[K"
 BAR = 12
@@ -32,27 +35,14 @@ BAR = 12
 class Screen:
     """Lines on stderr, and below them one that changes, on a terminal."""
 
-    def __init__(self, episodes: int | None, as_json: bool) -> None:
-        self._of = "" if episodes is None else f"/{episodes}"
+    def __init__(self, as_json: bool) -> None:
         self._is_live = sys.stderr.isatty() and not as_json
 
     def say(self, line: str) -> None:
         print(f"{CLEAR if self._is_live else ''}{line}", file=sys.stderr, flush=True)
 
     def tell(self, event: Event) -> None:
-        match event.what:
-            case "ready":
-                self.say(f"recording {event.text}")
-            case "started":
-                self.say(f"episode {event.episode}: recording")
-            case "saved":
-                self.say(
-                    f"episode {event.episode}: {event.frames} frames, {event.marks or 'nothing missing'}; saved"
-                )
-            case "discarded":
-                self.say(f"episode {event.episode}: discarded")
-            case _:
-                self.say(event.text)
+        self.say(event.line)
 
     def show(self, now: Progress) -> None:
         if self._is_live:
@@ -65,31 +55,49 @@ class Screen:
 
 def line_of(now: Progress) -> str:
     """The line of progress."""
-    left = f"{now.free_bytes / 1e9:.1f} GB left"
-    of = "" if now.of is None else f"/{now.of}"
     bar = ""
     if now.of:
         full = min(BAR, BAR * now.done // now.of)
         bar = f"[{'#' * full}{'.' * (BAR - full)}] "
-    done = f"{bar}{now.done}{of} saved"
-    if now.state == "waiting":
-        return f"{done}, {left}    {HELP}"
-    late = f", {now.late} late" if now.late else ""
-    return f"{done}, {now.state} {now.seconds:.0f} s, {now.fps:.0f} fps, {now.gaps} gaps{late}, {left}"
+    return f"{bar}{now.line}{f'    {HELP}' if now.state == State.IDLE else ''}"
 
 
-def record(order: Order, as_json: bool) -> int:
-    screen = Screen(order.episodes, as_json)
+def record(order: Order, keys: str | None, as_json: bool) -> int:
+    """Until it is ended. ``keys``: where else than in this terminal its keys are: the name of a
+    page, perhaps with where it listens."""
+    screen, onlooker = Screen(as_json), Onlooker()
     is_terminal = os.isatty(STDIN)
+    name, host, port = _page(keys)
 
-    async def controls(command: Callable[[str], None]) -> None:
+    async def read(command: Command) -> None:
         if is_terminal:
             await read_keys(command)
         else:
-            await read_words(command, lambda: None if order.seconds is not None else command("quit"))
+            # a page may go on when standard input has ended
+            goes_on = order.seconds is not None or bool(name)
+            await read_words(command, lambda: None if goes_on else command("quit"))
+
+    async def controls(command: Command) -> None:
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(read, command)
+            if name:
+                try:
+                    await serve_keys(
+                        order.robot, host, port, onlooker, command, lambda at: screen.say(how_to_open(name, at))
+                    )
+                except OSError as failure:
+                    raise DatasetError(f"no page at {host}:{port}: {failure}") from failure
+
+    def tell(event: Event) -> None:
+        onlooker.hear(event)
+        screen.tell(event)
+
+    def show(progress: Progress) -> None:
+        onlooker.show(progress)
+        screen.show(progress)
 
     async def run() -> Summary:
-        return await record_episodes(order, controls, screen.tell, screen.show)
+        return await record_episodes(order, controls, tell, show)
 
     give_way()
     try:
@@ -101,6 +109,21 @@ def record(order: Order, as_json: bool) -> int:
         screen.clear()
     print(json.dumps(msgspec.to_builtins(summary)) if as_json else _summed_up(summary))
     return 0
+
+
+def _page(keys: str | None) -> tuple[str, str, int]:
+    """Its name, and where it listens; no name: there is none."""
+    if keys is None:
+        return "", "", 0
+    name, _, listen = keys.partition(":")
+    if name not in PAGES:
+        raise Problem(
+            f"record: --keys {keys}: there is no such page. use {', '.join(PAGES)}, or phone:ADDRESS:PORT"
+        )
+    try:
+        return (name, *where_to_listen(listen))
+    except ValueError as refusal:
+        raise Problem(f"record: --keys: {refusal}") from refusal
 
 
 def _summed_up(summary: Summary) -> str:

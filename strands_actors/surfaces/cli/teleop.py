@@ -16,7 +16,7 @@ from strands_actors.caller.robot import RealRobot, Robot
 from strands_actors.contract.loading import load
 from strands_actors.teleoperation.actor import KEY
 from strands_actors.teleoperation.keys import Keys
-from strands_actors.teleoperation.teleoperator import KEYBOARD, PAGES, Teleoperator
+from strands_actors.teleoperation.teleoperator import KEYBOARD, PAGES, PHONE, Teleoperator
 
 from .errors import Problem
 
@@ -177,12 +177,17 @@ def _page(arm: RealRobot, page: Teleoperator) -> str:
     """For the operator: where the page is."""
     while not (address := page.address) and _status(arm)["running"]:
         time.sleep(TURN_S)
+    return how_to_open(page.name, address) if address else "open nothing: it has ended"
+
+
+def how_to_open(name: str, address: str) -> str:
+    """For whoever is to operate a page. ``name``: what it was asked for as."""
     number = address.rpartition(":")[2].partition("/")[0]
-    told = f"open {address or 'nothing: it has ended'}"
-    if page.name == "phone" and "//127." in address:
+    told = f"open {address}"
+    if name == PHONE and "//127." in address:
         told += f"\non a phone that is plugged in: adb reverse tcp:{number} tcp:{number}, then open it there"
     elif "//127." not in address:
-        told += "\nit is not encrypted: whoever listens on that network can read the address, and move the robot"
+        told += "\nit is not encrypted: whoever listens on that network can read the address, and use the page"
     return told
 
 

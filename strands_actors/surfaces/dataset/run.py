@@ -5,25 +5,56 @@ from __future__ import annotations
 import signal
 from collections.abc import Awaitable, Callable
 from pathlib import Path
+from typing import Protocol
 
 import msgspec
 import trio
 
 from strands_actors.caller.background import open_background
+from strands_actors.supervisors import addresses
 from strands_actors.supervisors.instrument import Attached
+from strands_actors.supervisors.root.messages import EpisodeState
+from strands_actors.supervisors.root.tasks import Tasks
 from strands_actors.surfaces.recording.recorder import Recorder, visit
 
 from .cameras import Attach, attach_camera, wait_for_shapes
 from .dataset import Dataset
 from .errors import DatasetError
-from .session import Event, Order, Progress, Session, give_way
+from .session import Event, Order, Progress, Session, State, give_way
 from .storage import Storage
 from .video import require_codec
 
 FPS = (1, 240)
 
-Controls = Callable[[Callable[[str], None]], Awaitable[None]]
+
+class Command(Protocol):
+    """As ``Session.command``."""
+
+    def __call__(self, word: str, pressed_ns: int = 0) -> None: ...
+
+
+Controls = Callable[[Command], Awaitable[None]]
 """Calls what it is given with each command, until it is cancelled."""
+
+
+class Onlooker:
+    """What somebody is shown who is not at the recorder's terminal."""
+
+    def __init__(self, tell: Callable[[EpisodeState], None] = lambda state: None) -> None:
+        self._tell = tell
+        self.state = EpisodeState()
+
+    def hear(self, event: Event) -> None:
+        running = event.what == "started" or (event.what == "refused" and self.state.running)
+        self._show(msgspec.structs.replace(self.state, running=running, said=event.line))
+
+    def show(self, progress: Progress) -> None:
+        running = progress.state == State.RECORDING
+        self._show(msgspec.structs.replace(self.state, running=running, text=progress.line))
+
+    def _show(self, state: EpisodeState) -> None:
+        self.state = state
+        self._tell(state)
 
 
 class EpisodeSummary(msgspec.Struct, frozen=True):
@@ -88,12 +119,18 @@ async def _record(
             shapes = await trio.to_thread.run_sync(wait_for_shapes, readers, abandon_on_cancel=True)
             require_codec(order.codec, shapes)
             recorder: Recorder[Session]
+            operator = Onlooker(node.ref(addresses.of(order.robot).tasks, Tasks).tell)
+
+            def told(event: Event) -> None:
+                operator.hear(event)
+                tell(event)
+
             session = Session(
                 order,
                 dataset,
                 readers,
                 shapes,
-                tell,
+                told,
                 end=lambda why: recorder.end(why),
                 fail=lambda failure: recorder.fail(failure),
             )
@@ -106,7 +143,9 @@ async def _record(
 
             def progress(seconds: float, session: Session) -> None:
                 if session.is_ready:
-                    show(session.progress())
+                    now = session.progress()
+                    operator.show(now)
+                    show(now)
 
             async def after(what: Callable[[], Awaitable[None]]) -> None:
                 await begun.wait()
@@ -144,4 +183,4 @@ async def _record(
     )
 
 
-__all__ = ["Controls", "Summary", "give_way", "record_episodes", "require_order"]
+__all__ = ["Command", "Controls", "Onlooker", "Summary", "give_way", "record_episodes", "require_order"]

@@ -20,7 +20,7 @@ from strands_actors.kernel.clock import NS, Clock, MonotonicClock
 from strands_actors.supervisors.instrument import Attached, Batch
 from strands_actors.surfaces.recording.code import driver_from
 from strands_actors.surfaces.recording.errors import RecordingError
-from strands_actors.surfaces.recording.views import View, decode_entries
+from strands_actors.surfaces.recording.views import View, decode_entries, keys_pressed
 
 from .cameras import CameraReader, frame_of
 from .dataset import Dataset, Episode
@@ -38,6 +38,8 @@ LEAST_FREE_BYTES = 256 << 20
 """No episode begins with less on the disk."""
 FIRST_S = 10.0
 """How long to wait for the robot's first state."""
+PRESSED_NS = NS
+"""A key that was pressed longer ago is not obeyed: who pressed it has seen that it was not."""
 LEAVE_S = 20.0
 """How long the worker may take for what it still has."""
 
@@ -71,6 +73,21 @@ class Event(msgspec.Struct, frozen=True, omit_defaults=True):
     marks: str = ""  # what is wrong with it, in words
     text: str = ""
 
+    @property
+    def line(self) -> str:
+        """It, for people."""
+        match self.what:
+            case "ready":
+                return f"recording {self.text}"
+            case "started":
+                return f"episode {self.episode}: recording"
+            case "saved":
+                return f"episode {self.episode}: {self.frames} frames, {self.marks or 'nothing missing'}; saved"
+            case "discarded":
+                return f"episode {self.episode}: discarded"
+            case _:
+                return self.text
+
 
 class Progress(msgspec.Struct, frozen=True):
     state: str
@@ -82,6 +99,16 @@ class Progress(msgspec.Struct, frozen=True):
     gaps: int
     late: int  # frames with something too old in them
     free_bytes: int
+
+    @property
+    def line(self) -> str:
+        """It, for people."""
+        done = f"{self.done}{'' if self.of is None else f'/{self.of}'} saved"
+        left = f"{self.free_bytes / 1e9:.1f} GB left"
+        if self.state == State.IDLE:
+            return f"{done}, {left}"
+        late = f", {self.late} late" if self.late else ""
+        return f"{done}, {self.state} {self.seconds:.0f} s, {self.fps:.0f} fps, {self.gaps} gaps{late}, {left}"
 
 
 class Session:
@@ -128,7 +155,7 @@ class Session:
             f"strands_{attached.driver['robot']}", self._order.fps, axes.joints, self._shapes, self._order.codec
         )
         self._layout = self._dataset.require(layout)
-        self._views = {name: View(name, attached.axes, 0) for name in ("wire", "root")}
+        self._view = View("wire", attached.axes, 0)
         self._assembler = Assembler(axes, self._period_ns / NS)
         self._opened_ns = self._clock.now_ns()
         return self
@@ -138,12 +165,16 @@ class Session:
         return f"{self._order.robot} into {self._order.root}: {self._order.fps} fps, {shown}"
 
     def add(self, source: str, batch: Batch) -> None:
+        entries = decode_entries(msgspec.msgpack.encode(batch.entries))
         if source == "wire":
-            self._assembler.hear(self._views[source].rows(decode_entries(msgspec.msgpack.encode(batch.entries))))
+            self._assembler.hear(self._view.rows(entries))
+            return
+        for key in keys_pressed(entries):
+            self.command(key.word, key.t_ns)
 
     def lost(self, source: str, why: str) -> None:
         if source == "wire":
-            self._assembler.hear(self._views[source].lost(self._clock.now_ns(), why))
+            self._assembler.hear(self._view.lost(self._clock.now_ns(), why))
 
     def flush(self) -> None:
         """Nothing waits in here but what the worker has."""
@@ -153,9 +184,12 @@ class Session:
 
     # -- what the demonstrator wants
 
-    def command(self, word: str) -> None:
-        """``start``, ``finish``, ``discard``, ``again`` or ``quit``; ``toggle`` starts or
-        finishes."""
+    def command(self, word: str, pressed_ns: int = 0) -> None:
+        """``start``, ``finish``, ``discard``, ``again`` or ``quit``; ``toggle`` starts or finishes.
+        ``pressed_ns``: when, by who is elsewhere."""
+        if pressed_ns and (late_ns := self._clock.now_ns() - pressed_ns) > PRESSED_NS:
+            self._refuse(f"{word}: that was pressed {late_ns / NS:.1f} s ago. press it again")
+            return
         if word == "toggle":
             word = "finish" if self._state is State.RECORDING else "start"
         do = {

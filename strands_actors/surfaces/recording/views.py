@@ -25,7 +25,16 @@ from strands_actors.supervisors.gate.messages import (
     StopReport,
 )
 from strands_actors.supervisors.instrument import Entry, Kind
-from strands_actors.supervisors.root.messages import Fence, Happened, Renew, Shutdown, StartTask, StateIs, StopTask
+from strands_actors.supervisors.root.messages import (
+    EpisodeKey,
+    Fence,
+    Happened,
+    Renew,
+    Shutdown,
+    StartTask,
+    StateIs,
+    StopTask,
+)
 from strands_actors.supervisors.wire.messages import MakeSafe
 
 from .lines import Command, Gap, Lifecycle, Log, Motor, Refusal, Safe, Seen
@@ -40,10 +49,18 @@ Row = tuple[str, int, msgspec.Struct]
 _COMMANDS = (Setpoint, Stop, Resume, Acquire, Release)
 _SHOWN = (
     *_COMMANDS, Observed, SafeDone, ArmDone, LinkUp, LinkLost, MakeSafe, StateIs, Fence, Shutdown, Renew, StartTask,
-    StopTask, Happened, StopReport, Refused, Accepted, Lease,
+    StopTask, Happened, StopReport, Refused, Accepted, Lease, EpisodeKey,
 )  # fmt: skip
 
 _BY_TAG = {kind.__name__: msgspec.msgpack.Decoder(kind).decode for kind in _SHOWN}
+
+
+def keys_pressed(entries: Iterable[Entry]) -> Iterator[EpisodeKey]:
+    """What the operator of a teleoperation asks of a recorder of episodes: in the root's
+    journal."""
+    for entry in entries:
+        if entry.kind == Kind.NOTED and isinstance(message := _decode(entry.body), EpisodeKey):
+            yield message
 
 
 class View:
@@ -189,6 +206,8 @@ class View:
             yield "lifecycle", _state(message)
         elif isinstance(message, StopReport):
             yield "safe", _done(message)
+        elif isinstance(message, EpisodeKey):
+            yield "lifecycle", Lifecycle("an episode's key", detail=message.word)
 
     # -- rows
 

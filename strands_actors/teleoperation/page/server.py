@@ -9,7 +9,7 @@ import secrets
 from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 import trio
@@ -32,11 +32,13 @@ REASONS = {400: "Bad Request", 403: "Forbidden", 404: "Not Found", 405: "Method 
 
 
 class Told(msgspec.Struct):
-    """What the page says, 30 times a second. ``at_ms``: by its own clock."""
+    """What the page says, 30 times a second. ``at_ms``: by its own clock; ``episode``: a key of the
+    recorder's, pressed now."""
 
     held: bool
     at_ms: float
     rates: dict[str, float] = {}
+    episode: Literal["", "start", "finish", "discard", "again"] = ""
 
 
 class _Client:
@@ -49,19 +51,21 @@ class _Client:
 
 
 class Page:
-    """``operate``: is told what the operator does; ``status``: what the page shows; ``axes``: what
-    can be moved."""
+    """``operate``: is told what the operator does; ``press``: which key of the recorder's, and
+    when; ``status``: what the page shows; ``axes``: what can be moved."""
 
     def __init__(
         self,
         clock: Clock,
         operate: Callable[[Operate], None],
+        press: Callable[[int, str], None],
         status: Callable[[], dict[str, Any]],
         axes: list[str],
         title: str,
     ) -> None:
         self._clock = clock
         self._operate = operate
+        self._press = press
         self._status = status
         self._axes = axes
         self._title = title
@@ -70,14 +74,14 @@ class Page:
         self._operated = False
         self._clients = trio.CapacityLimiter(MOST_CLIENTS)
 
-    async def serve(self, host: str, port: int, address_file: str) -> None:
-        """Until cancelled. The address, with its token, is written to a file that its user alone can
-        read. Raise ``OSError``."""
+    async def serve(self, host: str, port: int, tell: Callable[[str], None]) -> None:
+        """Until cancelled. ``tell``: what is to be done with the address, which has the token in it.
+        Raise ``OSError``."""
         (listener, *_) = await trio.open_tcp_listeners(port, host=host)
         number = listener.socket.getsockname()[1]
         names = {host, "localhost"} if host.startswith("127.") else {host}
         self._hosts = frozenset(f"{name}:{number}" for name in names)
-        _write(Path(address_file), f"http://{host}:{number}/?token={self._token}")
+        tell(f"http://{host}:{number}/?token={self._token}")
         await trio.serve_listeners(self._attend, [listener])
 
     async def _attend(self, stream: trio.SocketStream) -> None:
@@ -152,7 +156,10 @@ class Page:
         told = msgspec.json.decode(text, type=Told)
         client.has_let_go = client.has_let_go or not told.held
         held = told.held and client.has_let_go
-        self._operate(Operate(now_ns - client.lateness.of(told.at_ms, now_ns), held, told.rates))
+        t_ns = now_ns - client.lateness.of(told.at_ms, now_ns)
+        self._operate(Operate(t_ns, held, told.rates))
+        if told.episode:
+            self._press(t_ns, told.episode)
 
     async def _tell(self, stream: trio.SocketStream, end: WSConnection, scope: trio.CancelScope) -> None:
         """What the page shows; a page that does not read is gone."""
@@ -184,7 +191,7 @@ async def _respond(stream: trio.SocketStream, code: int, kind: str, body: bytes,
     await _send(stream, "\r\n".join(rows).encode() + HEAD_END + body)
 
 
-def _write(path: Path, text: str) -> None:
+def write_address(path: Path, text: str) -> None:
     """For its user's eyes alone, whole or not at all."""
     new = path.with_suffix(f".{os.getpid()}.new")
     with contextlib.suppress(FileNotFoundError):

@@ -7,11 +7,12 @@ import gc
 import os
 import sys
 import time
+from datetime import timedelta
 from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from .plan import Plan, plan_of
 from .robots import ROBOTS
@@ -52,13 +53,12 @@ def search(seeds: range, robot: str, jobs: int, keep_going: bool) -> int:
         TextColumn("{task.description}"),
         BarColumn(),
         MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]:.0f} seeds/s"),
-        TimeRemainingColumn(),
+        TextColumn("{task.fields[pace]}"),
     )
     with Progress(*columns, console=console) as progress:
-        task = progress.add_task(robot, total=len(seeds), rate=0.0)
+        task = progress.add_task(robot, total=len(seeds), pace="")
         for done, result in enumerate(run_seeds(seeds, robot, jobs), 1):
-            progress.update(task, completed=done, rate=done / (time.monotonic() - began_s))
+            progress.update(task, completed=done, pace=pace(done, len(seeds), time.monotonic() - began_s))
             if result.violations:
                 failed.append(result)
                 progress.console.print(f"seed {result.plan.seed}: {result.violations[0].invariant}", style="red")
@@ -70,6 +70,12 @@ def search(seeds: range, robot: str, jobs: int, keep_going: bool) -> int:
     replay(failed[0].plan, False)
     console.print(f"again, step by step: --robot {robot} --seed {failed[0].plan.seed}")
     return 1
+
+
+def pace(done: int, of: int, passed_s: float) -> str:
+    """Since the beginning: results come by the dozen, and what the last ones took tells nothing."""
+    left = timedelta(seconds=round((of - done) * passed_s / done))
+    return f"{done / passed_s:.1f} seeds/s, {left} left"
 
 
 def replay(plan: Plan, whole: bool) -> int:

@@ -10,7 +10,7 @@ from strands_actors.contract.driver import Reason
 from strands_actors.supervisors.gate.messages import Setpoint, Stop
 
 from .conversation import Asked, Conversation
-from .plan import AT_A_POINT, BUS, CONDITIONS, SERVICE, Event
+from .plan import AT_A_POINT, BUS, CONDITIONS, NETWORK, SERVICE, SESSION, Event
 from .robot_model import Frame, RobotModel
 from .world import TREE, Process, World
 
@@ -91,7 +91,7 @@ class Evidence:
     def counts(self, frame: Frame) -> bool:
         """Whether who wrote this frame could know that no other would write: the wire, or its
         heir."""
-        return frame.role == "wire" or not self._wire_lives(frame.t_s)
+        return frame.role == "wire" or not self._wire_lives(frame.left_s)
 
     def limp_since(self, motor: int, t_s: float) -> float:
         """When a motor lost its torque that gets it back at ``t_s``."""
@@ -175,8 +175,14 @@ class Evidence:
         return [process.role for process in self.world.processes if process.role in ours and process.left_over]
 
 
-_WRONG = frozenset({"kill", "freeze", "lag", "restart", "cut mesh", "slow mesh", *BUS, *SERVICE, *CONDITIONS})
-_STILL_HEARS = ("lose replies", "mute", "late", "corrupt", "twice", *AT_A_POINT, "slow service", *CONDITIONS)
+_WRONG = frozenset(
+    {"kill", "freeze", "lag", "restart", "cut mesh", "slow mesh", *BUS, *SESSION, *NETWORK, *SERVICE, *CONDITIONS}
+)
+_STILL_HEARS = (
+    *("lose replies", "hold replies", "mute", "late", "corrupt", "garble", "twice", "slow service"),
+    *AT_A_POINT,
+    *CONDITIONS,
+)
 _DEAF = _WRONG - {*_STILL_HEARS}
 
 

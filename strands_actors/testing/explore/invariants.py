@@ -52,7 +52,7 @@ def no_setpoint_past_its_deadline(seen: Evidence) -> Found:
     written: set[int] = set()
     for frame, asked in seen.setpoints():
         assert isinstance(asked.message, Setpoint)
-        late_s = frame.t_s - asked.message.deadline_ns / NS
+        late_s = frame.left_s - asked.message.deadline_ns / NS
         if late_s > 1e-6 and not (asked.message.latched and id(asked) in written):
             yield frame.t_s, f"{late_s * 1e3:.2f} ms past its deadline"
         written.add(id(asked))
@@ -65,20 +65,20 @@ def no_setpoint_after_a_safe_frame(seen: Evidence) -> Found:
     holding = seen.safe_states(*HOLDING_REASONS)
     safe_s = float("-inf")
     holds = False
-    for frame in seen.frames:
+    for frame in sorted(seen.frames, key=lambda frame: frame.left_s):
         if frame.kind == "setpoint":
             holds = False
             asked = asked_for.get(id(frame))
             if asked is not None and asked.at_s < safe_s:
                 yield frame.t_s, f"asked for at {seen.s(asked.at_s)}, safe frame at {seen.s(safe_s)}"
         elif frame.safe_state and seen.counts(frame) and not (holds and frame.safe_state in holding):
-            safe_s = frame.t_s
+            safe_s = frame.left_s
             holds = frame.safe_state in holding
 
 
 def nothing_is_executed_that_was_refused(seen: Evidence) -> Found:
     for frame, asked in seen.setpoints():
-        if asked.refused and asked.answered_s < frame.t_s:
+        if asked.refused and asked.answered_s < frame.left_s:
             yield frame.t_s, f"a setpoint refused at {seen.s(asked.answered_s)}: {asked.answer}"
 
 
@@ -116,7 +116,7 @@ def no_task_begins_that_failed_to_start(seen: Evidence) -> Found:
             continue
         began = [start for start in starts if start.at_s < asked.at_s]
         in_time = any(
-            (not start.refused and start.answered_s - start.at_s < START_S) or frame.t_s - start.at_s < START_S
+            (not start.refused and start.answered_s - start.at_s < START_S) or frame.left_s - start.at_s < START_S
             for start in began
         )
         if not in_time:
@@ -173,7 +173,7 @@ def a_lock_is_obeyed(seen: Evidence) -> Found:
                 yield t_s, f"motors {sorted(motors - before)} energised under the lock of {seen.s(asked.at_s)}"
             before = motors if t_s > asked.answered_s else before
         for frame, _ in seen.setpoints():
-            if asked.answered_s < frame.t_s < lifted_s:
+            if asked.answered_s < frame.left_s < lifted_s:
                 yield frame.t_s, f"a setpoint under the lock of {seen.s(asked.at_s)}"
 
 
@@ -202,7 +202,7 @@ def nothing_is_energised_without_a_resume(seen: Evidence) -> Found:
         arms = frame.kind == "enable" or (frame.kind == "safe" and not frame.safe_state)
         if not arms or not frame.energised - frame.energised_before:
             continue
-        if not any(asked.at_s <= frame.t_s <= asked.answered_s for asked in resumes):
+        if not any(asked.at_s <= frame.left_s <= asked.answered_s for asked in resumes):
             yield (
                 frame.t_s,
                 f"motors {sorted(frame.energised - frame.energised_before)} are energised, nobody resumes",
@@ -228,8 +228,8 @@ def no_process_fails_by_itself(seen: Evidence) -> Found:
 
 def no_writer_outlives_its_lease(seen: Evidence) -> Found:
     for frame, asked in seen.setpoints():
-        gone_s = seen.gone_since(asked.pid, frame.t_s)
-        if frame.t_s - gone_s > WRITER_S:
+        gone_s = seen.gone_since(asked.pid, frame.left_s)
+        if frame.left_s - gone_s > WRITER_S:
             yield frame.t_s, f"{asked.who} is dead or frozen since {seen.s(gone_s)}, its setpoint is re-sent"
 
 

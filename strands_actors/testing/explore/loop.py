@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextvars
 import random
 from collections.abc import Awaitable, Callable, Generator, Iterator
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import outcome
 import trio
@@ -21,6 +21,14 @@ from trio._core._run import GLOBAL_RUN_CONTEXT, Runner, unrolled_run
 
 class Time(Protocol):
     now_s: float
+
+
+@runtime_checkable
+class Readable(Protocol):
+    async def readable(self) -> None: ...
+
+    def rouse(self) -> None:
+        """Wake whoever waits."""
 
 
 class LoopClock(trio.abc.Clock):
@@ -41,7 +49,7 @@ class LoopClock(trio.abc.Clock):
 
 class _NoIo:
     """Stands in for epoll: nothing of a simulated process ever waits for a descriptor of this
-    system."""
+    system. A simulated socket says by itself when it is ``readable``."""
 
     def process_events(self, events: object) -> None:
         pass
@@ -50,12 +58,16 @@ class _NoIo:
         pass
 
     async def wait_readable(self, fd: object) -> None:
-        await trio.sleep_forever()
+        if isinstance(fd, Readable):
+            await fd.readable()
+        else:
+            await trio.sleep_forever()
 
     wait_writable = wait_readable
 
     def notify_closing(self, fd: object) -> None:
-        pass
+        if isinstance(fd, Readable):
+            fd.rouse()
 
     def close(self) -> None:
         pass

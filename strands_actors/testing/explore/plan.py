@@ -81,16 +81,40 @@ BUS = {
     "unload": 2,
     "brown out": 1,
 }
+SESSION = {  # of a stream: nothing is lost or doubled, but held up
+    "pull": 4,
+    "hold requests": 2,
+    "hold replies": 3,
+    "stall": 4,
+    "late": 1,
+    "mute": 2,
+    "garble": 2,
+    "reset": 3,
+    "brown out": 1,
+}
+NETWORK = {  # of datagrams
+    "lose replies": 3,
+    "lose requests": 2,
+    "drop": 3,
+    "late": 2,
+    "twice": 1,
+    "corrupt": 2,
+    "pull": 3,
+    "stall": 3,
+    "brown out": 1,
+}
 CONDITIONS = {"low battery": 2}
 SERVICE = {"slow service": 3, "out of reach": 3}
 WIRE_FAULTS: dict[str, dict[str, int]] = {
     "so101": BUS,
+    "xarm7": SESSION,
+    "unitree_go2": {**NETWORK, **CONDITIONS},
     "fake_base": SERVICE,
     "fake_drone": {**SERVICE, **CONDITIONS},
     "fake_http": SERVICE,
 }
 """By robot: what its wire does, and how often."""
-AT_A_POINT = ("unload", "brown out")
+AT_A_POINT = ("unload", "brown out", "reset")
 """What has no end."""
 SHORT_S = (0.002, 0.02, 0.06, 0.15, 0.3, 0.7)
 
@@ -138,6 +162,9 @@ RECIPES: tuple[Recipe, ...] = (
     (Step("freeze", ("root",), (0.05, 0.3)), Step("stop", ASKERS), (0.0, 0.2)),
     (Step("freeze", (CALLER,)), Step("kill", ("root",)), (0.0, 0.15)),
 )
+_OF_ANY_WIRE = tuple(
+    recipe for recipe in RECIPES if all(step.kind not in BUS for step in recipe if isinstance(step, Step))
+)
 SERVICE_RECIPES: tuple[Recipe, ...] = (
     (Step("out of reach", ("",), (0.05, 1.2)), Step("stop", ASKERS), (0.0, 0.6)),
     (Step("out of reach", ("",), (0.05, 1.2)), Step("kill", ("wire", "root", CALLER)), (0.0, 0.6)),
@@ -145,10 +172,35 @@ SERVICE_RECIPES: tuple[Recipe, ...] = (
     (Step("slow service", ("",), (0.3, 1.5)), Step("freeze", ("wire", "root", CALLER)), (0.0, 0.6)),
     (Step("stop", ASKERS), Step("resume", ASKERS), (0.0, 0.4)),
     (Step("kill", ("wire", "standby")), Step("resume", ASKERS), (0.0, 0.7)),
-    *(recipe for recipe in RECIPES if all(step.kind not in BUS for step in recipe if isinstance(step, Step))),
+    *_OF_ANY_WIRE,
 )
-"""Things that are dangerous beside each other, and how many seconds each comes after the one
-before."""
+SESSION_RECIPES: tuple[Recipe, ...] = (
+    (Step("hold replies", ("",), (0.3, 1.2)), Step("stop", ASKERS), (0.1, 1.2)),
+    (Step("pull", ("",), (0.1, 0.7)), Step("stop", ASKERS), (0.0, 0.9)),
+    (Step("pull", ("",), (0.1, 0.7)), Step("resume", ASKERS), (0.0, 0.9)),
+    (Step("stall", ("",), (0.02, 1.0)), Step("stop", ASKERS), (0.0, 0.6)),
+    (Step("stall", ("",), (0.02, 1.0)), Step("release", (CALLER,)), (0.0, 0.6)),
+    (Step("stall", ("",), (0.02, 1.0)), Step("kill", ("wire", "root", CALLER)), (0.0, 0.6)),
+    (Step("resume", ASKERS), Step("stall", ("",), (0.02, 1.0)), (0.0, 0.02)),
+    (Step("reset", ("",)), Step("kill", ("wire", "root")), (0.0, 0.2)),
+    (Step("reset", ("",)), Step("stop", ASKERS), (0.0, 0.3)),
+    (Step("mute", ("",), (0.1, 1.0)), Step("release", (CALLER,)), (0.0, 0.6)),
+    *_OF_ANY_WIRE,
+)
+NETWORK_RECIPES: tuple[Recipe, ...] = (
+    (Step("lose replies", ("",), (0.1, 1.2)), Step("stop", ASKERS), (0.0, 1.2)),
+    (Step("pull", ("",), (0.05, 0.7)), Step("stop", ASKERS), (0.0, 0.9)),
+    (Step("pull", ("",), (0.05, 0.7)), Step("kill", ("wire", "root", CALLER)), (0.0, 0.7)),
+    (Step("stall", ("",), (0.02, 1.0)), Step("stop", ASKERS), (0.0, 0.6)),
+    (Step("stall", ("",), (0.02, 1.0)), Step("kill", ("wire", "root", CALLER)), (0.0, 0.6)),
+    (Step("late", ("",), (0.1, 0.7)), Step("kill", ("wire", CALLER)), (0.0, 0.5)),
+    (Step("drop", ("",), (0.1, 0.7)), Step("release", (CALLER,)), (0.0, 0.5)),
+    (Step("brown out", ("",)), Step("stop", ASKERS), (0.0, 0.5)),
+    *_OF_ANY_WIRE,
+)
+RECIPES_OF = {"so101": RECIPES, "xarm7": SESSION_RECIPES, "unitree_go2": NETWORK_RECIPES}
+"""By robot; of the others: those of services. Things that are dangerous beside each other, and how
+many seconds each comes after the one before."""
 
 
 def plan_of(seed: int, robot: str) -> Plan:
@@ -169,7 +221,7 @@ def plan_of(seed: int, robot: str) -> Plan:
 
 
 def _recipe(rng: random.Random, robot: str) -> list[Event]:
-    recipe = rng.choice(RECIPES if WIRE_FAULTS[robot] is BUS else SERVICE_RECIPES)
+    recipe = rng.choice(RECIPES_OF.get(robot, SERVICE_RECIPES))
     first, second, gap_s = recipe[0], recipe[1], recipe[2]
     at_s = BOOT_S + 0.9 * rng.random()
     steps = [(first, at_s), (second, at_s := max(0.0, at_s + rng.uniform(*gap_s)))]

@@ -15,7 +15,8 @@ SPEED_RAD_S = 5.8
 class Joints:
     """Has what a servo's twin asks of its plant."""
 
-    def __init__(self, names: Sequence[str]) -> None:
+    def __init__(self, names: Sequence[str], speed_rad_s: float = SPEED_RAD_S) -> None:
+        self._speed_rad_s = speed_rad_s
         size = len(names)
         self.joints = tuple(names)
         self.spec = None
@@ -32,7 +33,7 @@ class Joints:
         passed_s, self.time_s = now_s - self.time_s, now_s
         if passed_s <= 0.0:
             return
-        most_rad = SPEED_RAD_S * passed_s
+        most_rad = self._speed_rad_s * passed_s
         for at, here_rad in enumerate(self.position_rad):
             moves = self.energised[at] and not self._stuck[at]
             step_rad = max(-most_rad, min(most_rad, self.targets_rad[at] - here_rad)) if moves else 0.0

@@ -21,6 +21,8 @@ class Frame(NamedTuple):
     """What the robot was told, and how that left it."""
 
     t_s: float
+    left_s: float
+    """When who wrote it had written it. A network may keep it for a while."""
     role: str  # of the process that wrote it
     kind: str  # as the twin's log names it: setpoint, safe, enable
     safe_state: str

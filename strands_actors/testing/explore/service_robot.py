@@ -113,9 +113,10 @@ class ServiceRobot(RobotModel):
     def note(self, kind: str, safe_state: str, before: Sequence[float], energised: frozenset[int]) -> None:
         """Log a frame that the robot took."""
         role, was = self.world.current.role, self.energised_log[-1][1]
+        now_s = self.world.now_s
         goals, earlier = _numbered(self.peer.told), _numbered(before)
         self.frames.append(
-            Frame(self.world.now_s, role, kind, str(safe_state), goals, earlier, {}, earlier, was, energised)
+            Frame(now_s, now_s, role, kind, str(safe_state), goals, earlier, {}, earlier, was, energised)
         )
         self.log_energised(energised)
         self.world.note("wire", role, f"{kind} {safe_state} {goals}")

@@ -216,6 +216,7 @@ class ServoArm(RobotModel):
         goals = self._before = self._goals()
         frame = Frame(
             self.world.now_s,
+            self.world.now_s,
             role,
             exchange.kind,
             str(exchange.safe_state or ""),

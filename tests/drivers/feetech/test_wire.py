@@ -117,6 +117,23 @@ def test_in_the_quiet_time_the_last_observation_is_returned_at_once() -> None:
     virtual(main)
 
 
+def test_a_read_that_was_cut_short_and_is_never_answered_costs_the_next_one_its_time_alone() -> None:
+    async def main() -> None:
+        rig = await FeetechRig().armed()
+        last = await rig.wire.read()
+        rig.bus.set_fault(Fault.OFF)
+        with trio.move_on_after(0.0005) as cut:
+            await rig.wire.read()
+        assert cut.cancelled_caught
+        assert await rig.wire.read() is last
+        with pytest.raises(WireDown, match="no servo of so101 answers"), trio.fail_after(3):
+            while True:
+                await rig.wire.read()
+                await trio.sleep(0.01)
+
+    virtual(main)
+
+
 def test_a_bus_that_falls_silent_is_a_lost_link() -> None:
     async def main() -> None:
         rig = await FeetechRig().armed()

@@ -18,7 +18,7 @@ import pytest
 from strands_actors import Robot
 from strands_actors.contract.driver import Reason
 from strands_actors.contract.loading import load
-from strands_actors.drivers import LEROBOT, canonical_name, list_driver_coverage
+from strands_actors.drivers import LEROBOT, canonical_name, lerobot_missing, list_driver_coverage
 from strands_actors.drivers.plain.lerobot.follower import class_of
 from strands_actors.testing import Twin
 from tests.answers import json_of, state, status, until, why
@@ -83,6 +83,13 @@ def test_without_lerobot_the_line_that_installs_it_is_told() -> None:
         Robot("omx", mode="real", port="/dev/ttyACM0")
     with pytest.raises(ValueError, match="LeRobot has no class for ur5e"):
         Robot("ur5e", mode="real", port="192.0.2.1", driver="lerobot")
+
+
+def test_what_a_lerobot_that_is_there_lacks_is_told(lerobot: None) -> None:
+    assert lerobot_missing("so101") == ""
+    assert lerobot_missing("omx") == "pip install -U 'lerobot[dynamixel]'"  # the stand-in is too old for it
+    assert lerobot_missing("reachy2") == ""
+    assert lerobot_missing("unitree_g1").endswith(", and unitree_sdk2py, from Unitree")
 
 
 @pytest.mark.parametrize(

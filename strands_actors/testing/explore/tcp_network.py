@@ -1,0 +1,265 @@
+"""TCP between the processes of a tree and one controller, in memory: streams in order, each way held
+up for as long as it is cut, ended by a reset.
+
+What a process has written when it is killed, and the cable has not taken, is gone; what the
+controller's system has taken is read by the controller, before or after the end that follows it.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections import deque
+from collections.abc import Callable
+from typing import NamedTuple, Protocol
+
+import trio
+
+from strands_actors.contract.driver import WireDown
+
+from .world import Process, World
+
+CONNECT_S = 0.5
+"""As long as ``open_tcp`` waits."""
+AGAIN_S = 0.2
+"""Until what was held up is sent again, at most, once the way is free [assumed]."""
+
+
+class Piece(NamedTuple):
+    """What one ``write`` hands over. ``left_s``: when."""
+
+    left_s: float
+    role: str  # of the process
+    data: bytes
+
+
+class Hearer(Protocol):
+    """The controller's side of one connection."""
+
+    def hear(self, piece: Piece) -> None: ...
+
+    def ended(self) -> None: ...
+
+
+class TcpNetwork:
+    """One controller's network. Its public attributes are what is wrong with it."""
+
+    def __init__(self, world: World, accept: Callable[[SimStream], Hearer]) -> None:
+        self.world = world
+        self.streams: list[SimStream] = []  # that the controller knows
+        self.stalled = False  # the controller neither reads nor says anything
+        self.late_s = 0.0
+        self._accept = accept
+        self._cut: dict[str, bool] = {"out": False, "in": False}
+        self._rng = world.rng("network")
+
+    async def open(self, host: str, port: int) -> SimStream:
+        """As ``open_tcp``."""
+        process = self.world.current
+        await trio.sleep(self._way_s())
+        if self._cut["out"] or self._cut["in"]:
+            await trio.sleep(CONNECT_S)
+            raise WireDown(f"{host}:{port}: cannot connect (no answer within {CONNECT_S:g} s)")
+        stream = SimStream(self, process, f"{host}:{port}", port)
+        self.streams.append(stream)
+        stream.hearer = self._accept(stream)
+        return stream
+
+    def is_cut(self, way: str) -> bool:
+        return self._cut[way]
+
+    def cut(self, *ways: str) -> None:
+        """``out``: from us; ``in``: to us."""
+        for way in ways:
+            self._cut[way] = True
+
+    def mend(self, *ways: str) -> None:
+        for way in ways:
+            if self._cut[way]:
+                self._cut[way] = False
+                for stream in list(self.streams):
+                    stream.flush(way, AGAIN_S * self._rng.random())
+
+    def go_on(self) -> None:
+        """After a stall: take up what waits, connection by connection, in any order."""
+        if self.stalled:
+            self.stalled = False
+            waiting = list(self.streams)
+            self._rng.shuffle(waiting)
+            for stream in waiting:
+                stream.take_up()
+
+    def reset(self) -> None:
+        """The controller ends every connection."""
+        for stream in list(self.streams):
+            stream.end_by_robot()
+
+    def forget(self, stream: SimStream) -> None:
+        if stream in self.streams:
+            self.streams.remove(stream)
+            stream.hearer.ended()
+
+    def _way_s(self) -> float:
+        return 50e-6 + 150e-6 * self._rng.random()
+
+    def due_s(self, last_s: float, more_s: float = 0.0) -> float:
+        """Return when what is sent now arrives: not before what was sent before it."""
+        late_s = self.late_s * self._rng.random() if self.late_s else 0.0
+        return max(last_s, self.world.now_s + self._way_s() + late_s + more_s)
+
+
+class SimStream:
+    """Takes the place of a ``TcpPort``; for the controller it is the connection to that client."""
+
+    def __init__(self, network: TcpNetwork, process: Process, name: str, port: int) -> None:
+        self.network = network
+        self.process = process
+        self.name = name
+        self.port = port
+        self.hearer: Hearer
+        self._closed = False
+        self._gone = False  # the controller has ended it, and we were told
+        self._unsent: deque[Piece | None] = deque()  # None: the end
+        self._untaken: deque[Piece | None] = deque()  # by a controller that stalls
+        self._unheard: deque[bytes | None] = deque()  # on the way to us
+        self._coming: list[tuple[float, int, bytes]] = []
+        self._number = 0
+        self._arrives_s = self._comes_s = 0.0
+        self._news = trio.Event()
+        self._waits = False
+        process.at_end.append(self._die)
+
+    # -- ours
+
+    def write(self, data: bytes) -> None:
+        if self.process.dead:
+            return
+        self._check()
+        self._put(Piece(self.network.world.now_s, self.process.role, data))
+
+    async def read(self) -> bytes:
+        while True:
+            await trio.lowlevel.checkpoint()
+            data = self.read_waiting()
+            if data is not None:
+                return data
+            self._news = trio.Event()
+            self._waits = True
+            try:
+                if self._coming:
+                    self.network.world.at(self._coming[0][0], self._wake)
+                await self._news.wait()
+            finally:
+                self._waits = False
+
+    def read_waiting(self) -> bytes | None:
+        data, coming, now_s = b"", self._coming, self.network.world.now_s
+        while coming and coming[0][0] <= now_s:
+            data += heapq.heappop(coming)[2]
+        if data:
+            return data
+        self._check()
+        return None
+
+    def close(self) -> None:
+        """With a reset: what has not left is thrown away."""
+        if not self._closed and not self.process.dead:
+            self._unsent.clear()
+            self._end()
+
+    def close_in_order(self) -> None:
+        if not self._closed and not self.process.dead:
+            self._end()
+
+    def _die(self) -> None:
+        if not self._closed:
+            self._unsent.clear()
+            self._end()
+
+    def _end(self) -> None:
+        self._closed = True
+        if self._waits and not self.process.dead:
+            self._news.set()
+        if self._gone:
+            self.network.forget(self)
+        elif not self.network.is_cut("out") or self._unsent:
+            self._put(None)
+        # else its end is lost with the cable: the controller keeps half of a connection
+
+    def _check(self) -> None:
+        if self._closed or self._gone:
+            why = "the connection is closed. Reconnect" if self._closed else "the connection is gone. Check cable"
+            raise WireDown(f"{self.name}: {why}")
+
+    def _wake(self) -> None:
+        if self._waits and not self.process.dead:
+            self.process.post(self._news.set)
+
+    # -- on the way
+
+    def _put(self, piece: Piece | None, more_s: float = 0.0) -> None:
+        if self.network.is_cut("out"):
+            self._unsent.append(piece)
+            return
+        self._arrives_s = self.network.due_s(self._arrives_s, more_s)
+        self.network.world.at(self._arrives_s, lambda: self._arrive(piece))
+
+    def flush(self, way: str, pause_s: float) -> None:
+        """The way is free again."""
+        if way == "out":
+            unsent, self._unsent = self._unsent, deque()
+            for piece in unsent:
+                self._put(piece, pause_s)
+        else:
+            unheard, self._unheard = self._unheard, deque()
+            for data in unheard:
+                self._say(data, pause_s)
+
+    def _arrive(self, piece: Piece | None) -> None:
+        if self.network.stalled:
+            self._untaken.append(piece)
+        else:
+            self._take(piece)
+
+    def take_up(self) -> None:
+        untaken, self._untaken = self._untaken, deque()
+        for piece in untaken:
+            self._take(piece)
+
+    def _take(self, piece: Piece | None) -> None:
+        if self not in self.network.streams:
+            self.end_by_robot()  # it knows of no such connection
+        elif piece is None:
+            self.network.forget(self)
+        else:
+            self.hearer.hear(piece)
+
+    # -- the controller's
+
+    def send(self, data: bytes) -> None:
+        self._say(data)
+
+    def end_by_robot(self) -> None:
+        self._untaken.clear()
+        self.network.forget(self)
+        self._say(None)
+
+    def _say(self, data: bytes | None, more_s: float = 0.0) -> None:
+        if self._closed:
+            return
+        network = self.network
+        if network.is_cut("in"):
+            if data is not None:  # a reset is said once
+                self._unheard.append(data)
+            return
+        self._comes_s = network.due_s(self._comes_s, more_s)
+        if data is None:
+            network.world.at(self._comes_s, self._lose)
+            return
+        self._number += 1
+        heapq.heappush(self._coming, (self._comes_s, self._number, data))
+        if self._waits:
+            network.world.at(self._comes_s, self._wake)
+
+    def _lose(self) -> None:
+        self._gone = True
+        self._wake()

@@ -1,0 +1,106 @@
+"""The kill matrix of LeRobot's own robot classes under our tree, by hand, in one of the environments:
+
+    python -m tests.lerobot.matrix so101,koch --repeats 10 -o docs/kill-matrix-lerobot.md
+
+It is measured as every other column is (``strands-actors matrix``), on the same twins. Columns are
+of a robot and a version of LeRobot; those that are not measured stay on the page. ``--resume FILE``
+keeps each trial, and goes on with those that are there. ``--only VICTIM`` measures those cells.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import tempfile
+from collections.abc import Iterator
+from importlib.metadata import version
+from pathlib import Path
+
+from strands_actors.contract.driver import Driver
+from strands_actors.testing import bench, twin
+from strands_actors.testing.cells import run_cell, tries
+from strands_actors.testing.faults import Cell, cells_of
+from strands_actors.testing.matrix import rows_of, summary
+from strands_actors.testing.matrix_page import columns_of, encode, load, page
+from strands_actors.testing.trials import Trials, trial
+
+from . import measured
+
+IMPORTS_S = 240.0
+"""For a process to import torch, on a busy machine."""
+INTRODUCTION = """\
+# Kill matrix of LeRobot's own robot classes
+
+Measured as [kill-matrix.md](kill-matrix.md), whose columns explain themselves there, and on the
+same twins; but the wire process has LeRobot's own object (`driver="lerobot"`), and LeRobot's own
+code writes to the bus. This page was made by `python -m tests.lerobot.matrix so101,koch
+--repeats {repeats} -o docs/kill-matrix-lerobot.md`, in the environments of `python -m tests
+lerobot`. What cannot be promised of such a robot stands in [lerobot.md](lerobot.md).
+
+The bounds are those of a process that holds torch: the driver's own is a second and not 50 ms, and
+0.3 s without a heartbeat are frozen, not 0.1 s.
+"""
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="python -m tests.lerobot.matrix")
+    parser.add_argument("robots")
+    parser.add_argument("--repeats", type=int, default=1)
+    parser.add_argument("--resume", type=Path)
+    parser.add_argument("--only", default="")
+    parser.add_argument("-o", dest="out", type=Path)
+    given = parser.parse_args()
+    twin.PATIENCE_S = bench.START_S = IMPORTS_S
+    with tempfile.TemporaryDirectory(prefix="matrix-") as folder:
+        os.environ |= {"HF_HOME": folder, "HF_HUB_OFFLINE": "1"}
+        measured.calibrate(Path(folder))
+        return _measure(given)
+
+
+def _measure(given: argparse.Namespace) -> int:
+    drivers = {robot: measured.CLASSES[robot] for robot in given.robots.split(",")}
+    trials = Trials(given.resume, 1)
+
+    def cells(driver: Driver) -> Iterator[Cell]:
+        return (cell for cell in cells_of(driver) if not given.only or cell.victim == given.only)
+
+    problems = []
+    for robot, driver_class in drivers.items():
+        with bench.Bench(robot, driver_class) as its_bench:
+            for cell in cells(its_bench.driver):
+                try:
+                    _try(cell, its_bench, trials, given.repeats)
+                except bench.NotMoving as why:
+                    problems.append(str(why))
+    rows = list(rows_of(drivers, trials, cells))
+    columns = {
+        f"{robot}, lerobot {version('lerobot')}": column for robot, column in columns_of(rows, trials).items()
+    }
+    if given.out is None:
+        print(page(columns, INTRODUCTION))
+    else:
+        columns = load(given.out.with_suffix(".json")) | columns
+        given.out.with_suffix(".json").write_bytes(encode(columns))
+        given.out.write_text(page(columns, INTRODUCTION))
+    print(*problems, sep="\n")
+    return 1 if problems or not all(row.safe for row in rows) else 0
+
+
+def _try(cell: Cell, its_bench: bench.Bench, trials: Trials, repeats: int) -> None:
+    """Make the trials that the cell lacks. Raise ``NotMoving``."""
+    known = sum(not outcome.disturbed for outcome in trials.of(its_bench.robot, cell))
+    if cell.why_not or known >= repeats:
+        return
+    for outcome in tries(cell, its_bench, repeats - known, run_cell):
+        trials.add(trial(its_bench.robot, outcome))
+        row = summary(its_bench.robot, cell, [outcome])
+        shown = "disturbed" if outcome.disturbed else f"{outcome.safe_ms:.0f} of {row.bound_ms:.0f} ms"
+        print(
+            f"{row.robot} {cell}: {row.safe_state} {shown}, {row.setpoints_after} after. {outcome.story}",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    sys.exit(main())
