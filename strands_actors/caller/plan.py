@@ -186,6 +186,8 @@ def _read(
     drill_age_s = None if require_drill is None else parse_age_s(require_drill)
     if chosen_mode == "auto":
         port, chosen_mode = _look_around(driver_class, port, transport) if at is None else (port, "real")
+    if chosen_mode == "real":
+        port = _port(driver_class, port)
     if chosen_mode == "real" and transport == "serial" and _is_serial(driver_class):
         transport = None  # the page's word for a port
     return (
@@ -268,6 +270,20 @@ def _spelled(driver_class: type[Any], options: Mapping[str, Any]) -> dict[str, A
             raise ValueError(f"Robot: {other} and {keyword} are both given. they are the same: give one of them")
         told[own] = value
     return told
+
+
+def _port(driver_class: type[Any], port: Any) -> str | None:
+    """As text, or None where nothing is said: a blank is no place. Raise ``TypeError``,
+    ``ValueError``."""
+    if port is None:
+        return None
+    if not isinstance(port, str | os.PathLike) or not isinstance(text := os.fspath(port), str):
+        raise TypeError(f"Robot: port is {port!r}. give a path or an address, as text")
+    if not text.strip():
+        return None
+    if any(letter.isspace() for letter in text) and not _is_serial(driver_class):
+        raise ValueError(f"Robot: port is {text!r}. give an address, without spaces")
+    return text
 
 
 def _is_serial(driver_class: type[Any]) -> bool:
@@ -464,7 +480,8 @@ def _check_hardware(wanted: Wanted, driver_class: type[Any]) -> None:
     name, transport = driver_name(driver_class), wanted.transport
     offered = tuple(getattr(driver_class, "TRANSPORTS", ()))
     if transport is not None and transport not in offered:
-        raise ValueError(f"Robot: {name} has no transport {transport!r}. it offers {', '.join(offered) or 'none'}")
+        words = (*offered, "serial") if _is_serial(driver_class) else offered
+        raise ValueError(f"Robot: {name} has no transport {transport!r}. it offers {', '.join(words) or 'none'}")
     if wanted.sim is not None and transport != TWIN:
         raise ValueError(
             "Robot: sim= is what a twin is made of: add transport='twin'. "
@@ -491,7 +508,8 @@ def _twin_process_of(wanted: Wanted) -> TwinProcess:
 
 def _missing_port(robot: str, driver_class: type[Any]) -> str:
     if driver_class.PORT_KIND != "serial":
-        return f"Robot: {robot} needs 'port', its address: Robot({robot!r}, mode='real', port='192.0.2.10')"
+        like = getattr(driver_class, "PORT_LIKE", "192.0.2.10")
+        return f"Robot: {robot} needs 'port', its address: Robot({robot!r}, mode='real', port={like!r})"
     from serial.tools import list_ports
 
     found = ", ".join(sorted(port.device for port in list_ports.comports())) or "none"
