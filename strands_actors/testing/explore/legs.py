@@ -221,7 +221,7 @@ class LeggedRobot(RobotModel):
 
     def _join(self) -> None:
         participant = self._participant = Participant(0, HOST, (), False, clock=_WorldClock(self.world))
-        family = self.driver.config.model.family  # type: ignore[attr-defined]
+        family = self.driver.config.model.family
         self._state_writer = participant.writer(protocol.STATE_TOPIC, protocol.state_type(family))
         participant.reader(protocol.COMMAND_TOPIC, protocol.command_type(family), self._on_command)
         service = rpc.MOTION_SWITCHER
