@@ -21,6 +21,9 @@ OpenStream = Callable[[str, int], Awaitable[ByteStream]]
 REOPEN_S = 0.2
 """Pause before a connection that the service has closed is made anew."""
 
+IDLE_S = 2.0
+"""A connection on which nothing was said for so long takes no command: services close such ones
+(uvicorn and hypercorn after 5 s), and what is sent just then is never answered."""
 
 KEPT = 8
 """Responses that nobody has asked for yet."""
@@ -36,6 +39,7 @@ class HttpPort:
         self._stream: ByteStream | None = None
         self._decoder = ResponseDecoder()
         self._sent = self._heard = 0  # requests, and responses to them, on this connection
+        self._used_s = 0.0  # when it was last opened, sent to or heard
         self._responses: dict[int, Response] = {}  # the newest few, by number
         self._reader: trio.CancelScope | None = None  # whoever reads does it for all
         self._news = trio.Event()
@@ -53,8 +57,17 @@ class HttpPort:
         """Connect anew. Raise ``WireDown``."""
         self.close()
         stream = await self._open_stream(*self._where)
-        self.close()  # somebody else may have been quicker
+        if self._stream is not None:  # somebody else was quicker, and may have sent on it
+            stream.close()
+            return
         self._stream, self._decoder = stream, ResponseDecoder()
+        self._used_s = trio.current_time()
+
+    async def ready(self) -> None:
+        """Connect anew unless there is a connection that was used lately, or owes an answer. Raise
+        ``WireDown``."""
+        if self._stream is None or (not self.waits and trio.current_time() - self._used_s > IDLE_S):
+            await self.open()
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         """Keep a connection open until cancelled. ``started`` with the first; raise ``WireDown``
@@ -86,6 +99,7 @@ class HttpPort:
             self.close()
             raise
         self._sent += 1
+        self._used_s = trio.current_time()
         return self._sent
 
     async def answer(self, number: int, within_s: float) -> Response:
@@ -141,6 +155,7 @@ class HttpPort:
             self._wake()
         if self._stream is not stream:
             return
+        self._used_s = trio.current_time()
         try:
             for response in self._decoder.feed(data):
                 self._heard += 1
