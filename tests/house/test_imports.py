@@ -4,6 +4,7 @@ by reading the code."""
 from __future__ import annotations
 
 import ast
+import functools
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -56,10 +57,15 @@ def _walk(node: ast.AST, package: str, is_lazy: bool) -> Iterator[Import]:
 
 
 MODULES = modules_below(ROOT, PACKAGE)
-IMPORTS = {
-    name: list(imports_of(name, path.name == "__init__.py", path.read_text()))
-    for name, path in sorted(MODULES.items())
-}
+
+
+@functools.cache
+def all_imports() -> dict[str, list[Import]]:
+    """Of every module. By a test: whoever only collects the tests need not read the whole package."""
+    return {
+        name: list(imports_of(name, path.name == "__init__.py", path.read_text()))
+        for name, path in sorted(MODULES.items())
+    }
 
 
 def module_of(target: str) -> str:
@@ -140,14 +146,14 @@ def test_the_walk_sees_the_whole_package() -> None:
     ):
         assert name in MODULES
     assert not any("/." in str(path) for path in MODULES.values())
-    assert {target for _, target, _ in IMPORTS[f"{PACKAGE}.supervisors.gate.gate"]} & {
+    assert {target for _, target, _ in all_imports()[f"{PACKAGE}.supervisors.gate.gate"]} & {
         f"{PACKAGE}.kernel.actor.Actor"
     }
 
 
 @pytest.mark.parametrize("name", MODULES)
 def test_a_module_imports_only_what_is_below_it(name: str) -> None:
-    assert faults(name, IMPORTS[name]) == []
+    assert faults(name, all_imports()[name]) == []
 
 
 def test_no_module_imports_itself_by_a_detour() -> None:
@@ -160,7 +166,7 @@ def test_no_module_imports_itself_by_a_detour() -> None:
             if is_in(target, PACKAGE) and not (is_lazy and name in lazy)
         }
         - {name}
-        for name, imports in IMPORTS.items()
+        for name, imports in all_imports().items()
     }
     assert cycles({name: targets & set(graph) for name, targets in graph.items()}) == []
 
