@@ -12,10 +12,14 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+from .forked import fork_what_is_started_here
+
 pytest_plugins = ["strands_actors.pytest_plugin"]  # as if the package were installed with its entry point
 
 collect_ignore = ["lerobot"]
 """Asked for by itself: ``python -m tests lerobot``."""
+
+fork_what_is_started_here()
 
 # Whoever runs the tests in the background may have had these ignored, and the processes under test
 # with them.

@@ -10,14 +10,32 @@ The pytest plugin (``strands_actors.pytest_plugin``) has the fixtures ``strands_
 ``strands_robot``.
 """
 
-from .bench import Bench, NotMoving
-from .cells import Outcome, run_cell
-from .conformance import Check, Result, check_driver, conformance
-from .fake import FakeDriver, FakeHardware, Written
-from .faults import Cell, Faults, Victims, cells_of
-from .inline import InlineTree, open_inline_tree, run_virtual
-from .twin import Twin
-from .wirelog import Entry, WireLog
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .bench import Bench, NotMoving
+    from .cells import Outcome, run_cell
+    from .checks import Check, Result, check_driver, conformance
+    from .fake import FakeDriver, FakeHardware, Written
+    from .faults import Cell, Faults, Victims, cells_of
+    from .inline import InlineTree, open_inline_tree, run_virtual
+    from .twin import Twin
+    from .wirelog import Entry, WireLog
+
+# Imported when asked for: processes of a bench are of this package, too, and need none of the rest.
+_WHERE = {
+    "bench": ("Bench", "NotMoving"),
+    "cells": ("Outcome", "run_cell"),
+    "checks": ("Check", "Result", "check_driver", "conformance"),
+    "fake": ("FakeDriver", "FakeHardware", "Written"),
+    "faults": ("Cell", "Faults", "Victims", "cells_of"),
+    "inline": ("InlineTree", "open_inline_tree", "run_virtual"),
+    "twin": ("Twin",),
+    "wirelog": ("Entry", "WireLog"),
+}
 
 __all__ = [
     "Bench",
@@ -42,3 +60,14 @@ __all__ = [
     "run_cell",
     "run_virtual",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    for module, names in _WHERE.items():
+        if name in names:
+            return getattr(import_module(f"{__name__}.{module}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return list(__all__)

@@ -9,6 +9,7 @@ Control lines take effect when the twin has read them: wait for what they cause.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import socket
@@ -18,22 +19,23 @@ import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 import trio
 
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.loading import load
-from strands_actors.kernel.processes.interpreter import PYTHON, environment
 
-from .registering import where_is
+from .fork_server import Forked, twin_server
+from .registering import register, where_is
 from .wirelog import WireLog
 
 PATIENCE_S = 20.0
 """For a busy machine; nothing here takes a second on a free one."""
 
-_PROGRAM = "from strands_actors.surfaces.cli import main; main()"
+_SERVE = "strands_actors.surfaces.cli.robots:serve_twin"
+_PROBLEM = "strands_actors.surfaces.cli.errors:Problem"
 _BY_HAND = "strands_actors.drivers.sim.world:move_by_hand"
-_REGISTER = "from strands_actors.testing.registering import register; register({where!r}, {robot!r}); "
 
 
 class Twin:
@@ -59,30 +61,27 @@ class Twin:
         self._options = options or {}
         self._control = directory / "control" if by_hand else None
         self._hand: dict[str, float] = {}
-        self._program = _PROGRAM
-        if driver is not None:
-            self._program = _REGISTER.format(where=where_is(driver), robot=robot) + _PROGRAM
+        self._driver = driver
 
     def __enter__(self) -> Twin:
-        arguments = ["twin", self.robot, "--port-file", str(self._port_file), "--log", str(self.log.path)]
-        if self._fault is not None:
-            arguments += ["--fault", self._fault]
-        for name, value in self._options.items():
-            arguments += ["--option", f"{name}={value}"]
-        if self._control is not None:
-            arguments += ["--control", str(self._control)]
+        arguments: dict[str, Any] = {
+            "robot": self.robot,
+            "port_file": str(self._port_file),
+            "log": str(self.log.path),
+            "fault": self._fault,
+            "control": None if self._control is None else str(self._control),
+            "options": [f"{name}={value}" for name, value in self._options.items()],
+            "driver": "" if self._driver is None else where_is(self._driver),
+        }
         self._port_file.unlink(missing_ok=True)  # of a twin before it, in the same directory
         theirs, self._ours = os.pipe()  # ends with this process, however that ends
-        with self._errors.open("w") as errors, open(theirs, "rb") as parent:
-            self.process = subprocess.Popen(
-                [*PYTHON, "-c", self._program, *arguments, "--parent-fd", str(parent.fileno())],
-                pass_fds=(parent.fileno(),),
-                stdin=subprocess.PIPE,
-                stdout=subprocess.DEVNULL,
-                stderr=errors,
-                text=True,
-                env=environment(),
-            )
+        stdin, lines = os.pipe()
+        self._lines = open(lines, "w")  # closed by _end
+        with self._errors.open("w") as errors, open(theirs, "rb") as parent, open(stdin, "rb") as reads:
+            forks = twin_server()
+            descriptors = reads.fileno(), errors.fileno()
+            pid = forks.fork(f"{__name__}:serve", arguments, descriptors, parent=parent.fileno())
+            self.process = Forked(forks, pid)
         try:
             self._wait(self._port_file.exists)
         except BaseException:
@@ -130,10 +129,9 @@ class Twin:
         self._command(line)
 
     def _command(self, line: str) -> None:
-        assert self.process.stdin is not None
         try:
-            self.process.stdin.write(line + "\n")
-            self.process.stdin.flush()
+            self._lines.write(line + "\n")
+            self._lines.flush()
         except BrokenPipeError:
             self.process.wait(PATIENCE_S)
             raise self._ended() from None
@@ -154,13 +152,26 @@ class Twin:
         self.go_on()  # a frozen process takes no SIGTERM
         self.process.send_signal(how)
         try:
-            self.process.communicate(timeout=PATIENCE_S)
+            self.process.wait(PATIENCE_S)
         except subprocess.TimeoutExpired:
             self.process.kill()
-            self.process.communicate()
+            self.process.wait()
             raise
         finally:
+            with contextlib.suppress(BrokenPipeError):  # half a line that it never took
+                self._lines.close()
             os.close(self._ours)
+
+
+def serve(driver: str, robot: str, **given: Any) -> None:
+    """In its process: what ``strands-actors twin`` does. ``driver``: see ``registering``."""
+    if driver:
+        register(driver, robot)
+    try:
+        load(_SERVE)(robot, **given)
+    except load(_PROBLEM) as problem:
+        print(problem, file=sys.stderr)
+        sys.exit(2)
 
 
 def _is_there(port: str) -> bool:

@@ -12,7 +12,7 @@ from strands_actors.contract.driver import Candidate, Driver, GateState, Reason,
 from strands_actors.drivers import get_native_driver_class, list_native_drivers
 from strands_actors.kernel.messages import Refused
 from strands_actors.testing import check_driver
-from strands_actors.testing.conformance import report
+from strands_actors.testing.checks import report
 from strands_actors.testing.fake_kinds import KindConfig
 
 from .blinky import Blinky

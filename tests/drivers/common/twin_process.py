@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -14,13 +12,10 @@ from typing import Any
 
 import serial
 
+from strands_actors.testing.fork_server import Forked, twin_server
+
 PATIENCE_S = 20.0
 """For a busy machine; nothing here takes a second on a free one."""
-
-PROGRAM = """
-import importlib, json, sys
-importlib.import_module(f"strands_actors.drivers.{sys.argv[1]}.twin").main(**json.loads(sys.argv[2]))
-"""
 
 
 def wait_until(condition: Callable[[], bool], what: str) -> None:
@@ -44,17 +39,22 @@ class TwinProcess:
         }
 
     def __enter__(self) -> TwinProcess:
-        inherited = self._arguments.get("parent_fd")
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", PROGRAM, self._wire, json.dumps(self._arguments)],
-            stdin=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            pass_fds=() if inherited is None else (inherited,),
-        )
+        main = f"strands_actors.drivers.{self._wire}.twin:main"
+        arguments = {**self._arguments}
+        inherited = arguments.pop("parent_fd", None)
+        (stdin, ours), (said, stderr) = os.pipe(), os.pipe()
+        lines, errors = open(ours, "wb"), open(said, "rb")
+        forks = twin_server()
+        try:
+            pid = forks.fork(main, arguments, (stdin, stderr), parent=inherited)
+        finally:
+            os.close(stdin)
+            os.close(stderr)
+        self.process = Forked(forks, pid, lines, errors)
         wait_until(lambda: self.port_file.exists() or self.process.poll() is not None, "serving")
         if self.process.poll() is not None:
             _, error = self.process.communicate()
-            raise RuntimeError(error.decode())
+            raise RuntimeError((error or b"").decode())
         self.port = self.port_file.read_text()
         return self
 

@@ -1,0 +1,282 @@
+"""Processes of tests are forked from one that has imported what they need: a twin that is executed
+computes for a second before it serves.
+
+The server has one thread and does nothing but fork. It imports what it is told before it begins,
+and nothing later: whoever asks for a child, perhaps with a robot running beside, waits for a fork
+alone. What a child lacks it imports itself.
+"""
+
+from __future__ import annotations
+
+import atexit
+import gc
+import importlib
+import json
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Mapping, Sequence
+from typing import IO, Any, NoReturn
+
+from strands_actors.contract.loading import load
+from strands_actors.kernel.processes import child
+from strands_actors.kernel.processes.interpreter import PYTHON, environment
+
+START_S = 60.0
+"""For the first fork, on a busy machine: what the server imports comes before it."""
+_MAX_MESSAGE = 1 << 17
+_MAX_DESCRIPTORS = 16
+_OF_TWINS = (
+    "strands_actors.drivers.common.jointed",  # with numpy and MuJoCo
+    "strands_actors.drivers.common.twin.process",
+    "strands_actors.surfaces.cli.robots",
+    "strands_actors.testing.twin",
+)
+_PROGRAM = "import sys; from strands_actors.testing.fork_server import main; main(int(sys.argv[1]), sys.argv[2:])"
+
+
+class Forked:
+    """A child of the server's, as ``subprocess.Popen`` shows one. ``stdin``, ``stderr``: this end
+    of its pipes."""
+
+    def __init__(
+        self, server: ForkServer, pid: int, stdin: IO[bytes] | None = None, stderr: IO[bytes] | None = None
+    ) -> None:
+        self.pid = pid
+        self.stdin = stdin
+        self.stderr = stderr
+        self.returncode: int | None = None
+        self._server = server
+
+    def poll(self) -> int | None:
+        if self.returncode is None:
+            self.returncode = self._server.code_of(self.pid, 0.0)
+        return self.returncode
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Raise ``subprocess.TimeoutExpired``."""
+        until_s = None if timeout is None else time.monotonic() + timeout
+        while self.returncode is None:
+            left_s = None if until_s is None else until_s - time.monotonic()
+            if timeout is not None and left_s is not None and left_s <= 0.0:
+                raise subprocess.TimeoutExpired(f"process {self.pid}", timeout)
+            self.returncode = self._server.code_of(self.pid, left_s)
+        return self.returncode
+
+    def communicate(self, timeout: float | None = None) -> tuple[None, bytes | None]:
+        """Wait for its end; what it said on stderr, which must fit into a pipe."""
+        self.wait(timeout)
+        told = None if self.stderr is None or self.stderr.closed else self.stderr.read()
+        for pipe in (self.stdin, self.stderr):
+            if pipe is not None:
+                pipe.close()
+        return None, told
+
+    def send_signal(self, number: int) -> None:
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def terminate(self) -> None:
+        self.send_signal(signal.SIGTERM)
+
+    def kill(self) -> None:
+        self.send_signal(signal.SIGKILL)
+
+
+class ForkServer:
+    """Ends with this process, or with ``close``; what it forked goes on. ``imports``: modules that
+    its children are born with."""
+
+    def __init__(self, imports: Sequence[str] = ()) -> None:
+        self._lock = threading.Lock()
+        self._codes: dict[int, int] = {}
+        self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with theirs:
+            self._process = subprocess.Popen(
+                [*PYTHON, "-c", _PROGRAM, str(theirs.fileno()), *imports],
+                env=environment(OPENBLAS_NUM_THREADS="1"),  # a process with threads must not fork
+                pass_fds=[theirs.fileno()],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+            )
+
+    @property
+    def alive(self) -> bool:
+        return self._process.poll() is None
+
+    def fork(
+        self,
+        call: str,
+        arguments: Mapping[str, Any],
+        descriptors: tuple[int, int],
+        *,
+        parent: int | None = None,
+        keep: Sequence[int] = (),
+    ) -> int:
+        """Fork a child that calls ``module:function`` with keyword arguments, in this process's
+        environment and directory; its pid. ``descriptors``: its stdin and stderr. ``parent``: a
+        descriptor that it is given as its ``parent_fd``. ``keep``: those that it has without being
+        told. Raise ``RuntimeError`` when the server is gone."""
+        request = {
+            "call": call,
+            "arguments": dict(arguments),
+            "environment": dict(environment()),
+            "directory": os.getcwd(),
+            "path": sys.path,
+            "has_parent": parent is not None,
+        }
+        sent = json.dumps(request).encode()
+        assert len(sent) < _MAX_MESSAGE
+        given = [*descriptors, *(() if parent is None else (parent,)), *keep]
+        with self._lock:
+            try:
+                socket.send_fds(self._socket, [sent], given)
+                while (told := self._hear(START_S)) is not None:
+                    if "pid" in told:
+                        return told["pid"]
+            except OSError:
+                pass  # said below
+        raise RuntimeError("the process that forks twins has ended, or does not answer")
+
+    def code_of(self, pid: int, within_s: float | None) -> int | None:
+        """The exit code of a child that has ended (negative: the signal); None: not yet. Raise
+        ``RuntimeError`` when the server is gone."""
+        until_s = None if within_s is None else time.monotonic() + within_s
+        while True:
+            with self._lock:
+                while pid not in self._codes and self._hear(0.0) is not None:
+                    pass
+                if pid in self._codes:
+                    return self._codes.pop(pid)
+            left_s = None if until_s is None else until_s - time.monotonic()
+            if left_s is not None and left_s <= 0.0:
+                return None
+            # Not for ever: another thread may have heard it.
+            select.select([self._socket], [], [], 0.1 if left_s is None else min(0.1, left_s))
+
+    def close(self) -> None:
+        self._socket.close()
+        self._process.kill()
+        self._process.wait()
+
+    def _hear(self, within_s: float) -> dict[str, int] | None:
+        """What it says next; None: nothing ``within_s``. Ends are noted."""
+        ready, _, _ = select.select([self._socket], [], [], within_s)
+        if not ready:
+            return None
+        said = self._socket.recv(_MAX_MESSAGE)
+        if not said:
+            raise RuntimeError("the process that forks twins has ended")
+        told: dict[str, int] = json.loads(said)
+        if "ended" in told:
+            self._codes[told["ended"]] = told["code"]
+        return told
+
+
+_servers: dict[str, tuple[int, ForkServer]] = {}
+_one_at_a_time = threading.Lock()
+
+
+def server(of: str, imports: Sequence[str]) -> ForkServer:
+    """That of this process; a new one, with ``imports``, if there is none or it has ended. ``of``:
+    who share one."""
+    with _one_at_a_time:
+        made_by, found = _servers.get(of, (0, None))
+        if found is None or made_by != os.getpid() or not found.alive:
+            found = ForkServer(imports)
+            _servers[of] = os.getpid(), found
+            atexit.register(found.close)
+        return found
+
+
+def twin_server() -> ForkServer:
+    return server("twins", _OF_TWINS)
+
+
+# -- in the server
+
+
+def main(fd: int, imports: Sequence[str]) -> None:
+    sock = socket.socket(fileno=fd)
+    for name in imports:
+        importlib.import_module(name)
+    gc.collect()
+    gc.freeze()  # a collection in a child would copy every page
+    woken, wake = os.pipe()
+    os.set_blocking(woken, False)
+    os.set_blocking(wake, False)
+    signal.signal(signal.SIGCHLD, lambda number, frame: None)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the tests, which end it
+    signal.set_wakeup_fd(wake, warn_on_full_buffer=False)
+    while True:
+        ready, _, _ = select.select([sock, woken], [], [])
+        if woken in ready:
+            os.read(woken, 4096)
+            _report_ends(sock)
+        if sock in ready:
+            said, descriptors, _, _ = socket.recv_fds(sock, _MAX_MESSAGE, _MAX_DESCRIPTORS)
+            if not said:
+                os._exit(0)
+            request = json.loads(said)
+            pid = os.fork()
+            if pid == 0:
+                for ours in (sock.fileno(), woken, wake):
+                    os.close(ours)
+                _run(request, descriptors)
+            for descriptor in descriptors:
+                os.close(descriptor)
+            sock.sendall(json.dumps({"pid": pid}).encode())
+
+
+def _report_ends(sock: socket.socket) -> None:
+    while True:
+        try:
+            pid, status = os.waitpid(-1, os.WNOHANG)
+        except ChildProcessError:
+            return
+        if pid == 0:
+            return
+        sock.sendall(json.dumps({"ended": pid, "code": os.waitstatus_to_exitcode(status)}).encode())
+
+
+def _run(request: Mapping[str, Any], descriptors: list[int]) -> NoReturn:
+    """In the child."""
+    code = 1
+    try:
+        signal.set_wakeup_fd(-1)
+        signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        arguments = request["arguments"]
+        for target, descriptor in zip((0, 2), descriptors[:2], strict=True):
+            os.dup2(descriptor, target)
+            os.close(descriptor)
+        if request["has_parent"]:
+            arguments["parent_fd"] = descriptors[2]
+        os.chdir(request["directory"])
+        os.environ.clear()
+        os.environ.update(request["environment"])
+        sys.path[:] = request["path"]
+        load(request["call"])(**arguments)
+        code = 0
+    except SystemExit as end:
+        code = end.code if isinstance(end.code, int) else int(end.code is not None)
+        if isinstance(end.code, str):
+            print(end.code, file=sys.stderr)
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        sys.stderr.flush()
+        os._exit(code)
+
+
+def be_child(parent_fd: int) -> None:
+    """In a child: be one as ``kernel.processes.process.execute`` makes it, told over ``parent_fd``
+    what to run."""
+    os.setpgid(0, 0)
+    child.main(parent_fd)
