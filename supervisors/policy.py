@@ -227,7 +227,7 @@ class Policy(Actor):
         return self._ended is None
 
     async def _ask(self, setpoint: Setpoint) -> bool:
-        """Whether it was accepted; the rollout has ended if not."""
+        """Send it. Return whether it was accepted; the rollout has ended if not."""
         try:
             answer = await self._gate.ask(setpoint, self._ask_s)
         except (AskTimeout, Unreachable) as failure:
@@ -270,7 +270,7 @@ class Policy(Actor):
             await self._end("policy", describe(error))
 
     def _ready(self) -> tuple[Infer, Callable[[int], None]]:
-        """The policy as a function, and what it is told before each inference."""
+        """Return the policy as a function, and what it is told before each inference."""
         policy = self._make()
         infer = as_infer(policy)
         prepare(policy, self._rollout.axes, 1.0 / self._rollout.period_s)

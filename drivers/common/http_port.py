@@ -46,7 +46,7 @@ class HttpPort:
 
     @property
     def waits(self) -> bool:
-        """Whether a request has not been answered."""
+        """Return whether a request has not been answered."""
         return self._sent != self._heard
 
     async def open(self) -> None:

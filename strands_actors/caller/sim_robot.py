@@ -42,9 +42,10 @@ class SimRobot(RealRobot):
         self._world = World(plan.twin_process)
 
     def render(self, width: int = 640, height: int = 480, camera: str | None = None) -> NDArray[numpy.uint8]:
-        """A picture, (height, width, 3), drawn without a window by EGL or OSMesa. ``camera``: None
-        for the whole robot, ``front``, ``side``, ``top``, or one of the scene's own. Raise ``SimulationError`` (a
-        ``RuntimeError``) that names the system package when neither is there."""
+        """Return a picture, (height, width, 3), drawn without a window by EGL or OSMesa.
+        ``camera``: None for the whole robot, ``front``, ``side``, ``top``, or one of the scene's
+        own. Raise ``SimulationError`` (a ``RuntimeError``) that names the system package when
+        neither is there."""
         return self._call(self._world.render, width, height, camera)
 
     def view(self) -> None:

@@ -376,7 +376,7 @@ class Tree:
         os._exit(0 if self.guardian.confirmed else UNCONFIRMED)
 
     async def _stop_by_gate(self, reason: Reason, by: str) -> StopReport | None:
-        """Its report, if every motor is confirmed. From then on it obeys nobody."""
+        """Return its report, if every motor is confirmed. From then on it obeys nobody."""
         within_s = StopDeadlines.of(self.driver.timing.safe_s).own_stop_s
         try:
             answer = await self.node.ref(self.at.gate, Gate).ask(Stop(reason, by), within_s)
