@@ -11,6 +11,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import os
+import re
 import warnings
 from collections.abc import Iterable, Mapping
 from typing import Any, Literal, NamedTuple
@@ -226,8 +227,8 @@ def register_robot(
     """Make a robot known by name, for this process. ``hardware={"driver": ...}`` says who drives
     it, ``strands`` or ``lerobot``; its class is ``register_native_driver``'s business.
     ``model_xml``: an MJCF or URDF file; ``Robot(name)`` simulates it. Raise ``ValueError`` for a
-    name that is known (unless ``overwrite``), for other keys and drivers, and for a file that is
-    not there."""
+    name that is known in any spelling (unless ``overwrite``) or cannot be one, for other keys and
+    drivers, and for a file that is not there."""
     _load()
     given = dict(hardware or {})
     driver = given.pop("driver", None)
@@ -235,16 +236,21 @@ def register_robot(
         raise ValueError(f"register_robot: hardware has no {', '.join(sorted(given))}. it takes driver")
     if driver not in (None, "strands", "lerobot"):
         raise ValueError(f"register_robot: hardware driver is {driver!r}. use 'strands' or 'lerobot'")
-    names = (_checked(name, "register_robot"), *aliases)
-    known = [one for one in names if one in {*_found, *_aliases, *_robots, *load(LEROBOT), *OTHER_ROBOTS}]
+    names = [_checked(one, "register_robot") for one in (name, *aliases)]
+    for one in names:
+        if not _NAME.match(one):
+            raise ValueError(f"register_robot: the name is {one!r}. use 1 to 64 of A-Z a-z 0-9 _ -")
+    taken = {_plain(one) for one in (*_known(), *_found, *SHORT_NAMES, *_aliases)}
+    known = [one for one in names if _plain(one) in taken]
     if known and not overwrite:
         raise ValueError(f"register_robot: {', '.join(known)} is known already. pass overwrite=True to replace it")
     if model_xml is not None and not os.path.isfile(os.path.expanduser(model_xml)):
         raise ValueError(f"register_robot: there is no file {os.fspath(model_xml)!r}. give an MJCF or a URDF")
-    _robots[name] = Registered(
+    robot = canonical_name(name)
+    _robots[robot] = Registered(
         driver, None if model_xml is None else os.path.abspath(os.path.expanduser(model_xml))
     )
-    _aliases.update(dict.fromkeys(names[1:], name))
+    _aliases.update(dict.fromkeys(names[1:], robot))
 
 
 def canonical_name(name: str) -> str:
@@ -257,6 +263,10 @@ def canonical_name(name: str) -> str:
         plain = _plain(name)
         name = next((each for each in known if _plain(each) == plain), name)
     return known.get(name, name)
+
+
+_NAME = re.compile(r"(?=.*[A-Za-z0-9])[A-Za-z0-9_-]{1,64}\Z")
+"""What a robot may be called: its name is a key of the mesh, and an agent's tool."""
 
 
 def _checked(name: object, who: str) -> str:

@@ -2,8 +2,9 @@
 
 The root knows whom it has started over which link; the wire has a session of its own for policies
 (``policy_access``). A policy runs code of others, so it may say what a rollout needs and nothing
-else. Whoever joins the mesh of this user, and the tree's own caller, may do what an operator may;
-what the parts of a tree report to each other counts over their own link alone.
+else. The tree's own caller knows the secret of its session and may do what an operator may; who
+joins the run directory's sockets may look, stop and resume, but move nothing. What the parts of a
+tree report to each other counts over their own link alone.
 """
 
 from __future__ import annotations
@@ -30,6 +31,8 @@ from .mesh.gateway_messages import Dated, Sync
 WRITES: frozenset[type[Message]] = frozenset({Setpoint, Acquire, Release, GetObservation, GetStatus, Stop})
 """What a rollout tells the gate. A stop is refused to nobody."""
 COMMANDS: frozenset[type[Message]] = WRITES | {Beat, Perform, Resume}
+ORDERS: frozenset[type[Message]] = frozenset({GetObservation, GetStatus, Stop, Resume})
+"""What who writes nothing tells the gate."""
 
 
 def _of(robot: str, process: str, names: tuple[str, ...], instruments: bool = True) -> frozenset[str]:
@@ -80,19 +83,40 @@ def of_policy(robot: str, name: str) -> Channel:
 
 
 def of_caller(robot: str, node: str) -> Channel:
-    """Return the channel whose other end is the process that started the tree. ``node``: its node's
-    address. Its policy may be there."""
-    return of_user(robot)._replace(hosts=frozenset({addresses.of(robot).policy}), nodes=node)
-
-
-def of_user(robot: str) -> Channel:
-    """Whoever joins the mesh of this user, under any name."""
+    """Return the channel whose other end is the process that started the tree: of its link, and of
+    the session that nobody enters without its secret. ``node``: its node's address. Its policy may
+    be there."""
     at = addresses.of(robot)
     tells: dict[str, Told] = dict.fromkeys((at.root, at.tasks))
     tells |= {at.gate: COMMANDS, at.guardian: frozenset({Fence})}
-    for process in ("root", "wire"):
-        tells |= {f"{PREFIX}/{path(process)}": None for path in (at.introspection, at.instrument)}
-    return Channel(tells=tells)
+    return Channel("", frozenset({at.policy}), node, tells | _inside(robot))
+
+
+def of_user(robot: str) -> Channel:
+    """Whoever comes in by a socket of the run directory, under any name: a program of this user.
+    None of them has a lease, nor ends the tree or a task."""
+    at = addresses.of(robot)
+    tells: dict[str, Told] = {at.gate: ORDERS, at.guardian: frozenset({Fence}), at.root: frozenset({Describe})}
+    return Channel("a visitor", tells=tells | _inside(robot))
+
+
+def of_visitors(robot: str, process: str) -> tuple[str, ...]:
+    """The actors of one process that visitors reach, by address."""
+    at = addresses.of(robot)
+    own = {"root": (at.root, at.guardian), "wire": (at.gate,)}[process]
+    return (*own, *(f"{PREFIX}/{path(process)}" for path in (at.introspection, at.instrument)))
+
+
+def shown(robot: str) -> str:
+    """Key on which visitors are told who tells whom what."""
+    return f"{PREFIX}/{robot}/shown"
+
+
+def _inside(robot: str) -> dict[str, Told]:
+    """What recorders, and who wants to know, ask."""
+    at = addresses.of(robot)
+    paths = [path(process) for process in ("root", "wire") for path in (at.introspection, at.instrument)]
+    return {f"{PREFIX}/{path}": None for path in paths}
 
 
 def of_elsewhere(robot: str) -> Channel:

@@ -6,7 +6,8 @@ at the first that fails. Arguments go to pytest.
 A test that fails beside another is run once more, alone, and named: two robots on a machine that
 pauses may be late where one is not. Who fails alone fails.
 
-``python -m tests newton``: a suite of its own, of what is gigabytes, or takes minutes to compile.
+``python -m tests newton``, ``python -m tests peers``: suites of their own, of what is gigabytes, takes
+minutes to compile, or has to be made an environment first.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ STEPS = (
     ("pytest", "-n", "2", "--dist", "worksteal", "--durations=20", *sys.argv[1:]),
 )
 ALONE = ("pytest", "--last-failed", "--last-failed-no-failures", "none", *sys.argv[1:])
-SUITES = {"newton": ("tests/newton/suite.py",)}
+SUITES = {"newton": ("tests/newton/suite.py",), "peers": ("tests/peers/suite.py",)}
 """Not in the ordinary run: no file of theirs is called ``test_``."""
 SOME_FAILED = 1
 """Pytest's exit code; others say that it could not run."""

@@ -22,6 +22,9 @@ OpenStream = Callable[[str, int], Awaitable[ByteStream]]
 REOPEN_S = 0.2
 """Pause before a connection that the service has closed is made anew."""
 
+IDLE_S = 2.0
+"""A connection on which nothing was said for so long takes no command: services close such ones
+(uvicorn and hypercorn after 5 s), and what is sent just then is never answered."""
 
 KEPT = 8
 """Responses that nobody has asked for yet."""
@@ -37,6 +40,7 @@ class HttpPort:
         self._stream = SharedStream(self._forget)
         self._decoder = ResponseDecoder()
         self._sent = self._heard = 0  # requests, and responses to them, on this connection
+        self._used_s = 0.0  # when it was last opened, sent to or heard
         self._responses: dict[int, Response] = {}  # the newest few, by number
 
     @property
@@ -51,7 +55,18 @@ class HttpPort:
     async def open(self) -> None:
         """Connect anew. Raise ``WireDown``."""
         self.close()
-        self._stream.replace(await self._open_stream(*self._where))
+        stream = await self._open_stream(*self._where)
+        if self.is_open:  # somebody else was quicker, and may have sent on it
+            stream.close()
+            return
+        self._stream.replace(stream)
+        self._used_s = trio.current_time()
+
+    async def ready(self) -> None:
+        """Connect anew unless there is a connection that was used lately, or has not answered yet.
+        Raise ``WireDown``."""
+        if not self.is_open or (not self.waits and trio.current_time() - self._used_s > IDLE_S):
+            await self.open()
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         """Keep a connection open until cancelled. ``started`` with the first; raise ``WireDown``
@@ -79,6 +94,7 @@ class HttpPort:
             raise WireDown(f"{self.name}: not connected. Reconnect")
         self._stream.write(encode_request(method, target, self.name, body))
         self._sent += 1
+        self._used_s = trio.current_time()
         return self._sent
 
     async def answer(self, number: int, within_s: float) -> Response:
@@ -114,6 +130,9 @@ class HttpPort:
     async def _hear(self) -> None:
         """Take in what comes next, or wait until somebody else did. Raise ``WireDown``."""
         data = await self._stream.read()
+        if not data:
+            return
+        self._used_s = trio.current_time()
         try:
             for response in self._decoder.feed(data):
                 self._heard += 1

@@ -53,6 +53,7 @@ class Crazyflie(Driver):
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = tuple(TABLES.robots)
     ALIASES: ClassVar[Mapping[str, str]] = TABLES.aliases
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
+    PORT_LIKE: ClassVar[str] = "radio://0/80/2M/E7E7E7E7E7"
     WIRE: ClassVar[str] = "strands_actors.drivers.crazyflie.wire:CrazyflieWire"
     STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.crazyflie.stop_channel:CrazyflieStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.crazyflie.twin:main"

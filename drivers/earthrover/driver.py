@@ -8,7 +8,7 @@ shows speed 0. A command lives 300 ms. After that a new one may go on; after a s
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
 from strands_actors.contract.axis import Axis, AxisMode, Part, PartKind
@@ -71,6 +71,13 @@ class EarthRover(Driver):
             "Light the lamp, or put it out; the rover drives on as it does.",
             {"lamp": {**_SPEED, "description": "lit from 0.5 on"}},
             ("lamp",),
+        ),
+        ToolVerb(
+            "speak",
+            "service",
+            "Say a text by the rover's speaker; not while it drives.",
+            {"text": {"type": "string"}},
+            ("text",),
         ),
         READ_SENSORS,
         STATUS,
@@ -143,6 +150,9 @@ class EarthRover(Driver):
         return Refused(
             "bad_argument", f"{service}: text is {str(text)[:40]!r}", f"give {limit}", str(text)[:40], limit
         )
+
+    def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
+        return {"driver": "strands", "robot": self.robot, **super().commanded(action, values)}
 
 
 def _axis(key: str, number: int, mode: AxisMode, sign: float = 1.0) -> Axis:

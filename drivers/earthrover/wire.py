@@ -115,8 +115,7 @@ class EarthRoverWire(Wire):
             raise WireDown("write: not connected, or no answer. Open it anew")
         if not await self._answered(WAIT_S):
             raise PermitDenied("the command before has not been answered")
-        if not port.is_open:  # the service has closed it, as it may
-            await port.open()
+        await port.ready()
         linear, angular, lamp = (axis.sign * value for axis, value in zip(self._config.axes, values, strict=True))
         body = p.encode_setpoint(linear, angular, lamp)
         permit.check()

@@ -155,8 +155,7 @@ class ReachyWire(Wire):
             raise WireDown("write: not connected, or no answer. Open it anew")
         if not await self._answered(WAIT_S):
             raise PermitDenied("the command before has not been answered")
-        if not port.is_open:  # the daemon has closed it, as it may
-            await port.open()
+        await port.ready()
         *target, duration_s = values
         permit.check()
         if self._moves.running:

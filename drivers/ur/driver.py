@@ -79,8 +79,11 @@ class UR(Driver):
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
         read = read_options(robot, UROptions, options)
         if read.model is not None and read.model.lower() != robot:
+            meant = read.model.lower()
+            remedy = f"Use Robot({meant!r})" if meant in cls.SUPPORTED_ROBOTS else f"Give {robot!r}"
             raise ValueError(
-                f"{robot}: model is {read.model!r}. Use Robot({read.model.lower()!r}), or leave it out"
+                f"{robot}: model is {read.model!r}. {remedy}, or leave it out. "
+                f"there are {', '.join(cls.SUPPORTED_ROBOTS)}"
             )
         return plain(read)
 

@@ -59,8 +59,9 @@ _GETTERS = {
 }
 """What is asked of the controller, and how it is read, in the order of ``Sample``."""
 
-_ERRORS = (RuntimeError, ValueError, IndexError)
-"""What exceptions of the SDK become in Python."""
+_ERRORS = (RuntimeError, ValueError, IndexError, TypeError)
+"""What exceptions of the SDK become in Python; TypeError: one of another version takes no such
+arguments."""
 
 _NEWEST = (3, 12)
 """Of Python, and x86-64 of the processors: the wheels of ur-rtde 1.6.5 on the package index."""

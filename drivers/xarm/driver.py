@@ -15,6 +15,8 @@ from strands_actors.contract.axis import Part, PartKind
 from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason, Timing
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.sensors import Sensor, place
+from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
+from strands_actors.contract.tool_verbs import STATE, STATUS, STOP, ToolVerb
 
 from .arms import TABLES, arm_of, axes_of
 from .config import XArmConfig
@@ -37,6 +39,7 @@ class XArm(Driver):
     TWIN: ClassVar[str] = "strands_actors.drivers.xarm.twin:main"
     SENSORS: ClassVar[tuple[Sensor, ...]] = (place("tcp_xyz_m", rpy="tcp_rpy_rad", frame="base"),)
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(XArmOptions)
+    TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (READ_SENSORS, STATE, STATUS, STOP)
 
     config: XArmConfig
     unit = "radians"

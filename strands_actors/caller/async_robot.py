@@ -215,12 +215,12 @@ async def open_robot(
 @contextlib.asynccontextmanager
 async def open_tree(wanted: Plan, arm: bool = True) -> AsyncIterator[RobotTree]:
     """What is below ``open_robot``: the tree itself, with typed answers instead of envelopes."""
-    async with open_caller() as (node, nursery, endpoint):
+    async with open_caller() as (node, nursery, entrance):
         try:
             whole = await completed(wanted)
         except WireDown as down:
             raise ConnectionError(f"connect: {str(down).removeprefix('connect: ')}") from None
-        tree = RobotTree(node, nursery, endpoint, whole)
+        tree = RobotTree(node, nursery, entrance, whole)
         try:
             problem = await tree.connect(arm)
             if problem is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import AsyncIterator, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import trio
 
@@ -15,6 +15,14 @@ from strands_actors.kernel.node import Node
 from .background import open_background
 
 
+class Entrance(NamedTuple):
+    """Where a node listens for the trees that it starts, and what they have to know to come in: it
+    goes to them over their links alone."""
+
+    endpoint: str
+    secret: str
+
+
 @contextlib.asynccontextmanager
 async def open_node(
     name: str,
@@ -22,11 +30,12 @@ async def open_node(
     connect: Sequence[str] = (),
     settings: Mapping[str, Any] | None = None,
     tokens: str = EVERYBODY,
+    secret: str = "",
 ) -> AsyncIterator[tuple[Node, trio.Nursery]]:
     """As long as the block runs; what runs in the nursery ends with it. Threads may ask by it,
-    too."""
+    too. ``secret``: see ``known_by``."""
     node = Node(name, MonotonicClock())
-    mesh = await ZenohMesh.open(listen, connect, settings)
+    mesh = await ZenohMesh.open(listen, connect, settings, secret)
     try:
         async with open_background() as nursery:
             await nursery.start(node.run)

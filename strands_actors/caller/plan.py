@@ -17,7 +17,7 @@ from strands_actors.surfaces.mesh.config import MeshConfig
 
 from .simulated import check_keyframe, read_own_model
 from .twin_process import SIM, TwinProcess
-from .wanted import Wanted, adapters, read
+from .wanted import Wanted, adapters, is_serial, read
 
 TWIN = "twin"
 """The transport that starts a process; others are ways of a driver's own to its robot."""
@@ -258,7 +258,8 @@ def _check_hardware(wanted: Wanted, driver_class: type[Any]) -> None:
     name, transport = driver_name(driver_class), wanted.transport
     offered = tuple(getattr(driver_class, "TRANSPORTS", ()))
     if transport is not None and transport not in offered:
-        raise ValueError(f"Robot: {name} has no transport {transport!r}. it offers {', '.join(offered) or 'none'}")
+        words = (*offered, "serial") if is_serial(driver_class) else offered
+        raise ValueError(f"Robot: {name} has no transport {transport!r}. it offers {', '.join(words) or 'none'}")
     if wanted.sim is not None and transport != TWIN:
         raise ValueError(
             "Robot: sim= is what a twin is made of: add transport='twin'. "
@@ -285,7 +286,8 @@ def _twin_process_of(wanted: Wanted) -> TwinProcess:
 
 def _missing_port(robot: str, driver_class: type[Any]) -> str:
     if driver_class.PORT_KIND != "serial":
-        return f"Robot: {robot} needs 'port', its address: Robot({robot!r}, mode='real', port='192.0.2.10')"
+        like = getattr(driver_class, "PORT_LIKE", "192.0.2.10")
+        return f"Robot: {robot} needs 'port', its address: Robot({robot!r}, mode='real', port={like!r})"
     from serial.tools import list_ports
 
     found = ", ".join(sorted(port.device for port in list_ports.comports())) or "none"

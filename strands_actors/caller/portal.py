@@ -12,6 +12,7 @@ import contextlib
 import gc
 import itertools
 import os
+import secrets
 import sys
 import threading
 from collections.abc import AsyncIterator, Awaitable, Callable
@@ -24,7 +25,7 @@ from strands_actors.kernel.channels.zenoh_mesh import unix_endpoint
 from strands_actors.kernel.node import Node
 
 from .descriptors import FOR_LOOP, FOR_ROBOT, require
-from .nodes import open_node
+from .nodes import Entrance, open_node
 from .run_directory import run_dir
 
 T = TypeVar("T")
@@ -61,8 +62,8 @@ class Portal:
     async def _serve(self) -> None:
         self._token = trio.lowlevel.current_trio_token()
         with trio.CancelScope() as self._scope:
-            async with open_caller() as (node, nursery, endpoint):
-                self.node, self.nursery, self.endpoint = node, nursery, endpoint
+            async with open_caller() as (node, nursery, entrance):
+                self.node, self.nursery, self.entrance = node, nursery, entrance
                 self._ready.set_result(None)
                 await trio.sleep_forever()
 
@@ -116,16 +117,17 @@ class Portal:
 
 
 @contextlib.asynccontextmanager
-async def open_caller() -> AsyncIterator[tuple[Node, trio.Nursery, str]]:
-    """A node with a mesh for a process that starts robots: (node, nursery, endpoint). Raise
-    ``OSError`` when too few files may be opened for it and a robot."""
+async def open_caller() -> AsyncIterator[tuple[Node, trio.Nursery, Entrance]]:
+    """A node with a mesh for a process that starts robots. Raise ``OSError`` when too few files
+    may be opened for it and a robot."""
     require(FOR_LOOP + FOR_ROBOT)
     number = next(_callers)  # a program may have several, in one loop or in many
     path = f"{run_dir()}/caller-{os.getpid()}-{number}.sock"
-    endpoint = unix_endpoint(path)
+    entrance = Entrance(unix_endpoint(path), secrets.token_hex(16))
+    listens = open_node(f"caller.{os.getpid()}.{number}", [entrance.endpoint], secret=entrance.secret)
     try:
-        async with open_node(f"caller.{os.getpid()}.{number}", listen=[endpoint]) as (node, nursery):
-            yield node, nursery, endpoint
+        async with listens as (node, nursery):
+            yield node, nursery, entrance
     finally:
         for leftover in (path, f"{path}.lock"):
             with contextlib.suppress(FileNotFoundError):
@@ -153,7 +155,7 @@ def _leave_quickly(shared: Portal, pid: int) -> None:
     gc.freeze()
     if os.getpid() == pid:
         shared.leave()
-        path = shared.endpoint.partition("/")[2]
+        path = shared.entrance.endpoint.partition("/")[2]
         for leftover in (path, f"{path}.lock"):
             with contextlib.suppress(FileNotFoundError):
                 os.unlink(leftover)

@@ -179,7 +179,7 @@ class RealRobot(RobotTool):
             return problem
         if self._tree is None:
             shared = portal()
-            self._opened = RobotTree(shared.node, shared.nursery, shared.endpoint, self._plan, self._liveness.look)
+            self._opened = RobotTree(shared.node, shared.nursery, shared.entrance, self._plan, self._liveness.look)
             self._pid = os.getpid()
         assert self._opened is not None
         return await self._opened.connect(self._arm)

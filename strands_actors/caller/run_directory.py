@@ -44,7 +44,6 @@ class Note(msgspec.Struct):
     mesh: list[str] = []  # of its topics: what a subscriber connects to
     problem: str = ""
     unconfirmed: list[str] = []  # motors that its root could not confirm safe so far, and goes on trying
-    caller: str = ""  # endpoint of the process that started it
     safe_s: float = 1.5  # what its driver says that a stop may take
     arm_s: float = 10.0  # and that energising it may
 

@@ -23,6 +23,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
+PICTURE = (640, 480)
+"""Width and height of a picture that nobody gave a size, in pixels."""
+
+
 class SimRobot(RealRobot):
     """A simulated robot. Made by ``Robot(...)``; the verbs of a real one, and what only a
     simulation can do.
@@ -40,13 +44,18 @@ class SimRobot(RealRobot):
         super().__init__(plan, approval, arm)
         assert plan.twin_process is not None
         self._world = World(plan.twin_process)
+        self._sizes: dict[str, tuple[int, int]] = {}  # of cameras that were added, width and height
 
-    def render(self, width: int = 640, height: int = 480, camera: str | None = None) -> NDArray[numpy.uint8]:
+    def render(
+        self, width: int | None = None, height: int | None = None, camera: str | None = None
+    ) -> NDArray[numpy.uint8]:
         """Return a picture, (height, width, 3), drawn without a window by EGL or OSMesa.
         ``camera``: None for the whole robot, ``front``, ``side``, ``top``, or one of the scene's
-        own. Raise ``SimulationError`` (a ``RuntimeError``) that names the system package when
-        neither is there."""
-        return self._call(self._world.render, width, height, camera)
+        own. Without a size it is the camera's, or 640 x 480. Raise ``SimulationError`` (a
+        ``RuntimeError``) that names the system package when neither is there."""
+        usual = self._sizes.get(camera or "", PICTURE)
+        sized = [own if given is None else given for given, own in zip((width, height), usual, strict=True)]
+        return self._call(self._world.render, *sized, camera)
 
     def view(self) -> None:
         """Open MuJoCo's viewer, which mirrors the robot until it is closed. Raise
@@ -102,13 +111,23 @@ class SimRobot(RealRobot):
         position: Sequence[float] | None = None,
         target: Sequence[float] | None = None,
         fov: float = 60.0,
+        width: int = PICTURE[0],
+        height: int = PICTURE[1],
         parent_body: str | None = None,
     ) -> Answer:
         """Put a camera into the scene, for ``render(camera=name)``. ``position`` and ``target`` in
         metres, of the world, or of ``parent_body``, which carries it then; ``fov``: its vertical
-        angle in degrees."""
+        angle in degrees; ``width`` and ``height``: of its pictures, in pixels."""
         told = (name, position, target, fov, parent_body)
-        return self._change("add_camera", lambda: (scene.camera_fields(*told),), {"added": name})
+
+        def fields() -> tuple[dict[str, Any]]:
+            scene.check_size("add_camera", width, height)
+            return (scene.camera_fields(*told),)
+
+        answer = self._change("add_camera", fields, {"added": name})
+        if answer["status"] == "success":
+            self._sizes[name] = (width, height)
+        return answer
 
     def eval_policy(
         self,

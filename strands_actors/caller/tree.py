@@ -32,6 +32,7 @@ from strands_actors.supervisors.root.messages import TreeReport
 from strands_actors.surfaces.cameras.handle import Cameras
 
 from .commanding import Commanding, Order, Orders
+from .nodes import Entrance
 from .plan import Plan
 from .portal import portal
 from .processes import NotConnected, Processes, unreachable
@@ -52,16 +53,16 @@ class RobotTree:
         self,
         node: Node,
         nursery: trio.Nursery,
-        endpoint: str,
+        entrance: Entrance,
         plan: Plan,
         liveness: Callable[[], tuple[bool, float]] = lambda: (True, 0.0),
     ) -> None:
-        """``endpoint``: where ``node`` listens. ``liveness``: see ``Writer``."""
+        """``entrance``: where ``node`` listens. ``liveness``: see ``Writer``."""
         self.plan = plan
         self.driver: Driver = build_driver(plan.driver_class, plan.robot, plan.port, plan.options)
         self.problem = ""
         """Why the last attempt to connect failed."""
-        self._processes = processes_of(node, nursery, endpoint, plan, self.driver)
+        self._processes = processes_of(node, nursery, entrance, plan, self.driver)
         self._writer = Writer(self._processes, liveness)
         self.rollouts = Rollouts(self._processes, self._writer, self.driver)
         self._orders = Orders(self.driver, node.clock, self._processes.patience)
@@ -316,10 +317,10 @@ class RobotTree:
         return await self._processes.describe()
 
 
-def processes_of(node: Node, nursery: trio.Nursery, endpoint: str, plan: Plan, driver: Driver) -> Processes:
+def processes_of(node: Node, nursery: trio.Nursery, entrance: Entrance, plan: Plan, driver: Driver) -> Processes:
     """Return those that a plan is about."""
     if not plan.at:
-        return TreeProcesses(node, nursery, endpoint, plan, driver)
+        return TreeProcesses(node, nursery, entrance, plan, driver)
     from strands_actors.surfaces.mesh.remote_processes import RemoteProcesses  # for who has a robot elsewhere
 
     return RemoteProcesses(nursery, plan, driver)

@@ -28,6 +28,7 @@ from strands_actors.surfaces.drill.certificate import TWIN, clause
 
 from .descriptors import FOR_ROBOT, require
 from .last_standby import until_over
+from .nodes import Entrance
 from .plan import Plan
 from .processes import CONNECT_S, NotConnected, Processes
 from .run_directory import Name, Note, audit_file, locks_dir
@@ -39,10 +40,10 @@ class TreeProcesses(Processes):
     """Of this host. ``guardian``, ``root`` and ``tasks`` are actors of the tree, once it was
     started."""
 
-    def __init__(self, node: Node, nursery: trio.Nursery, endpoint: str, plan: Plan, driver: Driver) -> None:
-        """``endpoint``: where ``node`` listens."""
+    def __init__(self, node: Node, nursery: trio.Nursery, entrance: Entrance, plan: Plan, driver: Driver) -> None:
+        """``entrance``: where ``node`` listens."""
         super().__init__(node, nursery, plan, driver)
-        self._endpoint = endpoint
+        self._entrance = entrance
         self._name: Name | None = None
         self._root_process: ChildProcess | None = None
         self._scope: trio.CancelScope | None = None
@@ -103,7 +104,8 @@ class TreeProcesses(Processes):
             "wire_listen": wire_listen,
             "policy_listen": policy_listen,
             "policy_limits": msgspec.to_builtins(plan.policy_limits),
-            "connect": [self._endpoint],
+            "connect": [self._entrance.endpoint],
+            "secret": self._entrance.secret,
             "cameras": self._begin_cameras(port),
             "mesh": {
                 "listen": [mesh, *plan.mesh.listens],
@@ -120,7 +122,6 @@ class TreeProcesses(Processes):
                 process.pid,
                 [listen, wire_listen],
                 [mesh],
-                caller=self._endpoint,
                 safe_s=self.driver.timing.safe_s,
                 arm_s=self.driver.timing.arm_s,
             )

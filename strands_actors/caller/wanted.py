@@ -122,7 +122,9 @@ def read(
     drill_age_s = None if require_drill is None else parse_age_s(require_drill)
     if chosen_mode == "auto":
         port, chosen_mode = _look_around(driver_class, port, transport) if at is None else (port, "real")
-    if chosen_mode == "real" and transport == "serial" and _is_serial(driver_class):
+    if chosen_mode == "real":
+        port = _port(driver_class, port)
+    if chosen_mode == "real" and transport == "serial" and is_serial(driver_class):
         transport = None  # the page's word for a port
     return (
         Wanted(
@@ -206,7 +208,22 @@ def _spelled(driver_class: type[Any], options: Mapping[str, Any]) -> dict[str, A
     return told
 
 
-def _is_serial(driver_class: type[Any]) -> bool:
+def _port(driver_class: type[Any], port: Any) -> str | None:
+    """Return the port as text, or None where nothing is said: a blank is no place. Raise ``TypeError``,
+    ``ValueError``."""
+    if port is None:
+        return None
+    if not isinstance(port, str | os.PathLike) or not isinstance(text := os.fspath(port), str):
+        raise TypeError(f"Robot: port is {port!r}. give a path or an address, as text")
+    if not text.strip():
+        return None
+    if any(letter.isspace() for letter in text) and not is_serial(driver_class):
+        raise ValueError(f"Robot: port is {text!r}. give an address, without spaces")
+    return text
+
+
+def is_serial(driver_class: type[Any]) -> bool:
+    """Return whether its port is a serial one."""
     return issubclass(driver_class, Driver) and getattr(driver_class, "PORT_KIND", None) == "serial"
 
 

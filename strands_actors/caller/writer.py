@@ -34,7 +34,8 @@ class Writer:
     async def acquire(self) -> Refused | None:
         """Take the lease, or take it again. None, or why not."""
         processes = self._processes
-        answer = await processes.gate.ask(Acquire(processes.holder, pid=os.getpid()), processes.patience.ask_s)
+        wanted = Acquire(processes.holder, pid=os.getpid(), again=self.lease.id if self.lease else 0)
+        answer = await processes.gate.ask(wanted, processes.patience.ask_s)
         if isinstance(answer, Lease):
             self.lease = answer
             return None

@@ -302,6 +302,8 @@ class Driver(ABC):
     PORT_KIND: ClassVar[Literal["serial", "address"]]
     PORT_OPTIONAL: ClassVar[bool] = False
     """Whether the robot can be driven without ``port``: it speaks first, and whoever does is it."""
+    PORT_LIKE: ClassVar[str] = "192.0.2.10"
+    """An address as this robot's are written, for who left it out."""
     TRANSPORTS: ClassVar[tuple[str, ...]] = ("twin",)
     WIRE: ClassVar[str] = ""
     """``module:class`` of the wire, made as ``class(config, clock)``. A name: only the wire process

@@ -47,6 +47,21 @@ def frame(to: str, kind: int, cid: int, sender: str, reply_to: str, body: object
     return encode((to, kind, cid, sender, reply_to, body))
 
 
+def outline(data: bytes) -> bytes | None:
+    """Return a frame with nothing left of its body but the type's name; None when it is no
+    frame."""
+    try:
+        head = decode_frame(data)
+        body = _decode_any(head.body)
+    except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError, ValueError):
+        return None
+    name = body[:1] if isinstance(body, list) and body and isinstance(body[0], str) else None
+    return encode(msgspec.structs.replace(head, body=msgspec.Raw(encode(name))))
+
+
+_decode_any = msgspec.msgpack.Decoder().decode
+
+
 class Protocol:
     """What an actor class accepts and answers, read from the annotation of its ``receive``."""
 

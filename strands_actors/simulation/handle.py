@@ -20,6 +20,7 @@ from strands_actors.caller.twin_process import TwinProcess, TwinProcessDown
 from strands_actors.contract.extras import missing
 from strands_actors.contract.loading import load
 from strands_actors.kernel.processes.process import ChildProcess, start
+from strands_actors.simulation.scene import check_size
 
 if TYPE_CHECKING:
     import numpy
@@ -47,8 +48,10 @@ class World:
 
     async def render(self, width: int, height: int, camera: str | None) -> NDArray[numpy.uint8]:
         """(height, width, 3), the first row on top."""
-        if not all(isinstance(size, int) and size > 0 for size in (width, height)):
-            raise SimulationError(f"render: a picture of {width!r} x {height!r}. give whole numbers above 0")
+        try:
+            check_size("render", width, height)
+        except ValueError as wrong:
+            raise SimulationError(str(wrong)) from None
         picture = await self._ask("render", _RENDER, width, height, camera or "")
         import numpy
 

@@ -80,6 +80,12 @@ def camera_fields(
     }
 
 
+def check_size(verb: str, width: object, height: object) -> None:
+    """Raise ``ValueError`` for a picture that nobody can draw."""
+    if not all(isinstance(size, int) and size > 0 for size in (width, height)):
+        raise ValueError(f"{verb}: a picture of {width!r} x {height!r}. give whole numbers above 0")
+
+
 def placement(position: object, orientation: object) -> dict[str, Any] | None:
     """Return where the robot's base stands; None: where its model has it. Raise ``ValueError``."""
     if position is None and orientation is None:

@@ -56,9 +56,10 @@ class Leases(msgspec.Struct):
 
     def acquire(self, message: Acquire, now_ns: int, holding: bool = False) -> int | Refused:
         """Return the number of a new lease. Who has a channel with a name (a policy process) gets
-        one under its caller's only. ``holding``: nothing of the present writer stands any more. Who
-        has lent its lease to a rollout may then have it back, though that rollout (cut off,
-        perhaps) has not returned it."""
+        one under its caller's only. Who has it and says which it is may have another in its place.
+        ``holding``: nothing of the present writer stands any more. Who has lent its lease to a
+        rollout may then have it back, though that rollout (cut off, perhaps) has not returned
+        it."""
         if message.channel and not message.over:
             why = f"acquire: {message.channel} may write under its caller's lease alone"
             return Refused("channel", why, "name that lease")
@@ -69,7 +70,7 @@ class Leases(msgspec.Struct):
         if held is not None and held.owner.expires_ns > now_ns:
             if held.id == message.over and not held.channel:
                 under = held.owner
-            elif not _is_its_own(held if held.under is None or not holding else held.under, message):
+            elif not _is_its_own(held.owner if holding else held, message):
                 why = f"acquire: {held.holder} holds the lease"
                 return Refused("lease", why, "wait until it is released, or stop it")
         elif message.over:
@@ -129,7 +130,7 @@ class Leases(msgspec.Struct):
 
 
 def _is_its_own(held: Held, message: Acquire) -> bool:
-    return held.under is None and (held.holder, held.channel) == (message.holder, message.channel)
+    return held.under is None and (held.id, held.channel) == (message.again, message.channel)
 
 
 def refuse_by_deadline(deadline_ns: int, now_ns: int, prefix: str = "") -> Refused | None:

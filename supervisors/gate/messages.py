@@ -26,7 +26,8 @@ MAX_LIFETIME_S = 10.0
 
 class Acquire(Message, frozen=True):
     """Ask for the lease. ``over``: a lease of the same caller that the new one is to write under.
-    ``pid``: the process that will write, if it is one of this host."""
+    ``pid``: the process that will write, if it is one of this host. ``again``: the lease that it
+    has, in whose place it wants another: a holder's name proves nothing."""
 
     holder: str
     over: int = 0
@@ -34,6 +35,7 @@ class Acquire(Message, frozen=True):
     channel: str = ""
     """In this and in what is told under a lease: over which channel it came. The receiving process
     writes it; who sends leaves it empty."""
+    again: int = 0
 
 
 class Lease(Message, frozen=True):

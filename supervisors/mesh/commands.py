@@ -226,7 +226,9 @@ class Commands(Actor):
         refused = refuse_by_mode(status, self._shared.resumed_epoch)
         if refused is not None:
             return refused
-        lease = await self._gate.ask(messages.Acquire(holder_of(sender)), ASK_S)
+        own = self._lease.id if sender == self._holder else 0
+        again = self._motion.kept_for(sender) or own
+        lease = await self._gate.ask(messages.Acquire(holder_of(sender), again=again), ASK_S)
         if not isinstance(lease, messages.Lease):
             return no_answer(lease)
         self._holder, self._lease = sender, lease

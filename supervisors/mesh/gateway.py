@@ -225,7 +225,10 @@ class Gateway(Actor):
         refusal = None if message.over else refuse_by_mode(status, self._shared.resumed_epoch)
         if refusal is not None:
             return refusal
-        elsewhere = msgspec.structs.replace(message, holder=f"{message.holder} (another host)", pid=0)
+        # One that was not given in this session is no proof of anything.
+        again = 0 if self._shared.sessions.refuse_lease(session, message.again) else message.again
+        holder = f"{message.holder} (another host)"
+        elsewhere = msgspec.structs.replace(message, holder=holder, pid=0, again=again)
         lease = await self._gate.ask(elsewhere, ASK_S)
         if isinstance(lease, Lease):
             self._shared.sessions.grant(session, lease.id)

@@ -90,6 +90,10 @@ class Motion:
         else:
             answer(told, True)
 
+    def kept_for(self, sender: str) -> int:
+        """Return the lease that is kept for what it asked for; 0: none is."""
+        return self._kept.id if self._kept is not None and self._keeper == sender else 0
+
     # -- may it
 
     def _refuse(self, command: mesh_json.Motion) -> Refused | None:
@@ -151,7 +155,8 @@ class Motion:
             return own
         if self._kept is not None and self._keeper == sender and self._kept.epoch == status.epoch:
             return self._kept
-        answer = await self._gate.ask(messages.Acquire(holder_of(sender)), ASK_S)
+        again = self.kept_for(sender) or (0 if own is None else own.id)
+        answer = await self._gate.ask(messages.Acquire(holder_of(sender), again=again), ASK_S)
         return answer if isinstance(answer, messages.Lease | Refused) else no_answer(answer)
 
     def _keep(self, lease: messages.Lease, sender: str, own: messages.Lease | None, for_s: float) -> None:
@@ -287,7 +292,7 @@ class Motion:
         report = await self._gate.ask(messages.Stop(Reason.STOP, by), self._stop_s)
         if not isinstance(report, messages.StopReport) or not report.confirmed:
             return no_answer(report) if not isinstance(report, messages.StopReport) else _NOT_SAFE
-        anew = await self._gate.ask(messages.Acquire(by), ASK_S)
+        anew = await self._gate.ask(messages.Acquire(by, again=lease.id), ASK_S)
         if not isinstance(anew, messages.Lease):
             return no_answer(anew)
         told = await self._simulate(anew, sender, None, "reset", {})

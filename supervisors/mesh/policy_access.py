@@ -1,8 +1,10 @@
 """What the process of a named policy reaches on the mesh: the gate of its robot, which answers it.
 Nothing else.
 
-The wire listens for it on a socket of its own, so that who comes in there is known to be a policy,
-whatever it says of itself. The rules are zenoh's, applied before Python sees a byte.
+The wire listens for it on a socket of its own, which lets in who knows a secret: the root tells it
+to the policy process that it starts, over its link. So who comes in there is known to be that
+policy, whatever it says of itself, and nobody else hears what it is answered. The rules are
+zenoh's, applied before Python sees a byte.
 """
 
 from __future__ import annotations

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import os
+import secrets
 import socket
 from collections.abc import Awaitable, Callable
 from functools import partial
@@ -154,6 +155,7 @@ class Tree:
         self.node = Node(f"{self.robot}.root.{os.getpid()}", MonotonicClock())
         # What the wire reports counts over its own link alone, and is not looked for elsewhere.
         self.node.linked = channels.of_wire(self.robot).hosts or frozenset()
+        self._policy_secret = secrets.token_hex(16)
         self.audit = Audit(Path(args["audit"]) if args["audit"] else None)
         self.tasks = Tasks(
             self.robot,
@@ -163,6 +165,7 @@ class Tree:
             self.driver.timing.safe_s,
             args.get("policy_limits"),
             self.audit.note,
+            self._policy_secret,
         )
         self.cameras = CameraKeeper(
             self.node,
@@ -219,7 +222,10 @@ class Tree:
             "cause": cause,
             "listen": [self.args["wire_listen"]],
             "connect": self.args["connect"],
+            "secret": self.args["secret"],
+            "caller": self.args["caller"],
             "policy_listen": self.args["policy_listen"],
+            "policy_secret": self._policy_secret,
             "audited": bool(self.args["audit"]),
             "page": self.ahead.page,
             "label": self.args["label"],
@@ -322,9 +328,15 @@ class Tree:
             await self.guardian.insist()
 
     async def _join_mesh(self) -> None:
-        mesh = await ZenohMesh.open([self.args["listen"]], self.args["connect"])
-        mesh.channel = channels.of_user(self.robot)
+        mesh = await ZenohMesh.open((), self.args["connect"], secret=self.args["secret"])
+        mesh.channel = channels.of_caller(self.robot, self.args["caller"])
         mesh.attach(self.node)
+        await mesh.let_guests_in(
+            [self.args["listen"]],
+            channels.of_user(self.robot),
+            channels.of_visitors(self.robot, "root"),
+            channels.shown(self.robot),
+        )
         await mesh.run()
 
     async def _watch_caller(self, pid: int) -> None:

@@ -65,15 +65,17 @@ class Tasks(Actor):
         safe_s: float = USUAL_SAFE_S,
         limits: Mapping[str, Any] | None = None,
         audit: Callable[[str, str, str, str], None] = lambda *_: None,
+        secret: str = "",
     ) -> None:
-        """``endpoint``: where the wire lets policies in. ``label``: see ``take_name``. ``safe_s``:
-        what the robot's driver says that a stop may take. ``limits``: ``PolicyLimits``."""
+        """``endpoint``, ``secret``: where the wire lets policies in, and by what. ``label``: see
+        ``take_name``. ``safe_s``: what the robot's driver says that a stop may take. ``limits``:
+        ``PolicyLimits``."""
         self._limits = dict(limits or {})
         self._audit = audit
         self._label = label
         self._robot = robot
         self._start_process = start
-        self._endpoint = endpoint
+        self._endpoint, self._secret = endpoint, secret
         self._stop_s = STOP_S + StopDeadlines.of(safe_s).longer_s
         self.process: ChildProcess | None = None
         self.starts = 0
@@ -125,6 +127,7 @@ class Tasks(Actor):
             "robot": self._robot,
             "label": self._label,
             "gate": self._endpoint,
+            "secret": self._secret,
             "provider": message.provider,
             "options": message.options,
             "rollout": msgspec.to_builtins(message.rollout),
@@ -270,7 +273,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
             report(TaskStatus(False, exit_reason="refused", exit_detail=detail, instruction=rollout.instruction))
             await trio.sleep(LAST_WORDS_S)
             os._exit(0)
-        mesh = await ZenohMesh.open(connect=[args["gate"]])
+        mesh = await ZenohMesh.open(connect=[args["gate"]], secret=args["secret"])
         mesh.attach(node)
         await nursery.start(mesh.run)
         await _until_reachable(node, at.gate)

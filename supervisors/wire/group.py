@@ -256,13 +256,16 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     transports: list[Transport] = []
 
     async def join_mesh() -> None:
-        mesh = await ZenohMesh.open(args["listen"], args["connect"])
-        mesh.channel = channels.of_user(robot)
+        mesh = await ZenohMesh.open((), args["connect"], secret=args["secret"])
+        mesh.channel = channels.of_caller(robot, args["caller"])
         mesh.attach(node)
+        visited = channels.of_visitors(robot, "wire")
+        await mesh.let_guests_in(args["listen"], channels.of_user(robot), visited, channels.shown(robot))
         await mesh.run()
 
     async def let_policies_in() -> None:
-        mesh = await ZenohMesh.open([args["policy_listen"]], settings=policy_access.settings(robot))
+        rules, secret = policy_access.settings(robot), args["policy_secret"]
+        mesh = await ZenohMesh.open([args["policy_listen"]], settings=rules, secret=secret)
         mesh.channel = channels.of_policy(robot, policy_access.WRITER)
         mesh.let_in(node, at.gate)
         await mesh.run()

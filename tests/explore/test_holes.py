@@ -28,6 +28,9 @@ FOUND: dict[tuple[Callable[[pytest.MonkeyPatch], None], str], tuple[int, str]] =
     (holes.a_velocity_goes_on_that_nobody_names, "fake_base"): (80, "SAF-014 what is not named rests"),
     (holes.nobody_looks_at_the_robot_itself, "fake_drone"): (56, "SAF-003 a condition is obeyed"),
     (holes.a_lock_ends_with_the_script, "fake_http"): (302, "SAF-018 a lock is obeyed"),
+    (holes.a_stop_of_a_controller_is_not_read_back, "xarm7"): (1, "SAF-005 what is confirmed is so"),
+    (holes.legs_are_told_to_let_go_once, "unitree_go2"): (1, "SAF-005 what is confirmed is so"),
+    (holes.the_root_has_not_found_the_legs, "unitree_go2"): (9, "SAF-015 a tree ends"),
 }
 """The seed that finds it, of those from 0 on, and what it breaks."""
 

@@ -53,7 +53,7 @@ async def begin():
     cell = shared.node.cell("script/actor/holder", Holder)
     await shared.nursery.start(cell.run)
     # A second session, with a node that watches the first: subscribers of every kind.
-    mesh = await ZenohMesh.open([], [shared.endpoint])
+    mesh = await ZenohMesh.open([], [shared.entrance.endpoint], secret=shared.entrance.secret)
     node = Node("second", MonotonicClock())
     mesh.attach(node)
     await shared.nursery.start(mesh.run)
@@ -71,7 +71,7 @@ shared.call(begin)
 def ending():
     print("ending", time.monotonic_ns(), flush=True)
 
-print("ready", shared.endpoint, flush=True)
+print("ready", *shared.entrance, flush=True)
 sys.stdin.readline()
 """
 
@@ -134,8 +134,8 @@ async def test_a_process_that_ends_is_gone_and_its_actors_with_it(how: str, tmp_
     process = run_script(tmp_path / "script.py", ENDS[how])
     assert process.stdin is not None and process.stdout is not None
     try:
-        _, endpoint = (await trio.to_thread.run_sync(process.stdout.readline)).split()
-        mesh = await ZenohMesh.open([], [endpoint])
+        _, endpoint, secret = (await trio.to_thread.run_sync(process.stdout.readline)).split()
+        mesh = await ZenohMesh.open([], [endpoint], secret=secret)
         node = Node("outside", MonotonicClock())
         mesh.attach(node)
         async with trio.open_nursery() as nursery:

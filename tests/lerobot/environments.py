@@ -57,8 +57,14 @@ def _run(version: Version, arguments: list[str]) -> int:
     # Not editable: LeRobot has to find it as it finds what people install.
     _do(python, "-m", "pip", "install", "-q", "--no-deps", "--force-reinstall", str(PLUGIN))
     print(f"$ lerobot {version.lerobot}, Python {version.python}", flush=True)
-    command = [python, "-m", "pytest", "-p", "no:cacheprovider", *(arguments or [str(Path(__file__).parent)])]
+    which = [] if _names_a_test(arguments) else [str(Path(__file__).parent)]
+    command = [python, "-m", "pytest", "-p", "no:cacheprovider", *arguments, *which]
     return subprocess.run(command, cwd=ROOT).returncode
+
+
+def _names_a_test(arguments: list[str]) -> bool:
+    """Whether one is a file or folder of tests; else those of this folder are meant."""
+    return any((ROOT / argument.partition("::")[0]).exists() for argument in arguments)
 
 
 def folder() -> Path:

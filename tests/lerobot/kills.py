@@ -22,6 +22,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from strands_actors.testing import Twin
+from strands_actors.testing import twin as twin_module
 from strands_actors.testing.trials import subject
 
 from .calibration import NAME, write
@@ -43,6 +44,7 @@ def main() -> None:
     from lerobot.utils.import_utils import register_third_party_plugins
 
     register_third_party_plugins()  # its main does so, too: then it is done
+    twin_module.PATIENCE_S = STARTS_S
     with Twin("so101", home) as twin:
         ours = ["--robot.type=strands_so101"]
         robot = _calibrated(home) if theirs else ours

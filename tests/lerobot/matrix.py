@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -18,6 +19,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from strands_actors.contract.driver import Driver
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.testing import bench, twin
 from strands_actors.testing.cells import run_cell, tries
 from strands_actors.testing.faults import Cell, cells_of
@@ -26,6 +28,7 @@ from strands_actors.testing.matrix_page import columns_of, encode, load, page
 from strands_actors.testing.trials import Trials, trial
 
 from . import measured
+from .their_log import read_as_theirs
 
 IMPORTS_S = 240.0
 """For a process to import torch, on a busy machine."""
@@ -34,16 +37,32 @@ INTRODUCTION = """\
 
 Measured as [kill-matrix.md](kill-matrix.md), whose columns explain themselves there, and on the
 same twins; but the wire process has LeRobot's own object (`driver="lerobot"`), and LeRobot's own
-code writes to the bus. This page was made by `python -m tests.lerobot.matrix so101,koch
---repeats {repeats} -o docs/kill-matrix-lerobot.md`, in the environments of `python -m tests
-lerobot`. What cannot be promised of such a robot stands in [lerobot.md](lerobot.md).
+code writes to the bus: torque off servo by servo, of which the last counts as the safe frame, and a
+hold by goals, which is a frame that gives all servos the positions they have just told.
+This page was made by `python -m tests.lerobot.matrix so101,koch --repeats {repeats}
+-o docs/kill-matrix-lerobot.md`, in the environments of `python -m tests lerobot`. What cannot be
+promised of such a robot stands in [lerobot.md](lerobot.md).
 
 The bounds are those of a process that holds torch: the driver's own is a second and not 50 ms, and
 0.3 s without a heartbeat are frozen, not 0.1 s.
 """
 
 
+class TheirBench(bench.Bench):
+    def __enter__(self) -> TheirBench:
+        super().__enter__()
+        # LeRobot's disconnect() is torque off, and nothing else, for who reads the wire.
+        its = self.driver.fallbacks
+        self.driver.fallbacks = {why: SafeState.LIMP if its[why] == SafeState.OFF else its[why] for why in its}
+        return self
+
+    def _begin_twin(self) -> None:
+        super()._begin_twin()
+        read_as_theirs(self.twin)
+
+
 def main() -> int:
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it
     parser = argparse.ArgumentParser(prog="python -m tests.lerobot.matrix")
     parser.add_argument("robots")
     parser.add_argument("--repeats", type=int, default=1)
@@ -67,7 +86,7 @@ def _measure(given: argparse.Namespace) -> int:
 
     problems = []
     for robot, driver_class in drivers.items():
-        with bench.Bench(robot, driver_class) as its_bench:
+        with TheirBench(robot, driver_class) as its_bench:
             for cell in cells(its_bench.driver):
                 try:
                     _try(cell, its_bench, trials, given.repeats)

@@ -187,8 +187,11 @@ def test_a_saved_state_comes_back(arm: SimRobot) -> None:
 
 
 def test_a_camera_rides_on_a_link(arm: SimRobot) -> None:
-    json_of(arm.add_camera("eye", position=[0, 0, 0.1], target=[0, 0, -0.1], parent_body="hand"))
-    before = arm.render(48, 36, "eye").astype(int)
+    json_of(
+        arm.add_camera("eye", position=[0, 0, 0.1], target=[0, 0, -0.1], width=48, height=36, parent_body="hand")
+    )
+    before = arm.render(camera="eye").astype(int)
+    assert before.shape == (36, 48, 3), "the size that the camera was given"
     json_of(arm.send_action({"shoulder_lift": 40.0, "wrist_roll": 60.0}))
     json_of(arm.step(800))
     assert np.abs(arm.render(48, 36, "eye").astype(int) - before).mean() > 2
@@ -197,6 +200,7 @@ def test_a_camera_rides_on_a_link(arm: SimRobot) -> None:
 SCENE: list[tuple[str, dict[str, Any], str]] = [
     ("add_object", {"name": "cube", "shape": "cone"}, "shape is 'cone'. use one of box, sphere"),
     ("add_object", {"name": "", "shape": "box"}, "the name is ''"),
+    ("add_camera", {"name": "wide", "width": 0}, "a picture of 0 x 480. give whole numbers above 0"),
     ("add_object", {"name": "hand"}, "there is a body 'hand' already"),
     ("add_object", {"name": "cube", "mass": 0}, "mass is 0. give kilograms, above 0"),
     ("add_object", {"name": "cube", "mass": float("nan")}, "mass is nan"),

@@ -3,6 +3,7 @@ is tried through the public names alone, without a robot."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,6 +15,7 @@ from strands_actors import (
     list_native_drivers,
     list_robots,
     register_native_driver,
+    register_robot,
 )
 from strands_actors.drivers import (
     DRIVER_CHOICES,
@@ -41,7 +43,8 @@ class Half:
     [
         ("so101", {"driver": "vendor"}, "vendor"),
         ("so101", {**ARM, "driver": "vendor"}, "vendor"),
-        ("so101", {**ARM, "transport": "carrier"}, "carrier"),
+        ("so101", {**ARM, "transport": "carrier"}, "'carrier'. it offers twin, serial"),
+        ("ur5e", {"mode": "real", "transport": "carrier"}, "'carrier'. it offers twin$"),
         ("so101", {"baud_rate": 1_000_000}, "baud"),
         ("ability_hand", {**ARM, "driver": "strands"}, "ability_hand"),
         ("robotiq_2f85", {**GRIPPER, "unit_id": 300}, "unit_id"),
@@ -50,7 +53,8 @@ class Half:
         ("ur5e", {**UR, "control_frequency": 0}, "control_frequency"),
         ("ur5e", {**UR, "control_frequency": float("inf")}, "control_frequency"),
         ("ur5e", {**UR, "control_frequency": True}, "control_frequency"),
-        ("ur5e", {**UR, "model": "ur99"}, "model"),
+        ("ur5e", {**UR, "model": "ur99"}, "model is 'ur99'. Give 'ur5e', or leave it out. there are ur3e, ur5e"),
+        ("ur5e", {**UR, "model": "UR10e"}, r"Use Robot\('ur10e'\), or leave it out"),
         ("unitree_g1", {**G1, "battery_floor_pct": NAN}, "battery_floor_pct"),
         ("unitree_g1", {**G1, "battery_floor_pct": 101}, "battery_floor_pct"),
         ("unitree_g1", {**G1, "battery_floor_pct": True}, "battery_floor_pct"),
@@ -167,6 +171,40 @@ def test_what_would_be_ignored_or_cannot_be_is_refused_by_name(
 ) -> None:
     with pytest.raises((ValueError, TypeError), match=says):
         Robot(robot, **keywords)
+
+
+@pytest.mark.parametrize("port", ["", "  ", "\n", None])
+def test_a_blank_is_no_port(port: str | None) -> None:
+    for robot in ("so101", "koch", "ur5e", "unitree_g1", "robotiq_2f85", "spot"):
+        with pytest.raises(ValueError, match=f"{robot} needs 'port'"):
+            Robot(robot, mode="real", port=port)
+    with pytest.raises(ValueError, match="radio://0/80/2M/E7E7E7E7E7"):
+        Robot("crazyflie", mode="real", port=port)
+    assert Robot("booster_t1", mode="real", port=port).driver.robot == "booster_t1"  # it is found on the network
+
+
+def test_a_port_is_text() -> None:
+    for robot in ("so101", "ur5e", "unitree_g1", "koch"):
+        for port in (5, False, b"/dev/ttyACM0", ["/dev/ttyACM0"]):
+            with pytest.raises(TypeError, match="give a path or an address, as text"):
+                Robot(robot, mode="real", port=port)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="give an address, without spaces"):
+        Robot("ur5e", mode="real", port="192.0.2.30 30004")
+    written = repr(Robot("so101", mode="real", port="/dev/serial/by-id/left arm"))
+    assert written == repr(Robot("so101", mode="real", port=Path("/dev/serial/by-id/left arm")))  # type: ignore[arg-type]
+
+
+def test_a_name_is_registered_once_in_whatever_spelling() -> None:
+    for name in ("so101", "SO-101", "SO101", "so_101", "Franka", "so100_follower"):
+        with pytest.raises(ValueError, match=f"{name} is known already. pass overwrite=True"):
+            register_robot(name)
+    for name in ("a b", "a/b", "ärm", "x" * 65, "--", "arm\n"):
+        with pytest.raises(ValueError, match="use 1 to 64 of A-Z"):
+            register_robot(name)
+    with pytest.raises(ValueError, match="SO-101 is known already"):
+        register_robot("bench_arm_7", aliases=["SO-101"])
+    assert "bench_arm_7" not in list_robots()
+    assert (canonical_name("SO-101"), list_native_drivers()["so101"]) == ("so101", "FeetechDriver")
 
 
 def test_the_legs_share_a_driver_and_each_is_its_own_robot() -> None:

@@ -60,14 +60,24 @@ def test_saf_017_the_next_policy_process_writes_under_no_other_policys_lease() -
     assert refused.code == "lease"
 
 
-@pytest.mark.parametrize(
-    ("holder", "holding", "granted"), [(CALLER, True, True), (CALLER, False, False), ("b", True, False)]
-)
+@pytest.mark.parametrize("again", [0, 7, 1 << 32 | 7])
+def test_saf_017_a_holders_name_is_no_proof_and_a_number_can_not_be_guessed(again: int) -> None:
+    leases = Leases(0, secret=b"of this gate alone")
+    lease = leases.acquire(Acquire(CALLER), 0)
+    assert isinstance(lease, int)
+    refused = leases.acquire(Acquire(CALLER, again=again), 0)
+    assert isinstance(refused, Refused)
+    assert refused.code == "lease"
+    assert leases.refuse("move", lease, "") is None, "it is its holder's still"
+    assert isinstance(leases.acquire(Acquire(CALLER, again=lease), 0), int)
+
+
+@pytest.mark.parametrize(("has_it", "holding", "granted"), [(1, True, True), (1, False, False), (0, True, False)])
 def test_who_lent_its_lease_to_a_rollout_has_it_back_when_the_robot_holds(
-    holder: str, holding: bool, granted: bool
+    has_it: bool, holding: bool, granted: bool
 ) -> None:
     """A rollout that was cut off returns nothing."""
-    leases, _, own = begun()
-    taken = leases.acquire(Acquire(holder), SECOND_NS // 2, holding)
+    leases, over, own = begun()
+    taken = leases.acquire(Acquire(CALLER, again=over if has_it else 0), SECOND_NS // 2, holding)
     assert isinstance(taken, int) is granted
     assert (leases.refuse("move", own, POLICY) is None) is not granted

@@ -19,7 +19,7 @@ class Writer:
         self.lease = Lease(0, 0)
 
     async def acquire(self) -> Message | None:
-        answer = await self.ref.ask(Acquire(self.name), 1.0)
+        answer = await self.ref.ask(Acquire(self.name, again=self.lease.id), 1.0)
         if isinstance(answer, Lease):
             self.lease = answer
         return answer

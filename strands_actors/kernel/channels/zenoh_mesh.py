@@ -20,12 +20,13 @@ import msgspec
 import trio
 import zenoh
 
+from strands_actors.kernel.frames import outline
 from strands_actors.kernel.messages import Message
 from strands_actors.kernel.node import PREFIX, Node
 from strands_actors.kernel.thread_asks import ThreadAsks
 
 from .permissions import Channel
-from .zenoh_session import Waker, closed, config, opened, unix_endpoint
+from .zenoh_session import Waker, closed, config, known_by, opened, unix_endpoint
 
 _WAKE_BATCH = 512
 _PUBLISHERS = 32
@@ -39,13 +40,17 @@ EVERYBODY = f"{PREFIX}/**/alive"
 class ZenohMesh:
     """One session of one process. ``attach`` a node, then run ``run`` as long as the node lives."""
 
-    def __init__(self, session: zenoh.Session) -> None:
+    def __init__(self, session: zenoh.Session, main: ZenohMesh | None = None) -> None:
+        """``main``: the session whose ``run`` carries what comes in by this one, too."""
         self.channel: Channel | None = None
         self._session = session
         self._pid = os.getpid()
-        self._urgent: deque[bytes] = deque()
-        self._inbox: deque[bytes] = deque()
-        self._waker = Waker()
+        self._urgent: deque[tuple[ZenohMesh, bytes]] = deque() if main is None else main._urgent
+        self._inbox: deque[tuple[ZenohMesh, bytes]] = deque() if main is None else main._inbox
+        self._lost: deque[str] = deque() if main is None else main._lost
+        self._waker: Waker = Waker() if main is None else main._waker
+        self._guests: ZenohMesh | None = None
+        self._shown: zenoh.Publisher | None = None
         self._publishers: dict[tuple[str, bool], zenoh.Publisher] = {}
         self._subscribers: dict[str, Any] = {}
         self._alive: set[str] = set()
@@ -53,7 +58,6 @@ class ZenohMesh:
         keys: anybody may listen there."""
         self._tokens: Any = None
         self._watched: set[str] = set()
-        self._lost: deque[str] = deque()
         self._threads: ThreadAsks | None = None
         self._asked: dict[str, zenoh.Publisher] = {}
         self.node: Node
@@ -65,12 +69,25 @@ class ZenohMesh:
         listen: Sequence[str] = (),
         connect: Sequence[str] = (),
         settings: Mapping[str, Any] | None = None,
+        secret: str = "",
     ) -> ZenohMesh:
         """Open a session (in a worker thread: it blocks for some 10 ms). ``settings``: zenoh's own,
-        by path."""
-        stamped = {"timestamping/enabled": {"peer": True}}  # 0.2 us: who listens sees how old a message is
-        configured = config(listen, connect, {**stamped, **(settings or {})})
-        return cls(await trio.to_thread.run_sync(zenoh.open, configured))
+        by path. ``secret``: see ``known_by``."""
+        return cls(await _open(listen, connect, settings, secret))
+
+    async def let_guests_in(
+        self, listen: Sequence[str], channel: Channel, addresses: Sequence[str], show: str
+    ) -> None:
+        """Beside this session another one, for who does not know the secret of this. They reach
+        these actors of the node, by ``channel``, and are answered; what this session carries they
+        do not hear. ``show``: where they are told who tells whom what, if they listen: names and
+        types."""
+        guests = self._guests = ZenohMesh(await _open(listen), self)
+        guests.channel, guests.node = channel, self.node
+        guests._look_for(EVERYBODY)
+        for address in addresses:
+            guests.announce(address, True)
+        self._shown = guests._shown = guests._session.declare_publisher(show)
 
     def let_in(self, node: Node, address: str) -> None:
         """Instead of ``attach``: who joins this session reaches one actor of ``node``, and is
@@ -82,12 +99,15 @@ class ZenohMesh:
         """``tokens``: of whom it may reach, where access rules do not let it see all."""
         self.node = node
         node.mesh = self
-        self._tokens = self._session.liveliness().declare_subscriber(
-            tokens, zenoh.handlers.Callback(self._on_token, indirect=False), history=True
-        )
+        self._look_for(tokens)
         self.announce(node.address, True)
         for address in node.cells:
             self.announce(address, True)
+
+    def _look_for(self, tokens: str) -> None:
+        self._tokens = self._session.liveliness().declare_subscriber(
+            tokens, zenoh.handlers.Callback(self._on_token, indirect=False), history=True
+        )
 
     def serve_threads(self) -> None:
         """From now on threads of this process may ``ask``."""
@@ -106,7 +126,10 @@ class ZenohMesh:
             await self._waker.wait()
             with self.node.dispatch:
                 for _ in range(min(len(urgent) + len(inbox), _WAKE_BATCH)):
-                    self.node.receive_frame(urgent.popleft() if urgent else inbox.popleft(), self)
+                    way, data = urgent.popleft() if urgent else inbox.popleft()
+                    if way._shown is not None:
+                        _show(way._shown, data)
+                    self.node.receive_frame(data, way)
             while lost:
                 self.node.lost(lost.popleft())
             if inbox:
@@ -127,8 +150,10 @@ class ZenohMesh:
         try:
             publisher = self._publisher(to, urgent)
             if to not in self._alive and not _is_heard(to, publisher):
-                return False
+                return self._guests is not None and self._guests.send(to, data, descriptors, urgent)
             publisher.put(data)
+            if self._shown is not None:
+                _show(self._shown, data)
         except zenoh.ZError:
             return False  # no key at all (a peer names where its answer goes), or the session is closed
         return True
@@ -210,7 +235,7 @@ class ZenohMesh:
     # -- on zenoh's thread
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
-        (self._urgent if sample.priority == _URGENT else self._inbox).append(sample.payload.to_bytes())
+        (self._urgent if sample.priority == _URGENT else self._inbox).append((self, sample.payload.to_bytes()))
         self._waker.wake()
 
     def _on_token(self, sample: zenoh.Sample) -> None:
@@ -224,6 +249,22 @@ class ZenohMesh:
         if address in self._watched:
             self._lost.append(address)
             self._waker.wake()
+
+
+async def _open(
+    listen: Sequence[str], connect: Sequence[str] = (), settings: Mapping[str, Any] | None = None, secret: str = ""
+) -> zenoh.Session:
+    stamped = {"timestamping/enabled": {"peer": True}}  # 0.2 us: who listens sees how old a message is
+    with known_by(secret) as known:
+        configured = config(listen, connect, {**stamped, **known, **(settings or {})})
+        return await trio.to_thread.run_sync(zenoh.open, configured)
+
+
+def _show(shown: zenoh.Publisher, data: bytes) -> None:
+    """A frame without what it says: there may be a lease in it."""
+    status: Any = shown.matching_status  # the stubs say bool
+    if status.matching and (told := outline(data)) is not None:
+        shown.put(told)
 
 
 _URGENT = zenoh.Priority.REAL_TIME

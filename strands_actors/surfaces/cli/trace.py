@@ -13,6 +13,7 @@ from strands_actors.caller.run_directory import Note, notes
 from strands_actors.kernel.channels.pubsub import PubSub, Received
 from strands_actors.kernel.frames import ASK, DOWN, REPLY, TELL, WATCH, Frame, decode_frame
 from strands_actors.kernel.node import PREFIX
+from strands_actors.supervisors.permissions import shown
 
 from .errors import Problem
 
@@ -104,12 +105,11 @@ async def _trace(note: Note, as_json: bool, count: int | None, seconds: float | 
             if left <= 0:
                 done.set()
 
-    session = await PubSub.open(connect=[endpoint for endpoint in (*note.endpoints, note.caller) if endpoint])
+    session = await PubSub.open(connect=note.endpoints)
     try:
         async with trio.open_nursery() as nursery:
             await nursery.start(session.run)
-            for key in (f"{PREFIX}/{note.robot}/actor/**", f"{PREFIX}/node/**"):
-                session.subscribe(key, on_sample, keep=4096)
+            session.subscribe(shown(note.robot), on_sample, keep=4096)
             with trio.move_on_after(float("inf") if seconds is None else seconds):
                 await done.wait()
             nursery.cancel_scope.cancel()

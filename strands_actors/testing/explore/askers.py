@@ -190,7 +190,8 @@ class Asker:
             await self._acquire()
 
     async def _acquire(self) -> None:
-        answer = await self._ask(self.gate, Acquire(self.name, pid=self.process.pid), ASK_S)
+        again = self._lease.id if self._lease else 0
+        answer = await self._ask(self.gate, Acquire(self.name, pid=self.process.pid, again=again), ASK_S)
         if isinstance(answer, Lease):
             self._lease = answer
 

@@ -177,7 +177,7 @@ class SimMesh:
     net: Net
 
     def __init__(self, process: Process, network: str) -> None:
-        self.channel: Channel | None = None
+        self._channel: Channel | None = None
         self.process = process
         self.network = network
         self.node: Node
@@ -188,13 +188,28 @@ class SimMesh:
 
     @classmethod
     async def open(
-        cls, listen: Sequence[str] = (), connect: Sequence[str] = (), settings: Mapping[str, Any] | None = None
+        cls,
+        listen: Sequence[str] = (),
+        connect: Sequence[str] = (),
+        settings: Mapping[str, Any] | None = None,
+        secret: str = "",
     ) -> SimMesh:
         net = cls.net
         process = net.world.current
         await trio.sleep(0.002 + 0.01 * net.world.rng("mesh").random())
         apart = any(endpoint.startswith("policy") for endpoint in (*listen, *connect))
         return cls(process, "policy" if apart else "user")
+
+    @property
+    def channel(self) -> Channel | None:
+        return self._channel
+
+    @channel.setter
+    def channel(self, channel: Channel | None) -> None:
+        """Operators, who come by the gateway, stand beside the caller here."""
+        if channel is not None and self.network == "user":
+            channel = channel._replace(hosts=None)
+        self._channel = channel
 
     def attach(self, node: Node) -> None:
         self.node = node
@@ -205,6 +220,11 @@ class SimMesh:
         self.node = node
         self._address = address
         self.net.sessions.append(self)
+
+    async def let_guests_in(
+        self, listen: Sequence[str], channel: Channel, addresses: Sequence[str], show: str
+    ) -> None:
+        """Nothing to do: in a simulation nobody visits."""
 
     def hosts(self, to: str) -> bool:
         if self._address:

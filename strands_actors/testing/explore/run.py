@@ -130,6 +130,7 @@ class Run:
             "wire_listen": "wire",
             "policy_listen": "policy",
             "connect": ["caller"],
+            "secret": "",
             "page": page,
             "label": "",
             "standby": {"lock": "", "port": model.PORT, "report": ""},

@@ -207,7 +207,8 @@ class SessionArm(RobotModel):
             )
         )
         self._log_energised()
-        self.world.note("wire", piece.role, f"{exchange.kind} {safe_state} {told} follows {sorted(now)}")
+        news = {motor: round(rad, 4) for motor, rad in told.items() if rad != before[motor]}
+        self.world.note("wire", piece.role, f"{exchange.kind} {safe_state} {news} follows {sorted(now)}")
 
     def _log_energised(self) -> None:
         self.log_energised(self.following)

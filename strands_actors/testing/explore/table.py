@@ -32,15 +32,18 @@ def plan_table(plan: Plan, title: str) -> Table:
 def history_table(rows: Iterable[Row], violations: Iterable[Violation], full: bool) -> Table:
     """``full``: with what says little: who hosts what, beats, questions for the status."""
     table = Table(title="history", title_justify="left")
-    for name, width in (("at", 7), ("who", 8), ("does", 10), ("what", None)):
-        table.add_column(name, no_wrap=True, overflow="ellipsis", min_width=width)
+    for name, width in (("at", 7), ("who", 15), ("does", 10)):
+        table.add_column(name, no_wrap=True, overflow="ellipsis", width=width)
+    table.add_column("what")  # the one that gives way: none of the others may vanish on a narrow screen
     broken = sorted(violations, key=lambda violation: violation.t_s)
     for row in rows:
         while broken and broken[0].t_s < row.t_s:
             _add_violation(table, broken.pop(0))
         text = told(row.detail) if isinstance(row.detail, bytes) else row.detail
         if full or not (text.startswith(DULL) or "'Status'" in text):
-            table.add_row(f"{row.t_s - BEGIN_S:.4f}", row.who, row.what, Text(text), style=COLOURS.get(row.who))
+            table.add_row(
+                f"{row.t_s - BEGIN_S:.4f}", row.who, row.what, _in_a_line(text), style=COLOURS.get(row.who)
+            )
     for violation in broken:
         _add_violation(table, violation)
     return table
@@ -48,4 +51,8 @@ def history_table(rows: Iterable[Row], violations: Iterable[Violation], full: bo
 
 def _add_violation(table: Table, violation: Violation) -> None:
     text = f"{violation.invariant}: {violation.detail}"
-    table.add_row(f"{violation.t_s - BEGIN_S:.4f}", "", "BROKEN", Text(text), style="bold white on red")
+    table.add_row(f"{violation.t_s - BEGIN_S:.4f}", "", "BROKEN", _in_a_line(text), style="bold white on red")
+
+
+def _in_a_line(text: str) -> Text:
+    return Text(text, no_wrap=True, overflow="ellipsis")

@@ -11,6 +11,7 @@ from collections.abc import Callable
 import msgspec
 import pytest
 import trio
+import trio.testing
 
 from strands_actors.contract.driver import PermitDenied, WireDown
 from strands_actors.drivers.common.http_client import HttpClient
@@ -231,3 +232,44 @@ def test_the_client_gives_up_in_time_and_says_where() -> None:
             nursery.cancel_scope.cancel()
 
     trio.run(run)
+
+
+def test_a_connection_that_was_idle_takes_no_command() -> None:
+    """The service may be closing it just then."""
+
+    async def run() -> None:
+        service = Service()
+        port = HttpPort("h", 1, service.open_stream)
+        for pause_s, opened in ((0.0, 1), (1.9, 1), (2.1, 2), (0.1, 2)):
+            await trio.sleep(pause_s)
+            await port.ready()
+            await port.answer(port.send("POST", "/stop"), 1.0)
+            assert service.opened == opened
+        service.mute = True
+        port.send("POST", "/stop")
+        await trio.sleep(2.1)
+        await port.ready()
+        assert service.opened == 2, "one that owes an answer is kept: another could be overtaken"
+
+    run_virtual(run)
+
+
+def test_who_connects_late_does_not_throw_away_the_connection_of_another() -> None:
+    async def run() -> None:
+        service = Service()
+        took_s = iter((0.3, 0.1))
+
+        async def open_stream(host: str, port: int) -> Stream:
+            await trio.sleep(next(took_s))
+            return await service.open_stream(host, port)
+
+        port = HttpPort("h", 1, open_stream)
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(port.open)
+            await trio.testing.wait_all_tasks_blocked()
+            await port.open()
+            number = port.send("POST", "/stop")
+            await trio.sleep(0.3)
+            assert (await port.answer(number, 1.0)).status == 200
+
+    run_virtual(run)

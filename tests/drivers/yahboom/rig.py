@@ -1,11 +1,13 @@
-"""For the wire in virtual time: the twin's rosbridge behind WebSockets in memory."""
+"""For the wire in virtual time: the twin's rosbridge behind WebSockets in memory; and what client
+libraries of others see."""
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
+import pytest
 import trio
 
 from strands_actors.contract.driver import Candidate, GateState, Observation, WireDown
@@ -17,6 +19,7 @@ from strands_actors.drivers.yahboom.twin import M3ProTwin, Session
 from strands_actors.drivers.yahboom.wire import YahboomWire
 from strands_actors.kernel.clock import Clock, VirtualClock
 from strands_actors.kernel.messages import Refused
+from strands_actors.testing import Twin
 
 NOW_NS = 10**12
 KNOWN = (0.0,) * 9
@@ -168,3 +171,18 @@ def refused(action: dict[str, Any], at: GateState | None = None, **options: Any)
     found = answer(action, at, **options)
     assert isinstance(found, Refused), found
     return found
+
+
+def judge_client(seen: Mapping[str, Any], twin: Twin) -> None:
+    """Check what a client library of others saw: that drove ten times and said zero, then twice and
+    said nothing."""
+    kinds = [one.kind for one in twin.log.entries() if one.sender == "host" and one.kind in ("setpoint", "safe")]
+    assert {"/cmd_vel", "/arm6_joints", "/odom_raw", "/scan1"} <= set(seen["topics"])
+    assert seen["type"] == "geometry_msgs/msg/Twist"
+    assert seen["time"]["time"]["sec"] > 0
+    assert "does not exist" in str(seen["refused"])
+    assert seen["odometry"] > 30 and 1 <= seen["scans"] <= 8
+    assert seen["moved"] == pytest.approx(0.4)
+    assert 0.2 < seen["at"] < 0.8
+    assert (seen["stood"], seen["zeroed"]) == (0.0, 0.0)
+    assert kinds == ["setpoint"] * 11 + ["safe"] + ["setpoint"] * 2

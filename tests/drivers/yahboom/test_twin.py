@@ -18,6 +18,8 @@ from strands_actors.drivers.yahboom import protocol as p
 from strands_actors.drivers.yahboom.twin import M3ProTwin, Session
 from strands_actors.testing import Twin
 
+from .rig import judge_client
+
 
 def test_roslibpy_drives_reads_and_is_told_what_is_wrong(tmp_path: Path) -> None:
     with Twin("yahboom_m3pro", tmp_path) as twin:
@@ -31,18 +33,7 @@ def test_roslibpy_drives_reads_and_is_told_what_is_wrong(tmp_path: Path) -> None
         )
         assert done.returncode == 0, done.stderr
         seen: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-        kinds = [
-            one.kind for one in twin.log.entries() if one.sender == "host" and one.kind in ("setpoint", "safe")
-        ]
-    assert {"/cmd_vel", "/arm6_joints", "/odom_raw", "/scan1"} <= set(seen["topics"])
-    assert seen["type"] == "geometry_msgs/msg/Twist"
-    assert seen["time"]["time"]["sec"] > 0
-    assert "does not exist" in str(seen["refused"])
-    assert seen["odometry"] > 30 and 1 <= seen["scans"] <= 8
-    assert seen["moved"] == pytest.approx(0.4)
-    assert 0.2 < seen["at"] < 0.8
-    assert (seen["stood"], seen["zeroed"]) == (0.0, 0.0)
-    assert kinds == ["setpoint"] * 11 + ["safe"] + ["setpoint"] * 2
+        judge_client(seen, twin)
 
 
 # -- the robot itself
