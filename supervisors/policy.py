@@ -23,7 +23,7 @@ from strands_actors.contract.driver import Observation
 from strands_actors.contract.positions import Positions
 from strands_actors.kernel.actor import Actor, describe
 from strands_actors.kernel.clock import NS
-from strands_actors.kernel.health import gc_freeze as heap
+from strands_actors.kernel.health import gc_freeze
 from strands_actors.kernel.mailbox import SUPERSEDED
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import ActorRef, AskTimeout, Unreachable
@@ -259,7 +259,7 @@ class Policy(Actor):
                     if self._lease is None:
                         if not await self._acquire():
                             return
-                        moving.enter_context(heap.left_alone())
+                        moving.enter_context(gc_freeze.left_alone())
                     self._buffer.add(chunk, self.context.clock.now_ns() - began_ns)
                     self._wanted = trio.Event()  # the ticks meanwhile have asked for what is here now
                     if not chunk:
