@@ -27,11 +27,11 @@ class Addresses:
         return f"{self._robot}/actor/{name}"
 
     def introspection(self, process: str) -> str:
-        """Path of the actor that answers for one process: root, wire or policy."""
+        """Return the path of the actor that answers for one process: root, wire or policy."""
         return self.path(f"introspection/{process}")
 
     def instrument(self, process: str) -> str:
-        """Path of the actor that a recorder of one process attaches to: root or wire."""
+        """Return the path of the actor that a recorder of one process attaches to: root or wire."""
         return self.path(f"instrument/{process}")
 
     def address(self, name: str) -> str:

@@ -193,7 +193,8 @@ class Journal:
                 self._lines.append((Kind.MEMORY, actor, now_ns, deferrals, "", msgspec.Raw(body)))
 
     def take(self, now_ns: int) -> tuple[msgspec.Raw, ...]:
-        """The next encoded entries, as many as one batch may carry; none when there are none."""
+        """Return the next encoded entries, as many as one batch may carry; none when there are
+        none."""
         taken: list[msgspec.Raw] = []
         size = 0
         while size < BATCH_BYTES:
@@ -332,5 +333,5 @@ class InstrumentKeeper(Actor):
 
 
 def name_of(address: str) -> str:
-    """How a journal calls an actor: ``gate`` for ``strands/so101/actor/gate``."""
+    """Return how a journal calls an actor: ``gate`` for ``strands/so101/actor/gate``."""
     return address.rpartition("/actor/")[2]

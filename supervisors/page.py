@@ -25,9 +25,9 @@ class Owed:
 
     @property
     def safe_state(self) -> bool:
-        """Whether something may be energised: from before arming until every motor has confirmed
-        the safe state of a stop. Written by the wire, and by the root once that has made safe in
-        its place."""
+        """Return whether something may be energised: from before arming until every motor has
+        confirmed the safe state of a stop. Written by the wire, and by the root once that has made
+        safe in its place."""
         return self._owed.get() != 0
 
     @safe_state.setter

@@ -46,33 +46,35 @@ def _of(robot: str, process: str, names: tuple[str, ...], instruments: bool = Tr
 
 
 def of_wire(robot: str) -> Channel:
-    """The other end is the wire process."""
+    """Return the channel whose other end is the wire process."""
     hosts = _of(robot, "wire", ("gate", "watchdog", "transport"))
     return Channel("", hosts, f"{PREFIX}/node/{robot}.wire.")
 
 
 def of_root(robot: str) -> Channel:
-    """The other end is the root process."""
+    """Return the channel whose other end is the root process."""
     names = ("guardian", "root", "tasks", "safety", "commands", "telemetry", "pictures", "gateway", "gateway/stop")
     return Channel("", _of(robot, "root", names), f"{PREFIX}/node/{robot}.root.")
 
 
 def of_standby(robot: str) -> Channel:
-    """The other end is the standby process. It answers, and tells nobody anything."""
+    """Return the channel whose other end is the standby process. It answers, and tells nobody
+    anything."""
     hosts = _of(robot, "standby", ("standby",), instruments=False)
     return Channel("", hosts, f"{PREFIX}/node/{robot}.standby.", {})
 
 
 def of_camera(robot: str, name: str) -> Channel:
-    """The other end is a camera's process. It answers, and tells nobody anything."""
+    """Return the channel whose other end is a camera's process. It answers, and tells nobody
+    anything."""
     process = f"camera/{name}"
     hosts = _of(robot, process, (process,), instruments=False)
     return Channel("", hosts, f"{PREFIX}/node/{robot}.camera.{name}.", {})
 
 
 def of_policy(robot: str, name: str) -> Channel:
-    """The other end is a policy process: in the root, and in the wire. ``name``: what its leases
-    are bound to."""
+    """Return the channel whose other end is a policy process: in the root, and in the wire.
+    ``name``: what its leases are bound to."""
     at = addresses.of(robot)
     tells: dict[str, Told] = {at.gate: WRITES, at.tasks: frozenset({TaskStatus, EpisodeKey})}
     return Channel(
@@ -81,8 +83,9 @@ def of_policy(robot: str, name: str) -> Channel:
 
 
 def of_caller(robot: str, node: str) -> Channel:
-    """The other end is the process that started the tree: of its link, and of the session that
-    nobody enters without its secret. ``node``: its node's address. Its policy may be there."""
+    """Return the channel whose other end is the process that started the tree: of its link, and of
+    the session that nobody enters without its secret. ``node``: its node's address. Its policy may
+    be there."""
     at = addresses.of(robot)
     tells: dict[str, Told] = dict.fromkeys((at.root, at.tasks))
     tells |= {at.gate: COMMANDS, at.guardian: frozenset({Fence})}

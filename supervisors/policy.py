@@ -23,7 +23,7 @@ from strands_actors.contract.driver import Observation
 from strands_actors.contract.positions import Positions
 from strands_actors.kernel.actor import Actor, describe
 from strands_actors.kernel.clock import NS
-from strands_actors.kernel.health import gc_freeze as heap
+from strands_actors.kernel.health import gc_freeze
 from strands_actors.kernel.mailbox import SUPERSEDED
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import ActorRef, AskTimeout, Unreachable
@@ -227,7 +227,7 @@ class Policy(Actor):
         return self._ended is None
 
     async def _ask(self, setpoint: Setpoint) -> bool:
-        """Whether it was accepted; the rollout has ended if not."""
+        """Send it. Return whether it was accepted; the rollout has ended if not."""
         try:
             answer = await self._gate.ask(setpoint, self._ask_s)
         except (AskTimeout, Unreachable) as failure:
@@ -259,7 +259,7 @@ class Policy(Actor):
                     if self._lease is None:
                         if not await self._acquire():
                             return
-                        moving.enter_context(heap.left_alone())
+                        moving.enter_context(gc_freeze.left_alone())
                     self._buffer.add(chunk, self.context.clock.now_ns() - began_ns)
                     self._wanted = trio.Event()  # the ticks meanwhile have asked for what is here now
                     if not chunk:
@@ -270,7 +270,7 @@ class Policy(Actor):
             await self._end("policy", describe(error))
 
     def _ready(self) -> tuple[Infer, Callable[[int], None]]:
-        """The policy as a function, and what it is told before each inference."""
+        """Return the policy as a function, and what it is told before each inference."""
         policy = self._make()
         infer = as_infer(policy)
         prepare(policy, self._rollout.axes, 1.0 / self._rollout.period_s)

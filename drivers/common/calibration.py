@@ -43,7 +43,7 @@ def _within(field: str, value: int, low: int, high: int) -> None:
 
 
 def folder(environ: Mapping[str, str] = os.environ) -> Path:
-    """Where lerobot keeps its calibration files, by lerobot's own variables."""
+    """Return where lerobot keeps its calibration files, by lerobot's own variables."""
     if root := environ.get("HF_LEROBOT_CALIBRATION"):
         return Path(root).expanduser()
     if home := environ.get("HF_LEROBOT_HOME"):
@@ -58,7 +58,7 @@ LEADERS = "teleoperators"
 
 
 def find(robot_types: Iterable[str], robot_id: str, root: Path | None = None, kind: str = ROBOTS) -> Path | None:
-    """The file of robot ``robot_id`` under the first of ``robot_types`` that has one."""
+    """Return the file of robot ``robot_id`` under the first of ``robot_types`` that has one."""
     base = folder() if root is None else root
     for robot_type in robot_types:
         path = base / kind / robot_type / f"{robot_id}.json"

@@ -44,7 +44,7 @@ class Packet(Protocol):
     def params(self) -> bytes: ...
     @property
     def failure(self) -> str:
-        """Why the motor did not do what it was asked, by its own word; empty when it did."""
+        """Return why the motor did not do what it was asked, by its own word; empty when it did."""
         ...
 
 
@@ -105,7 +105,8 @@ class HalfDuplexBus(Generic[PacketT]):
 
     @property
     def starved(self) -> bool:
-        """Whether this host, not the robot, may be why the last question was not answered."""
+        """Return whether this host, not the robot, may be why the last question was not
+        answered."""
         return self.late_s > BUSY_S
 
     def send(self, frame: bytes) -> None:
@@ -243,9 +244,9 @@ class Health:
         self._due_ns = dict.fromkeys(self._ids, 0)
 
     def to_ask(self, now_ns: int) -> tuple[int, ...]:
-        """The healthy ones, then at most one suspect whose wait is over: last, where its silence
-        cannot hold up the replies of others. When nobody is healthy there is nobody to hold up:
-        everybody."""
+        """Return the healthy ones, then at most one suspect whose wait is over: last, where its
+        silence cannot hold up the replies of others. When nobody is healthy there is nobody to hold
+        up: everybody."""
         mute = self.mute()
         healthy = tuple(i for i in self._ids if i not in mute)
         if not healthy:

@@ -36,7 +36,7 @@ class Request(NamedTuple):
 
     @property
     def closes(self) -> bool:
-        """Whether the client wants the connection closed after the response."""
+        """Return whether the client wants the connection closed after the response."""
         return self.headers.get("connection", "").lower() == "close"
 
 
@@ -49,7 +49,7 @@ class Response(NamedTuple):
 
     @property
     def closes(self) -> bool:
-        """Whether the server closes the connection after it."""
+        """Return whether the server closes the connection after it."""
         return self.headers.get("connection", "").lower() == "close"
 
 
@@ -76,7 +76,7 @@ class _Decoder:
 
     @property
     def has_part(self) -> bool:
-        """Whether a message has begun and not ended."""
+        """Return whether a message has begun and not ended."""
         return bool(self._buffer)
 
     def _take(self, data: bytes) -> None:

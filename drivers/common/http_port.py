@@ -14,6 +14,7 @@ from strands_actors.contract.driver import WireDown
 
 from .http_messages import Response, ResponseDecoder, encode_request
 from .malformed import MalformedFrame
+from .shared_stream import SharedStream
 from .tcp_port import ByteStream, open_tcp
 
 OpenStream = Callable[[str, int], Awaitable[ByteStream]]
@@ -36,37 +37,35 @@ class HttpPort:
         self._where = host, port
         self.name = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
         self._open_stream = open_stream
-        self._stream: ByteStream | None = None
+        self._stream = SharedStream(self._forget)
         self._decoder = ResponseDecoder()
         self._sent = self._heard = 0  # requests, and responses to them, on this connection
         self._used_s = 0.0  # when it was last opened, sent to or heard
         self._responses: dict[int, Response] = {}  # the newest few, by number
-        self._reader: trio.CancelScope | None = None  # whoever reads does it for all
-        self._news = trio.Event()
 
     @property
     def is_open(self) -> bool:
-        return self._stream is not None
+        return self._stream.connection is not None
 
     @property
     def waits(self) -> bool:
-        """Whether a request has not been answered."""
+        """Return whether a request has not been answered."""
         return self._sent != self._heard
 
     async def open(self) -> None:
         """Connect anew. Raise ``WireDown``."""
         self.close()
         stream = await self._open_stream(*self._where)
-        if self._stream is not None:  # somebody else was quicker, and may have sent on it
+        if self.is_open:  # somebody else was quicker, and may have sent on it
             stream.close()
             return
-        self._stream, self._decoder = stream, ResponseDecoder()
+        self._stream.replace(stream)
         self._used_s = trio.current_time()
 
     async def ready(self) -> None:
-        """Connect anew unless there is a connection that was used lately, or owes an answer. Raise
-        ``WireDown``."""
-        if self._stream is None or (not self.waits and trio.current_time() - self._used_s > IDLE_S):
+        """Connect anew unless there is a connection that was used lately, or has not answered yet.
+        Raise ``WireDown``."""
+        if not self.is_open or (not self.waits and trio.current_time() - self._used_s > IDLE_S):
             await self.open()
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
@@ -76,7 +75,7 @@ class HttpPort:
         task_status.started()
         while True:
             try:
-                if self._stream is None:
+                if not self.is_open:
                     await self.open()
                 await self.hear()
             except WireDown:
@@ -86,18 +85,14 @@ class HttpPort:
     async def hear(self) -> None:
         """Take in what arrives until the connection is closed. Raise ``WireDown`` when it is
         lost."""
-        while self._stream is not None:
+        while self.is_open:
             await self._hear()
 
     def send(self, method: str, target: str, body: bytes = b"") -> int:
         """Hand a request over now; return its number on this connection. Raise ``WireDown``."""
-        if self._stream is None:
+        if not self.is_open:
             raise WireDown(f"{self.name}: not connected. Reconnect")
-        try:
-            self._stream.write(encode_request(method, target, self.name, body))
-        except WireDown:
-            self.close()
-            raise
+        self._stream.write(encode_request(method, target, self.name, body))
         self._sent += 1
         self._used_s = trio.current_time()
         return self._sent
@@ -105,55 +100,37 @@ class HttpPort:
     async def answer(self, number: int, within_s: float) -> Response:
         """Return the response to that request. Raise ``WireDown``, and close the connection, when
         none comes in time or what comes is no HTTP."""
-        stream = self._stream
+        asked = self._stream.connection
         with trio.move_on_after(within_s):
-            while stream is not None and self._stream is stream and self._heard < number:
+            while self.is_open and self._stream.connection is asked and self._heard < number:
                 await self._hear()
-            if self._stream is stream and number in self._responses:
+            if self._stream.connection is asked and number in self._responses:
                 return self._responses[number]
             raise WireDown(f"{self.name}: the connection was closed before the answer. Check the service")
-        if self._stream is stream:
+        if self._stream.connection is asked:
             self.close()  # a late answer could pass for the next
         raise WireDown(f"{self.name}: no answer within {within_s * 1e3:.0f} ms. Check the service and its network")
 
     async def ask(self, method: str, target: str, body: bytes = b"", *, within_s: float) -> Response:
         """``send`` and ``answer``, on a connection made for it where there is none. Raise
         ``WireDown``."""
-        if self._stream is None:
+        if not self.is_open:
             await self.open()
         return await self.answer(self.send(method, target, body), within_s)
 
     def close(self) -> None:
         """Throw the connection away. Harmless when called again."""
-        if self._reader is not None:
-            self._reader.cancel()
-        if self._stream is not None:
-            self._stream.close()
-        self._stream = None
+        self._stream.close()
+
+    def _forget(self) -> None:
+        self._decoder = ResponseDecoder()
         self._sent = self._heard = 0
         self._responses.clear()
-        self._wake()
 
     async def _hear(self) -> None:
         """Take in what comes next, or wait until somebody else did. Raise ``WireDown``."""
-        stream, data = self._stream, b""
-        if self._reader is not None:
-            await self._news.wait()
-            return
-        if stream is None:
-            return
-        try:
-            with trio.CancelScope() as self._reader:
-                data = await stream.read()
-        except WireDown:
-            if self._stream is stream:
-                self._reader = None
-                self.close()
-            raise
-        finally:
-            self._reader = None
-            self._wake()
-        if self._stream is not stream:
+        data = await self._stream.read()
+        if not data:
             return
         self._used_s = trio.current_time()
         try:
@@ -166,7 +143,3 @@ class HttpPort:
         except MalformedFrame as malformed:
             self.close()
             raise WireDown(f"{self.name}: {malformed}. Check what is served there") from None
-
-    def _wake(self) -> None:
-        news, self._news = self._news, trio.Event()
-        news.set()

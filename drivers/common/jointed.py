@@ -68,7 +68,7 @@ class Jointed:
 
     @property
     def effort_nm(self) -> tuple[float, ...]:
-        """What the actuators push with, not what gravity pulls."""
+        """Return what the actuators push with, not what gravity pulls."""
         return tuple(self.data.actuator_force[self._actuator].tolist())
 
     def set_stuck(self, index: int, on: bool) -> None:

@@ -24,6 +24,7 @@ from .json_rpc import (
     encode_request,
 )
 from .malformed import MalformedFrame
+from .shared_stream import SharedStream
 from .tcp_port import ByteStream
 
 OpenStream = Callable[[], Awaitable[ByteStream]]
@@ -46,33 +47,29 @@ class JsonRpcPort:
     def __init__(self, open_stream: OpenStream, notice: Callable[[Call], None]) -> None:
         self._open_stream = open_stream
         self._notice = notice
-        self._stream: ByteStream | None = None
+        self._stream = SharedStream(self._forget_all)
         self._lines = LineDecoder()
         self._number = 0
         self._waiting: dict[int, Result | Failure | None] = {}  # requests whose answer somebody wants
-        self._reader: trio.CancelScope | None = None  # whoever reads does it for all
-        self._heard = trio.Event()
         self.malformed = 0
 
     @property
     def is_open(self) -> bool:
-        return self._stream is not None
+        return self._stream.connection is not None
 
     async def open(self) -> None:
         """Connect anew, and say nothing."""
         self.close()
-        stream = await self._open_stream()
-        self.close()  # somebody else may have been quicker
-        self._stream, self._lines = stream, LineDecoder()
+        self._stream.replace(await self._open_stream())
 
     def notify(self, method: str, params: Mapping[str, Any]) -> None:
-        self._write(encode_notification(method, params))
+        self._stream.write(encode_notification(method, params))
 
     def send(self, method: str, params: Mapping[str, Any]) -> int:
         """Hand a request over now; return its number. Its answer is kept until ``answer`` or
         ``forget``."""
         self._number += 1
-        self._write(encode_request(self._number, method, params))
+        self._stream.write(encode_request(self._number, method, params))
         self._waiting[self._number] = None
         return self._number
 
@@ -111,44 +108,15 @@ class JsonRpcPort:
 
     def close(self) -> None:
         """Throw the connection away. Harmless when called again."""
-        if self._reader is not None:
-            self._reader.cancel()
-        if self._stream is not None:
-            self._stream.close()
-        self._stream = None
-        self._waiting.clear()
-        self._wake()
+        self._stream.close()
 
-    def _write(self, line: bytes) -> None:
-        if self._stream is None:
-            raise WireDown("not connected. Reconnect")
-        try:
-            self._stream.write(line)
-        except WireDown:
-            self.close()
-            raise
+    def _forget_all(self) -> None:
+        self._lines = LineDecoder()
+        self._waiting.clear()
 
     async def _hear(self) -> None:
         """Take in what comes next, or wait until somebody else did."""
-        stream, data = self._stream, b""
-        if stream is None:
-            raise WireDown("not connected. Reconnect")
-        if self._reader is not None:
-            await self._heard.wait()
-            return
-        try:
-            with trio.CancelScope() as self._reader:
-                data = await stream.read()
-        except WireDown:
-            if self._stream is stream:
-                self._reader = None
-                self.close()
-            raise
-        finally:
-            self._reader = None
-            self._wake()
-        if self._stream is not stream:
-            return
+        data = await self._stream.read()
         try:
             for line in self._lines.feed(data):
                 self._take(line)
@@ -166,7 +134,3 @@ class JsonRpcPort:
             self._notice(message)
         elif isinstance(message.id, int) and message.id in self._waiting:
             self._waiting[message.id] = message
-
-    def _wake(self) -> None:
-        heard, self._heard = self._heard, trio.Event()
-        heard.set()

@@ -58,7 +58,7 @@ class Decoder:
 
     @property
     def has_part(self) -> bool:
-        """Whether a frame has begun to come."""
+        """Return whether a frame has begun to come."""
         return bool(self._pending)
 
     def feed(self, data: bytes) -> Iterator[tuple[ModbusPDU, bytes]]:
@@ -81,7 +81,7 @@ class Decoder:
 
 
 def encode(pdu: ModbusPDU) -> bytes:
-    """The frame of a PDU whose ``dev_id`` and ``transaction_id`` are set."""
+    """Return the frame of a PDU whose ``dev_id`` and ``transaction_id`` are set."""
     frame: bytes = FramerSocket(DecodePDU(is_server=False)).buildFrame(pdu)
     return frame
 
@@ -121,8 +121,8 @@ class ModbusClient:
         return number
 
     async def answer(self, number: int, within_s: float) -> list[int] | None:
-        """The registers that were asked for, or None: not yet. Raise ``WireDown`` when the peer
-        refuses anything, was asked and has said nothing for ``SILENT_S``, or speaks
+        """Return the registers that were asked for, or None: not yet. Raise ``WireDown`` when the
+        peer refuses anything, was asked and has said nothing for ``SILENT_S``, or speaks
         nonsense."""
         with trio.move_on_after(within_s):
             while self._answers[number] is None:
@@ -136,7 +136,7 @@ class ModbusClient:
 
     @property
     def hears_part(self) -> bool:
-        """Whether the peer has begun an answer, and not ended it."""
+        """Return whether the peer has begun an answer, and not ended it."""
         return self._decoder.has_part
 
     def forget(self, number: int) -> None:

@@ -50,7 +50,7 @@ class RtuFrame(NamedTuple):
 
     @property
     def failure(self) -> str:
-        """Why the unit did not do what it was asked, by its own word; empty when it did."""
+        """Return why the unit did not do what it was asked, by its own word; empty when it did."""
         return exception_words(self.params[0]) if self.function & _EXCEPTION else ""
 
 
@@ -97,13 +97,13 @@ def checksum(frame: bytes) -> bytes:
 
 
 def encode(pdu: ModbusPDU) -> bytes:
-    """The frame of a PDU whose ``dev_id`` is set."""
+    """Return the frame of a PDU whose ``dev_id`` is set."""
     frame: bytes = FramerRTU(DecodePDU(is_server=False)).buildFrame(pdu)
     return frame
 
 
 def request_of(frame: RtuFrame) -> ModbusPDU | None:
-    """What a master asks; None for what pymodbus does not know."""
+    """Return what a master asks; None for what pymodbus does not know."""
     pdu = DecodePDU(is_server=True).decode(frame.bytes[1:-_CHECKSUM])
     if pdu is not None:
         pdu.dev_id = frame.id

@@ -112,7 +112,7 @@ def parse_rows(text: str) -> list[Row]:
 
 
 def build(table: Mapping[str, Any]) -> Any:
-    """A model of a robot's table in ``robots.toml``: ``model_rows``, ``base``, ``armature``,
+    """Return a model of a robot's table in ``robots.toml``: ``model_rows``, ``base``, ``armature``,
     ``damping``, ``friction``, ``gravity_compensated`` (nothing ever pulls the arm down). Every
     joint with an effort gets a position servo of its own name, rate-limited to the joint's
     velocity; its gains are the plant's business. With ``torque_motors`` it gets a motor instead,

@@ -197,7 +197,7 @@ _WORDS = {DQ: ("too_fast", "dq", "rad/s"), TAU: ("too_strong", "tau", "Nm")}
 
 
 def within(model: Motors, row: int) -> GateCheck:
-    """The speed or the torque that is asked for, against what the joint has."""
+    """Return the speed or the torque that is asked for, against what the joint has."""
     count = len(model.joints)
     most = tuple(joint.speed if row == DQ else joint.torque for joint in model.joints)
     code, name, unit = _WORDS[row]

@@ -100,7 +100,7 @@ class NewtonSolver:
 
 
 def _without_limits(spec: Any, servos: Any) -> Any:
-    """The model, these servos without their limits of speed."""
+    """Return the model, these servos without their limits of speed."""
     theirs = spec.copy()
     for servo in (theirs.actuators[int(at)] for at in servos):
         servo.dyntype = mujoco.mjtDyn.mjDYN_NONE

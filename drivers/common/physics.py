@@ -44,7 +44,7 @@ class Plant(Jointed):
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any]) -> Plant:
-        """The plant of one robot's table in ``robots.toml``."""
+        """Return the plant of one robot's table in ``robots.toml``."""
         joints = [joint["key"] for joint in table["joints"]]
         return cls(build(table), joints, float(table["bandwidth"]), table.get("home_rad", ()))
 
@@ -77,7 +77,7 @@ class Plant(Jointed):
 
     @property
     def effort_limit_nm(self) -> list[float]:
-        """What the servos can push with at most."""
+        """Return what the servos can push with at most."""
         return list(self._effort_nm)
 
     def hand(self, index: int) -> Hand:

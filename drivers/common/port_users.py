@@ -47,7 +47,8 @@ def _has_open(pid: int, device: int) -> bool:
 
 
 def _terminal(pid: int, descriptor: str) -> int | None:
-    """The number of the terminal that this is the other end of. Source: proc_pid_fdinfo(5)."""
+    """Return the number of the terminal that this is the other end of. Source:
+    proc_pid_fdinfo(5)."""
     for line in (PROC / str(pid) / "fdinfo" / descriptor).read_text().splitlines():
         name, _, value = line.partition(":")
         if name == "tty-index":
@@ -56,7 +57,7 @@ def _terminal(pid: int, descriptor: str) -> int | None:
 
 
 def _program(pid: int) -> int:
-    """Who started it, when it is a process of a tree."""
+    """Return who started it, when it is a process of a tree."""
     while _is_ours(_command_line(pid)):
         parent = _parent(pid)
         if parent <= 1:

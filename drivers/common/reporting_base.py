@@ -38,7 +38,7 @@ class ReportingBase(Protocol):
 
     @property
     def is_open(self) -> bool:
-        """Whether something can be written."""
+        """Return whether something can be written."""
         ...
 
     async def connect(self) -> None:

@@ -29,8 +29,8 @@ class RobotTables:
         """Other names a robot answers to -> its name."""
 
     def canonical(self, robot: str) -> str:
-        """The name of ``robot``'s table. Raise ``ValueError`` for a robot that is not of this
-        wire."""
+        """Return the name of ``robot``'s table. Raise ``ValueError`` for a robot that is not of
+        this wire."""
         name = self.aliases.get(robot, robot)
         if name not in self.robots:
             raise ValueError(f"{robot} is not a {self._wire} robot. Use one of {', '.join(self.robots)}")

@@ -36,7 +36,7 @@ class BytePort(Protocol):
         ...
 
     def take(self) -> bytes:
-        """What was received and not yet read, without waiting."""
+        """Return what was received and not yet read, without waiting."""
         ...
 
     def discard_input(self) -> None:

@@ -67,12 +67,13 @@ class AsyncRobot:
 
     @property
     def name(self) -> str:
-        """Its name among the robots that run: ``tool_name``, numbered when that was taken."""
+        """Return its name among the robots that run: ``tool_name``, numbered when that was
+        taken."""
         return self._tree.robot
 
     @property
     def twin_process(self) -> TwinProcess | None:
-        """The twin's process, where there is one."""
+        """Return the twin's process, where there is one."""
         return self._plan.twin_process
 
     @property
@@ -111,12 +112,13 @@ class AsyncRobot:
         return Observations(self._tree, hz)
 
     async def service(self, name: str, *, action: Mapping[str, Any] | None = None, **arguments: Any) -> Answer:
-        """One of the driver's own services. Each is a method, too: ``await robot.step(steps=100)``.
-        ``action``: a command that is written first; when it is refused, so is the service."""
+        """Do one of the driver's own services. Each is a method, too: ``await
+        robot.step(steps=100)``. ``action``: a command that is written first; when it is refused, so
+        is the service."""
         return await answered(name, verbs.service, self._tree, name, arguments, action)
 
     def __getattr__(self, name: str) -> Callable[..., Awaitable[Answer]]:
-        """The driver's own services as methods."""
+        """Return the driver's own services as methods."""
         verbs.require_service(self, self.__dict__.get("_plan"), name)
         return functools.partial(self.service, name)
 

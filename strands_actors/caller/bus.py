@@ -33,7 +33,7 @@ class Bus:
 
     @property
     def motors(self) -> dict[str, int]:
-        """Each joint's servo id."""
+        """Return each joint's servo id."""
         return dict(zip(self._driver.axes, self._driver.ids, strict=True))
 
     def sync_read(self, data_name: str = POSITION, motors: Any = None, num_retry: int = 0) -> dict[str, float]:

@@ -49,7 +49,7 @@ class Directory:
         self._joined_at = trio.current_time()
 
     async def tree(self, note: Note) -> TreeReport:
-        """What the root says of its tree; state ``unreachable`` when it does not answer."""
+        """Return what the root says of its tree; state ``unreachable`` when it does not answer."""
         try:
             answer = await self._ask(addresses.of(note.robot).root, Root, Describe(), ANSWER_S)
         except (AskTimeout, Unreachable):
@@ -59,7 +59,7 @@ class Directory:
         return TreeReport(note.robot, UNREACHABLE, 0, (ProcessInfo("root", note.pid, 0),), ())
 
     async def status(self, note: Note) -> Status | None:
-        """What the gate says; None when it does not answer."""
+        """Return what the gate says; None when it does not answer."""
         try:
             answer = await self._ask(addresses.of(note.robot).gate, Gate, GetStatus(), ANSWER_S)
         except (AskTimeout, Unreachable):

@@ -87,8 +87,8 @@ async def _when_done(future: Future[Answer]) -> Answer:
 
 
 def in_asyncio() -> bool:
-    """Whether an asyncio loop runs in this thread. Not by an import: who runs one has it, and it
-    costs 8 ms."""
+    """Return whether an asyncio loop runs in this thread. Not by an import: who runs one has it,
+    and it costs 8 ms."""
     asyncio = sys.modules.get("asyncio")
     return asyncio is not None and asyncio._get_running_loop() is not None
 

@@ -75,7 +75,7 @@ def _reports(robot: str, port: str) -> Iterator[Path]:
 
 
 def _take(path: Path) -> str:
-    """The report, which is told once."""
+    """Return the report, which is told once."""
     report = read(path)
     path.unlink(missing_ok=True)
     if report is None:

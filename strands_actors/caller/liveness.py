@@ -72,9 +72,9 @@ class Liveness:
 
 
 def _computed_ns(thread: threading.Thread) -> int:
-    """How long a thread has computed, or could not: it waited for a processor, or we did, who may
-    have had the interpreter's lock meanwhile. 0 where the system does not tell (macOS). Without the
-    waits, a thread that spins on a busy machine would look as if it slept."""
+    """Return how long a thread has computed, or could not: it waited for a processor, or we did,
+    who may have had the interpreter's lock meanwhile. 0 where the system does not tell (macOS).
+    Without the waits, a thread that spins on a busy machine would look as if it slept."""
     # in a forked process, native_id of the main thread is still that of before the fork (CPython
     # 3.11)
     number = None if thread is threading.main_thread() else thread.native_id

@@ -141,7 +141,7 @@ def _cameras(wanted: Wanted, driver_class: type[Driver], resolved: dict[str, Any
 
 
 def _draws(cameras: Iterable[CameraSettings]) -> bool:
-    """Whether one of them shows the scene."""
+    """Return whether one of them shows the scene."""
     return any(camera.type == SCENE for camera in cameras)
 
 

@@ -114,7 +114,7 @@ class Processes(ABC):
     @property
     @abstractmethod
     def alive(self) -> bool:
-        """Whether it can answer at all, as far as is known here."""
+        """Return whether it can answer at all, as far as is known here."""
 
     def require(self) -> None:
         """Raise ``NotConnected`` when there is nobody to ask."""

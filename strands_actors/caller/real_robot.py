@@ -85,22 +85,24 @@ class RealRobot(RobotTool):
 
     @property
     def name(self) -> str:
-        """Its name among the robots that run: ``tool_name``, numbered when that was taken."""
+        """Return its name among the robots that run: ``tool_name``, numbered when that was
+        taken."""
         return self.tool_name if self._tree is None else self._tree.robot
 
     @property
     def robot_name(self) -> str:
-        """What ``send_action(robot_name=...)`` takes for this robot, as strands-robots calls it."""
+        """Return what ``send_action(robot_name=...)`` takes for this robot, as strands-robots calls
+        it."""
         return self.name
 
     @property
     def twin_process(self) -> TwinProcess | None:
-        """The process of its twin, if it has one."""
+        """Return the process of its twin, if it has one."""
         return self._plan.twin_process
 
     @property
     def transport(self) -> str | None:
-        """What is instead of a port: ``twin``, ``sim``."""
+        """Return what is instead of a port: ``twin``, ``sim``."""
         return self._plan.transport
 
     @property
@@ -139,7 +141,7 @@ class RealRobot(RobotTool):
         return self._call(answered, name, verb, tree, *args) if answer is None else answer
 
     def _ready(self, name: str) -> RobotTree | str:
-        """The tree for a verb, or why there is none."""
+        """Return the tree for a verb, or why there is none."""
         if name in self.LAZY and not (self._asked_to_connect or self._closed or self._plan.at):
             problem = self._connect_first()
             if problem is not None:
@@ -194,7 +196,7 @@ class RealRobot(RobotTool):
 
     @property
     def is_connected(self) -> bool:
-        """Whether frames arrive from the robot, not whether a port is open."""
+        """Return whether frames arrive from the robot, not whether a port is open."""
         status = self._status()
         return status is not None and status.connected and 0 <= status.age_s < 1.0
 
@@ -222,9 +224,9 @@ class RealRobot(RobotTool):
     # -- verbs
 
     def send_action(self, action: Mapping[str, Any], robot_name: str | None = None) -> Answer:
-        """One command: joints by name, in the driver's units. Refused with a reason, or written.
-        ``robot_name``: who it is meant for, where a program has several; another robot's is
-        refused."""
+        """Send one command: joints by name, in the driver's units. Refused with a reason, or
+        written. ``robot_name``: who it is meant for, where a program has several; another robot's
+        is refused."""
         if refused := verbs.refuse_name(robot_name, self._plan, self.name):
             return refused
         return self._verb_here(verbs.send_action_here, verbs.send_action, "move", action)
@@ -239,16 +241,16 @@ class RealRobot(RobotTool):
     @overload
     def get_observation(self, images: bool) -> dict[str, Any]: ...
     def get_observation(self, images: bool = False) -> dict[str, Any]:
-        """Positions by joint, in the driver's units; {} (and a log line that says why, once) when
-        there is none. ``images``: and of each camera, by its name, the newest ``Frame``, or a
+        """Return positions by joint, in the driver's units; {} (and a log line that says why, once)
+        when there is none. ``images``: and of each camera, by its name, the newest ``Frame``, or a
         ``Stale`` that says why there is none that is new enough. Nothing is waited for."""
         seen: dict[str, Any] = self._observing.positions(self._get_observation())
         return seen | self._cameras.looks() if images else seen
 
     def read_camera(self, name: str, max_age_ms: float | None = None) -> Frame:
-        """The newest picture of a camera (``cameras=``), at once. ``max_age_ms``: how old it may be;
-        by default three periods of the camera, and at least 200. Raise ``StaleFrame`` when there is
-        none so new, ``ValueError`` for a name that is none."""
+        """Return the newest picture of a camera (``cameras=``), at once. ``max_age_ms``: how old it
+        may be; by default three periods of the camera, and at least 200. Raise ``StaleFrame`` when
+        there is none so new, ``ValueError`` for a name that is none."""
         return self._cameras.read(name, max_age_ms)
 
     @property
@@ -257,14 +259,14 @@ class RealRobot(RobotTool):
         return Cameras(self._plan.cameras, self._plan.driver_class) if tree is None else tree.cameras
 
     def state(self) -> Answer:
-        """What the robot measures now: positions and velocities, with their age, and what its
-        driver has beside them under the names of its users: a UR's TCP pose, wrench and modes, a
-        G1's imu and FSM."""
+        """Return what the robot measures now: positions and velocities, with their age, and what
+        its driver has beside them under the names of its users: a UR's TCP pose, wrench and modes,
+        a G1's imu and FSM."""
         return self._verb(verbs.get_state, "state")
 
     @property
     def bus(self) -> Bus:
-        """The servos of a robot on a serial bus, to be read as lerobot's are:
+        """Return the servos of a robot on a serial bus, to be read as lerobot's are:
         ``arm.bus.sync_read("Present_Position")``. Raise ``AttributeError`` for a robot without
         one."""
         if self._plan.driver_class.PORT_KIND != "serial":
@@ -272,13 +274,13 @@ class RealRobot(RobotTool):
         return Bus(self._driver, self._newest)
 
     def service(self, name: str, *, action: Mapping[str, Any] | None = None, **arguments: Any) -> Answer:
-        """One of the driver's own services. Each is a method, too:
+        """Do one of the driver's own services. Each is a method, too:
         ``robot.release_sport_mode(attempts=3)``. ``action``: a command that is written first; when
         it is refused, so is the service."""
         return self._verb_here(verbs.service_here, verbs.service, name, name, arguments, action)
 
     def __getattr__(self, name: str) -> Callable[..., Answer]:
-        """The driver's own services as methods."""
+        """Return the driver's own services as methods."""
         if name == "bus":
             raise AttributeError(f"{self._plan.robot} has no bus of servos. Use state() or get_observation()")
         verbs.require_service(self, self.__dict__.get("_plan"), name)
@@ -292,7 +294,8 @@ class RealRobot(RobotTool):
         return self._now_or_soon(lambda: self._verb_here(verbs.stop_here, verbs.stop, "stop"), verbs.stop, "stop")
 
     def get_status(self) -> Answer | PendingAnswer:
-        """What the tree says of itself. Works as ``get_status()`` and as ``await get_status()``."""
+        """Return what the tree says of itself. Works as ``get_status()`` and as ``await
+        get_status()``."""
         return self._now_or_soon(self._get_status, verbs.get_status, "status")
 
     def resume(self) -> Answer:
@@ -339,7 +342,7 @@ class RealRobot(RobotTool):
         return start if isinstance(start, Answer) else self._verb(start, "start_task")
 
     def get_task_status(self) -> Answer:
-        """The present rollout, or the last one: the same keys for every driver."""
+        """Return the present rollout, or the last one: the same keys for every driver."""
         if self._tree is None:
             return answers.success(answers.task(TaskStatus()))
         return self._verb(verbs.get_task_status, "task")
@@ -432,7 +435,7 @@ class RealRobot(RobotTool):
         return self._verb_here(verbs.get_observation_here, verbs.get_observation, "observe")
 
     def _newest(self) -> Observation:
-        """The newest observation. Raise ``ConnectionError`` without one."""
+        """Return the newest observation. Raise ``ConnectionError`` without one."""
         status = self._status()
         if status is None or status.observation is None or not status.connected:
             raise ConnectionError(f"bus: {_CLEANED_UP if self._closed else _NOT_CONNECTED}")

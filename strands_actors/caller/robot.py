@@ -50,7 +50,7 @@ def Robot(  # a factory named as on the drivers page
     approve_within_s: float = APPROVE_S,
     **options: Any,
 ) -> RealRobot:
-    """A handle on one robot; nothing is started yet.
+    """Return a handle on one robot; nothing is started yet.
 
     ``mode``: ``"sim"``, a simulation, which starts at its first use; ``"real"``, a robot, connected
     by ``connect_eagerly()``; ``"auto"``, real when a port or a transport is given, what

@@ -143,7 +143,7 @@ class Rollouts:
         return Rollout(robot, driver.axes, instruction, period_s, ttl_s, duration_s, n_steps, over)
 
     async def task(self) -> TaskStatus:
-        """The present task's status, or the last one's."""
+        """Return the present task's status, or the last one's."""
         tasks = self._processes.tasks
         if tasks is not None and self._has_process and self._task.running:
             try:
@@ -164,11 +164,11 @@ class Rollouts:
 
     @property
     def running(self) -> bool:
-        """Whether one runs, as far as is known without asking. Of any thread."""
+        """Return whether one runs, as far as is known without asking. Of any thread."""
         return self._task.running
 
     async def refuse(self, verb: str, why: str = "a task is running") -> Refused | None:
-        """What a command is told while a rollout writes; None when there is none."""
+        """Return what a command is told while a rollout writes; None when there is none."""
         if (await self.task()).running:
             return Refused("running", f"{verb}: {why}", "call stop_task() first")
         return None

@@ -49,7 +49,8 @@ class Note(msgspec.Struct):
 
 
 def run_dir() -> Path:
-    """The directory, made if need be. Raise ``PermissionError`` when it is not ours alone."""
+    """Return the directory, made if need be. Raise ``PermissionError`` when it is not ours
+    alone."""
     named = os.environ.get("STRANDS_ACTORS_RUN")
     base = os.environ.get("XDG_RUNTIME_DIR")
     if not named and not base:
@@ -89,7 +90,7 @@ _ELSEWHERE = "Or set STRANDS_ACTORS_RUN to another place"
 
 
 def data_dir() -> Path:
-    """What is to survive a reboot: ``$STRANDS_ACTORS_DATA``, else
+    """Return what is to survive a reboot: ``$STRANDS_ACTORS_DATA``, else
     ``$XDG_DATA_HOME/strands-actors``, else ``~/.local/share/strands-actors``."""
     named, base = os.environ.get("STRANDS_ACTORS_DATA"), os.environ.get("XDG_DATA_HOME")
     if named:
@@ -98,12 +99,12 @@ def data_dir() -> Path:
 
 
 def locks_dir() -> Path:
-    """Where the locks of e-stops lie."""
+    """Return where the locks of e-stops lie."""
     return data_dir() / "locks"
 
 
 def audit_file(robot: str) -> Path:
-    """Where it is written who told a robot what (``supervisors/root/audit.py``)."""
+    """Return where it is written who told a robot what (``supervisors/root/audit.py``)."""
     return data_dir() / "audit" / f"{robot}.jsonl"
 
 
@@ -126,7 +127,8 @@ class Name:
         raise RuntimeError(f"there are 999 robots called {wanted} already")
 
     def socket(self, role: str) -> str:
-        """Path of a process's socket. Raise ``ValueError`` when it is too long for one."""
+        """Return the path of a process's socket. Raise ``ValueError`` when it is too long for
+        one."""
         path = socket_path(run_dir(), self.name, role)
         if len(path.encode()) > MAX_SOCKET_PATH:
             raise ValueError(f"{path} is too long for a socket: set STRANDS_ACTORS_RUN to a shorter place")
@@ -134,11 +136,11 @@ class Name:
 
     @property
     def note(self) -> Path:
-        """Where it is published."""
+        """Return where it is published."""
         return run_dir() / f"{self.name}.json"
 
     def beside(self, suffix: str) -> Path:
-        """Path of another file of this robot."""
+        """Return the path of another file of this robot."""
         return run_dir() / f"{self.name}{suffix}"
 
     def publish(self, note: Note) -> None:
@@ -172,7 +174,7 @@ def _try(lock_fd: int, how: int) -> bool:
 
 
 def is_held(robot: str) -> bool:
-    """Whether a process has that name."""
+    """Return whether a process has that name."""
     try:
         fd = os.open(run_dir() / f"{robot}.lock", os.O_RDONLY | os.O_CLOEXEC)
     except FileNotFoundError:
@@ -184,8 +186,8 @@ def is_held(robot: str) -> bool:
 
 
 def notes() -> Iterator[Note]:
-    """The robots whose lock somebody holds; notes of others are removed. Raise ``OSError`` when the
-    directory cannot be used, and for no note in it."""
+    """Return the robots whose lock somebody holds; notes of others are removed. Raise ``OSError``
+    when the directory cannot be used, and for no note in it."""
     directory = run_dir()
     for name in sorted(path.stem for path in directory.glob("*.json")):
         try:

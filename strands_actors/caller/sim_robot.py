@@ -49,10 +49,10 @@ class SimRobot(RealRobot):
     def render(
         self, width: int | None = None, height: int | None = None, camera: str | None = None
     ) -> NDArray[numpy.uint8]:
-        """A picture, (height, width, 3), drawn without a window by EGL or OSMesa. ``camera``: None
-        for the whole robot, ``front``, ``side``, ``top``, or one of the scene's own. Without a size
-        it is the camera's, or 640 x 480. Raise ``SimulationError`` (a ``RuntimeError``) that names
-        the system package when neither is there."""
+        """Return a picture, (height, width, 3), drawn without a window by EGL or OSMesa.
+        ``camera``: None for the whole robot, ``front``, ``side``, ``top``, or one of the scene's
+        own. Without a size it is the camera's, or 640 x 480. Raise ``SimulationError`` (a
+        ``RuntimeError``) that names the system package when neither is there."""
         usual = self._sizes.get(camera or "", PICTURE)
         sized = [own if given is None else given for given, own in zip((width, height), usual, strict=True)]
         return self._call(self._world.render, *sized, camera)

@@ -38,13 +38,13 @@ class Scene:
     keyframe: str | int | None = None
 
     def given(self) -> dict[str, Any]:
-        """Those that only a simulation has a use for."""
+        """Return those that only a simulation has a use for."""
         own = {name: getattr(self, name) for name in ("urdf_path", "position", "orientation", "keyframe")}
         own["backend"] = self.other_backend or None
         return {name: value for name, value in own.items() if value is not None}
 
     def model(self, robot: str) -> str | None:
-        """The file that is simulated instead of a robot of ours."""
+        """Return the file that is simulated instead of a robot of ours."""
         return os.fspath(self.urdf_path) if self.urdf_path is not None else model_of(robot)
 
     @property

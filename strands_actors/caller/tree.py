@@ -73,7 +73,8 @@ class RobotTree:
 
     @property
     def robot(self) -> str:
-        """Its name among the robots that run: ``plan.tool_name``, numbered when that was taken."""
+        """Return its name among the robots that run: ``plan.tool_name``, numbered when that was
+        taken."""
         return self._processes.robot
 
     @property
@@ -83,7 +84,7 @@ class RobotTree:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What the wire said of itself when it last answered."""
+        """Return what the wire said of itself when it last answered."""
         return self._processes.facts
 
     @property
@@ -92,12 +93,12 @@ class RobotTree:
 
     @property
     def caveats(self) -> tuple[str, ...]:
-        """What its user should know; nothing of a twin, which is as its model."""
+        """Return what its user should know; nothing of a twin, which is as its model."""
         return () if self.plan.twin_process is not None else self.driver.caveats
 
     @property
     def standby_report(self) -> str | None:
-        """What the standby of an earlier tree of this robot had to do."""
+        """Return what the standby of an earlier tree of this robot had to do."""
         return self._processes.standby_report
 
     # -- start and end
@@ -174,25 +175,25 @@ class RobotTree:
         return None
 
     async def send_action(self, action: Mapping[str, Any]) -> Accepted | Refused:
-        """One command: gated, then written, then kept for as long as the driver says."""
+        """Send one command: gated, then written, then kept for as long as the driver says."""
         return _accepted(await self._command(self._orders.move(action)))
 
     def send_action_here(self, action: Mapping[str, Any]) -> Accepted | Refused | None:
-        """The same in the thread that calls; None when the loop has to do it."""
+        """Do the same in the thread that calls; None when the loop has to do it."""
         answer = self._command_here(self._orders.move(action))
         return None if answer is None else _accepted(answer)
 
     async def perform(
         self, service: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None = None
     ) -> Performed | Refused:
-        """One of the driver's own services (``Driver.SERVICES``), under this caller's lease.
+        """Do one of the driver's own services (``Driver.SERVICES``), under this caller's lease.
         ``action``: a command that is written first; when it is refused, so is the service."""
         return _performed(service, await self._command(self._orders.perform(service, arguments, action)))
 
     def perform_here(
         self, service: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None = None
     ) -> Performed | Refused | None:
-        """The same in the thread that calls; None when the loop has to do it."""
+        """Do the same in the thread that calls; None when the loop has to do it."""
         answer = self._command_here(self._orders.perform(service, arguments, action))
         return None if answer is None else _performed(service, answer)
 
@@ -217,7 +218,7 @@ class RobotTree:
         return await self._stopped(stop, answer)
 
     def stop_here(self, reason: Reason = Reason.STOP, lock: bool = False) -> StopReport | Refused:
-        """The same in the thread that calls: the order leaves in it, whatever the loop does."""
+        """Do the same in the thread that calls: the order leaves in it, whatever the loop does."""
         stop = self._stopping(reason, lock)
         try:
             answer = self._processes.gate.ask_here(stop, self._processes.patience.stop_s)
@@ -300,7 +301,7 @@ class RobotTree:
             return unreachable("observe", failure)
 
     def observe_here(self) -> Observation | Refused:
-        """The same in the thread that calls."""
+        """Do the same in the thread that calls."""
         self._processes.require()
         try:
             return _observed(self._processes.gate.ask_here(GetObservation(), self._processes.patience.ask_s))
@@ -317,7 +318,7 @@ class RobotTree:
 
 
 def processes_of(node: Node, nursery: trio.Nursery, entrance: Entrance, plan: Plan, driver: Driver) -> Processes:
-    """Those that a plan is about."""
+    """Return those that a plan is about."""
     if not plan.at:
         return TreeProcesses(node, nursery, entrance, plan, driver)
     from strands_actors.surfaces.mesh.remote_processes import RemoteProcesses  # for who has a robot elsewhere

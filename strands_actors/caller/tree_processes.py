@@ -146,7 +146,7 @@ class TreeProcesses(Processes):
         self.nursery.start_soon(self._attend, process, link, self._scope, beside)
 
     def _begin_cameras(self, port: str) -> list[dict[str, Any]]:
-        """What the root is to keep for them."""
+        """Return what the root is to keep for them."""
         plan, twin = self.plan, self.plan.twin_process
         control = "" if twin is None else twin.control
         return self.cameras.begin(self.robot, plan.robot, label_of(self.robot), port, control, plan.options)
@@ -259,8 +259,8 @@ class TreeProcesses(Processes):
         return answer if isinstance(answer, TreeReport) else None
 
     async def _answers(self) -> bool:
-        """Whether the root lives and still keeps a wire; once its restart budget is spent only a
-        new tree helps."""
+        """Return whether the root lives and still keeps a wire; once its restart budget is spent
+        only a new tree helps."""
         process = self._root_process
         if process is None or not process.alive:
             return False

@@ -47,7 +47,7 @@ async def answered(name: str, verb: Verb, tree: RobotTree, *args: Any) -> Answer
 
 
 def answered_here(name: str, here: VerbHere, tree: RobotTree, *args: Any) -> Answer | None:
-    """The same for a verb in the thread that calls."""
+    """Do the same for a verb in the thread that calls."""
     try:
         return here(tree, *args)
     except NotConnected as failure:
@@ -116,7 +116,7 @@ class Observing:
 
 
 async def get_state(tree: RobotTree) -> Answer:
-    """Positions and velocities, and how old they are."""
+    """Return positions and velocities, and how old they are."""
     return await _measured(tree, "state", lambda seen: _state(tree.driver, seen))
 
 
@@ -133,7 +133,7 @@ def _state(driver: Driver, seen: Observation) -> dict[str, Any]:
 
 
 async def get_sensors(tree: RobotTree) -> Answer:
-    """Positions, sensors and faults, and how old they are."""
+    """Return positions, sensors and faults, and how old they are."""
     return await _measured(
         tree, "sensors", lambda seen: {"sensors": answers.sensors(seen), "faults": dict(seen.faults)}
     )
@@ -172,7 +172,7 @@ def require_service(handle: object, plan: Plan | None, name: str) -> None:
 async def service(
     tree: RobotTree, name: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None = None
 ) -> Answer:
-    """One of the driver's own services."""
+    """Do one of the driver's own services."""
     if (command := _command(tree, name, arguments, action)) is not None:
         return answers.refused(command) if isinstance(command, Refused) else await send_action(tree, command)
     if (reason := _order_to_stop(tree, name)) is not None:
@@ -274,7 +274,7 @@ def _begun(status: TaskStatus | Refused) -> Answer:
 def run_policy(
     policy: Any, policy_object: Any, instruction: str, duration: float, n_steps: int | None, hz: float | None
 ) -> Verb | Answer:
-    """The arguments as ``Robot.run_policy`` has them."""
+    """Return the verb. The arguments are as ``Robot.run_policy`` has them."""
     duration, n_steps, hz = map(as_python, (duration, n_steps, hz))
     try:
         _check_length(duration, n_steps, hz)
@@ -298,7 +298,7 @@ def start_task(
     duration: float,
     hz: float | None,
 ) -> Verb | Answer:
-    """The arguments as ``Robot.start_task`` has them."""
+    """Return the verb. The arguments are as ``Robot.start_task`` has them."""
     duration, hz = map(as_python, (duration, hz))
     try:
         if why := driver.ROLLOUTS or driver.TASKS:
@@ -326,8 +326,8 @@ def _check_length(duration: object, n_steps: object, hz: object) -> None:
 
 
 def _choose_policy(policy: Any, policy_object: Any) -> Any:
-    """The policy, under whichever of its two keywords it was given. Raise ``TypeError`` when there
-    is none."""
+    """Return the policy, under whichever of its two keywords it was given. Raise ``TypeError`` when
+    there is none."""
     if policy is not None and policy_object is not None:
         raise TypeError("policy and policy_object are both given. give one of them")
     chosen = policy if policy is not None else policy_object

@@ -62,7 +62,7 @@ class Wanted:
     options: dict[str, Any] = field(repr=False)
 
     def given(self) -> dict[str, Any]:
-        """What only hardware has a use for."""
+        """Return what only hardware has a use for."""
         own = {"port": self.port, "transport": self.transport, "sim": self.sim}
         own |= {"require_drill": self.drill_age_s, "at": self.at, "lifetime": self.lifetime_s}
         return {key: value for key, value in own.items() if value is not None} | self.options

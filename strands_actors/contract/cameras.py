@@ -39,7 +39,7 @@ class CameraSettings(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def turned(self) -> bool:
-        """Whether width and height of what is captured are the other way round."""
+        """Return whether width and height of what is captured are the other way round."""
         return self.rotation in (90, -90)
 
     @property

@@ -172,8 +172,8 @@ class Wire(ABC):
 
     @abstractmethod
     async def read(self) -> Observation:
-        """One observation. A silent motor is named in ``faults`` and keeps its old stamp; raise
-        ``WireDown`` only when the link itself is gone."""
+        """Return one observation. A silent motor is named in ``faults`` and keeps its old stamp;
+        raise ``WireDown`` only when the link itself is gone."""
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         """Keep up what runs beside the calls: answer a peer that speaks first, keep the newest
@@ -192,8 +192,8 @@ class Wire(ABC):
 
     @property
     def prompt(self) -> bool:
-        """Whether ``read`` and ``write`` would return now without waiting: the wire takes what has
-        arrived, and sends datagrams. Then no task is woken for them."""
+        """Return whether ``read`` and ``write`` would return now without waiting: the wire takes
+        what has arrived, and sends datagrams. Then no task is woken for them."""
         return False
 
     @abstractmethod
@@ -475,7 +475,7 @@ class Driver(ABC):
         return channel
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
-        """A row in axis order as the public keys."""
+        """Return a row in axis order as the public keys."""
         return dict(zip(self.axes, values, strict=True))
 
     def as_telemetry(self, values: Sequence[float]) -> dict[str, float]:
@@ -486,7 +486,7 @@ class Driver(ABC):
         return told | {f"{key}{SUFFIX}": value for key, value in told.items() if key not in rates}
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
-        """What ``send_action`` answers: an accepted action and the target it became."""
+        """Return what ``send_action`` answers: an accepted action and the target it became."""
         target = self.as_json(values)
         named = {str(key).removesuffix(".pos") for key in action}
         return {"commanded": {key: target[key] for key in target if key in named}, "unit": self.unit}
@@ -494,13 +494,13 @@ class Driver(ABC):
     def accepted(
         self, action: Mapping[str, Any], values: Sequence[float], sensors: Mapping[str, tuple[float, ...]]
     ) -> dict[str, Any]:
-        """What ``send_action`` answers: ``commanded``, and what the driver makes of ``sensors``,
-        those of ``ANSWERS_WITH`` as they were last read."""
+        """Return what ``send_action`` answers: ``commanded``, and what the driver makes of
+        ``sensors``, those of ``ANSWERS_WITH`` as they were last read."""
         return self.commanded(action, values)
 
     def readings(self, observation: Observation) -> dict[str, Any]:
-        """What ``state`` and ``status`` say of the robot beside its positions and velocities, in
-        the words of its users: a pose, a charge, a mode by its name. JSON."""
+        """Return what ``state`` and ``status`` say of the robot beside its positions and
+        velocities, in the words of its users: a pose, a charge, a mode by its name. JSON."""
         return {}
 
     def model_units(self) -> tuple[tuple[float, float], ...]:
@@ -509,8 +509,8 @@ class Driver(ABC):
         return ((0.0, 1.0),) * len(self.axes)
 
     def travel(self) -> dict[str, tuple[float, float]]:
-        """Each axis' range as its calibration found it, in the driver's units, lower end first.
-        Empty when there is no calibration; default: there is none."""
+        """Return each axis' range as its calibration found it, in the driver's units, lower end
+        first. Empty when there is no calibration; default: there is none."""
         return {}
 
     def energised(self, safe_state: str) -> bool:

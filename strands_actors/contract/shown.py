@@ -12,7 +12,7 @@ LONGEST = 100
 
 
 def shown(value: object, most: int = 40) -> str:
-    """A value in ``most`` characters, whatever it is, however deep and however long."""
+    """Return a value in ``most`` characters, whatever it is, however deep and however long."""
     brief = reprlib.Repr()
     brief.maxlevel, brief.maxdict, brief.maxlist, brief.maxtuple, brief.maxset = 3, 4, 6, 6, 6
     brief.maxstring = brief.maxother = brief.maxlong = most
@@ -32,6 +32,6 @@ def harmless(text: str) -> str:
 
 
 def closest(name: object, known: Iterable[str], count: int = 1) -> list[str]:
-    """What may have been meant. A name that is too long to be one is like none."""
+    """Return what may have been meant. A name that is too long to be one is like none."""
     text = name if isinstance(name, str) else ""
     return difflib.get_close_matches(text, list(known), n=count) if len(text) <= LONGEST else []

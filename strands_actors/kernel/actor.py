@@ -86,7 +86,7 @@ class Context:
 
     @property
     def asked(self) -> bool:
-        """Whether somebody waits for the answer to the present message."""
+        """Return whether somebody waits for the answer to the present message."""
         return self.reply is not None
 
     @property
@@ -94,7 +94,7 @@ class Context:
         return self.node.ref(self.address, type(self._cell.actor), sender=self.address)
 
     def ref(self, address: str, protocol: type[Actor] | None = None) -> Ref:
-        """A reference whose messages name this actor as the sender."""
+        """Return a reference whose messages name this actor as the sender."""
         return self.node.ref(address, protocol, sender=self.address)
 
     def defer(self) -> Deferred:
@@ -326,7 +326,7 @@ class Cell:
 
 
 def _at_once(handler: Coroutine[Any, Any, Any]) -> Any:
-    """What it returns. Raise ``RuntimeError`` when it waits all the same."""
+    """Return what it returns. Raise ``RuntimeError`` when it waits all the same."""
     try:
         handler.send(None)
     except StopIteration as done:
@@ -336,7 +336,7 @@ def _at_once(handler: Coroutine[Any, Any, Any]) -> Any:
 
 
 def describe(error: BaseException) -> str:
-    """One line for people; of a group, its first cause."""
+    """Return one line for people; of a group, its first cause."""
     while isinstance(error, BaseExceptionGroup):
         error = error.exceptions[0]
     return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__

@@ -92,8 +92,8 @@ _TFD_CLOEXEC = getattr(os, "O_CLOEXEC", 0)
 
 
 def _timerfd(period_s: float) -> int | None:
-    """A periodic timerfd, or None where the system has none. ctypes: the os module has it from 3.13
-    on."""
+    """Return a periodic timerfd, or None where the system has none. ctypes: the os module has it
+    from 3.13 on."""
     if not sys.platform.startswith("linux"):
         return None
     libc = ctypes.CDLL(None, use_errno=True)
@@ -110,7 +110,7 @@ def _timerfd(period_s: float) -> int | None:
 
 
 def has_timerfd() -> bool:
-    """Whether periodic tasks tick on one here."""
+    """Return whether periodic tasks tick on one here."""
     fd = _timerfd(1.0)
     if fd is not None:
         os.close(fd)

@@ -116,7 +116,7 @@ _protocols: dict[Any, Protocol] = {}
 
 
 def protocol_of(actor_class: Any) -> Protocol:
-    """The protocol of an actor class, built once."""
+    """Return the protocol of an actor class, built once."""
     protocol = _protocols.get(actor_class)
     if protocol is None:
         protocol = _protocols[actor_class] = Protocol(actor_class.receive, actor_class.__name__)

@@ -49,7 +49,8 @@ class InlineDispatch:
         self._ready: deque[Worker] = deque()
 
     def offer(self, worker: Worker) -> bool:
-        """Whether it will be helped, or woken, at the end of this turn. False: there is no turn."""
+        """Return whether it will be helped, or woken, at the end of this turn. False: there is no
+        turn."""
         if self._depth:
             self._ready.append(worker)
             return True

@@ -140,7 +140,7 @@ class Mailbox:
             trio.lowlevel.reschedule(waiter)
 
     def first(self) -> Entry | None:
-        """What ``pop`` would return; it stays."""
+        """Return what ``pop`` would return; it stays."""
         if self.urgent:
             return _entry(self.urgent[0])
         if not self.queue:
@@ -149,7 +149,7 @@ class Mailbox:
         return item.entry if isinstance(item, Slot) else _entry(item)
 
     def pop(self) -> Entry | None:
-        """The next message by lane, or None."""
+        """Return the next message by lane, or None."""
         if self.urgent:
             return _entry(self.urgent.popleft())
         if not self.queue:

@@ -37,6 +37,6 @@ class Node(Router):
         await self.deadlines.run()
 
     def cell(self, path: str, factory: Callable[[], Actor], role: str = "") -> Cell:
-        """A cell not yet running; give its ``run`` to a supervisor. ``path`` is
+        """Return a cell not yet running; give its ``run`` to a supervisor. ``path`` is
         ``<robot>/actor/<name>``."""
         return Cell(self, f"{PREFIX}/{path}", factory, role)

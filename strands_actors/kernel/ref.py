@@ -89,7 +89,7 @@ class Ref:
         self._cell: Hosted | None = None
 
     def _local(self) -> Hosted | None:
-        """The cell, if it is one of this node's."""
+        """Return the cell, if it is one of this node's."""
         cell = self._cell
         if cell is None or not cell.hosted:
             self._cell = cell = self._node.cells.get(self.address)

@@ -149,11 +149,11 @@ class Router:
         return next(self._cids)
 
     def route(self, address: str) -> Way | None:
-        """The link behind which it lives."""
+        """Return the link behind which it lives."""
         return self._routes.get(address)
 
     def way_to(self, address: str) -> Way | None:
-        """The link behind which it lives, or else the mesh."""
+        """Return the link behind which it lives, or else the mesh."""
         link = self._routes.get(address)
         return link if link is not None or address in self.linked else self.mesh
 
@@ -198,7 +198,7 @@ class Router:
             _close_all(descriptors)
 
     def _receive(self, data: bytes, way: Way, descriptors: tuple[int, ...]) -> bool:
-        """Whether an actor got a message, and with it the descriptors."""
+        """Return whether an actor got a message, and with it the descriptors."""
         try:
             head = decode_frame(data)
         except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
@@ -278,7 +278,7 @@ class Router:
         answer.send(None if answer.decode is None else read_reply(answer.decode, head.body))
 
     def hosts_frame(self, address: str, hosted: bool) -> bytes:
-        """What a link tells its other end: ``address`` lives here, or no longer does."""
+        """Return what a link tells its other end: ``address`` lives here, or no longer does."""
         return frame("", HOSTS, int(hosted), address, self.address, None)
 
     # -- watching

@@ -77,7 +77,7 @@ class Supervisor:
 
     @property
     def restarts(self) -> dict[str, int]:
-        """How often each child was started again."""
+        """Return how often each child was started again."""
         return {child.spec.name: max(0, child.starts - 1) for child in self._children}
 
     async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:

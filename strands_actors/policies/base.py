@@ -23,16 +23,17 @@ class Policy(ABC):
     @property
     @abstractmethod
     def provider_name(self) -> str:
-        """The name it goes by."""
+        """Return the name it goes by."""
 
     @property
     def requires_images(self) -> bool:
-        """Whether it wants pictures beside positions. Only ``lerobot_local`` is given any."""
+        """Return whether it wants pictures beside positions. Only ``lerobot_local`` is given
+        any."""
         return True
 
     @property
     def execution_horizon(self) -> int:
-        """How many actions of a chunk are executed, where chunks are blended."""
+        """Return how many actions of a chunk are executed, where chunks are blended."""
         return 1
 
     @abstractmethod

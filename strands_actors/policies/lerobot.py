@@ -153,8 +153,8 @@ class LerobotLocal:
         return [self._named(self._policy.select_action(dict(batch))) for _ in range(self._steps)]
 
     def _blended(self, batch: Any) -> list[dict[str, float]]:
-        """What follows the actions that are still to be executed. The chunk begins now, with those,
-        so they are left out."""
+        """Return what follows the actions that are still to be executed. The chunk begins now, with
+        those, so they are left out."""
         left = min(self._left, self._handed_out)
         rest = None if self._rest is None else self._rest[self._handed_out - left :]
         chunk = self._policy.predict_action_chunk(dict(batch), inference_delay=left, prev_chunk_left_over=rest)
@@ -195,7 +195,7 @@ class Eye:
         self.look()
 
     def look(self) -> Any:
-        """The newest picture. Raise ``StaleFrame`` when it is too old."""
+        """Return the newest picture. Raise ``StaleFrame`` when it is too old."""
         from strands_actors.surfaces.cameras import Stale, StaleFrame
 
         found = self._reader.newest()

@@ -117,7 +117,7 @@ def find_provider(name: str) -> Provider:
 def choose_provider(
     name: str, host: str, port: int | None, options: dict[str, Any]
 ) -> tuple[Provider, dict[str, Any]]:
-    """A provider that another process can build, and its options. A name in the form
+    """Return a provider that another process can build, and its options. A name in the form
     ``module:factory`` is taken as it is. Raise ``ValueError`` with what would be accepted."""
     if isinstance(name, str) and name.lower().startswith("ws://"):
         host, at, path = parse_endpoint(name)
@@ -151,7 +151,7 @@ def parse_endpoint(endpoint: str) -> tuple[str, int, str]:
 
 
 def robot_facts(provider: Provider, driver: Driver, robot: str = "", cameras: Sequence[str] = ()) -> dict[str, Any]:
-    """What a policy is told of the robot, as options. ``robot``: the name it runs by."""
+    """Return what a policy is told of the robot, as options. ``robot``: the name it runs by."""
     facts: dict[str, Any] = {"axes": list(driver.axes)} if provider.takes_axes else {}
     if provider.takes_units:
         facts |= {"unit": driver.unit, "travel": driver.travel()}

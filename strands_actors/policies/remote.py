@@ -127,7 +127,7 @@ class Remote(Policy):
     # -- one message each way
 
     def _greeted(self) -> JsonV1 | None:
-        """How to talk to a server that spoke first; None: it says nothing."""
+        """Return how to talk to a server that spoke first; None: it says nothing."""
         try:
             message = self._socket.recv(timeout=GREETING_S)
         except TimeoutError:

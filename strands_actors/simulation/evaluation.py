@@ -106,7 +106,7 @@ def _episode(
 
 
 def _checked(answer: Any) -> dict[str, Any]:
-    """What an envelope has. Raise ``Failed`` for an error."""
+    """Return what an envelope has. Raise ``Failed`` for an error."""
     if answer["status"] == "error":
         raise Failed(answer["content"][0]["text"])
     found: dict[str, Any] = answer["content"][0]["json"]

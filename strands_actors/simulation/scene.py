@@ -127,7 +127,7 @@ def _row(
 
 
 def _listed(given: object) -> tuple[object, ...]:
-    """The numbers of an array; none for what is no row."""
+    """Return the numbers of an array; none for what is no row."""
     values = getattr(given, "tolist", lambda: None)()
     return tuple(values) if isinstance(values, list) else ()
 

@@ -40,8 +40,8 @@ def _plain_value(value: Any) -> Any:
 
 
 def _number_or_text(value: Any) -> float | bool | str | None:
-    """A number of any library as Python's own. A bool stays one, numpy's too: it is no number to
-    the driver."""
+    """Return a number of any library as Python's own. A bool stays one, numpy's too: it is no
+    number to the driver."""
     if value is None or isinstance(value, str):
         return value and harmless(value[:SHOWN])
     item = getattr(value, "item", None)
@@ -55,5 +55,6 @@ def _number_or_text(value: Any) -> float | bool | str | None:
 
 
 def _text(key: object) -> str:
-    """A key as it is; one that cannot be sent, or would not be seen as it is, written out."""
+    """Return a key as it is; one that cannot be sent, or would not be seen as it is, written
+    out."""
     return harmless(key[:SHOWN]) if isinstance(key, str) else shown(key, SHOWN)

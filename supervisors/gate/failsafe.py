@@ -141,7 +141,8 @@ class State(msgspec.Struct, frozen=True):
 
 
 def step(state: State, event: Event, locked_by: str = "") -> tuple[State, Action]:
-    """The next state and what to do. ``locked_by`` (with ``STOP``) makes the stop an e-stop."""
+    """Return the next state and what to do. ``locked_by`` (with ``STOP``) makes the stop an
+    e-stop."""
     row = TRANSITIONS.get((state.mode, event))
     lock = locked_by or state.locked_by
     if row is None:

@@ -55,8 +55,8 @@ class Leases(msgspec.Struct):
     secret: bytes = b""
 
     def acquire(self, message: Acquire, now_ns: int, holding: bool = False) -> int | Refused:
-        """The number of a new lease. Who has a channel with a name (a policy process) gets one
-        under its caller's only. Who has it and says which it is may have another in its place.
+        """Return the number of a new lease. Who has a channel with a name (a policy process) gets
+        one under its caller's only. Who has it and says which it is may have another in its place.
         ``holding``: nothing of the present writer stands any more. Who has lent its lease to a
         rollout may then have it back, though that rollout (cut off, perhaps) has not returned
         it."""
@@ -82,7 +82,8 @@ class Leases(msgspec.Struct):
         return lease
 
     def _proof(self, number: int) -> int:
-        """What goes with a number, for who knows the secret; the same when this is played again."""
+        """Return what goes with a number, for who knows the secret; the same when this is played
+        again."""
         digest = blake2b(str(number).encode(), key=self.secret, digest_size=_PROOF_BITS // 8).digest()
         return int.from_bytes(digest, "big") if self.secret else 0
 
@@ -94,12 +95,12 @@ class Leases(msgspec.Struct):
             held = held.under
 
     def find(self, lease: int, channel: str) -> Held | None:
-        """The lease that is held, if it is this one, and was acquired over that channel."""
+        """Return the lease that is held, if it is this one, and was acquired over that channel."""
         held = self.held
         return held if held is not None and (held.id, held.channel) == (lease, channel) else None
 
     def release(self, lease: int, channel: str) -> Held | None:
-        """The one that was given back; None: it was not held."""
+        """Return the one that was given back; None: it was not held."""
         held = self.find(lease, channel)
         if held is not None:
             self.held = held.under
@@ -112,7 +113,7 @@ class Leases(msgspec.Struct):
             self.held = self.held.owner
 
     def lapsed(self, now_ns: int, latched: bool) -> str:
-        """Who no longer beats for what stands; empty: somebody does."""
+        """Return who no longer beats for what stands; empty: somebody does."""
         held = self.held
         if held is None:
             return "the writer"

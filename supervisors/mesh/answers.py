@@ -45,7 +45,7 @@ class Answers:
 
 
 def told(report: StopReport) -> dict[str, Any]:
-    """A stop's report as JSON."""
+    """Return a stop's report as JSON."""
     return {
         "outcome": "safe" if report.confirmed else "unconfirmed",
         "safe_state": report.safe_state,

@@ -195,7 +195,7 @@ class Commands(Actor):
         return await self._status()
 
     async def _newest(self) -> messages.Status | None:
-        """The gate's status; None when it has none to give."""
+        """Return the gate's status; None when it has none to give."""
         answer = await self._gate.ask(messages.GetStatus(), ASK_S)
         return answer if isinstance(answer, messages.Status) else None
 

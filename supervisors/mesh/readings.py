@@ -22,7 +22,7 @@ TELEOP: Mapping[str, Any] = {"inputs": [], "publishers": {}, "receivers": {}}
 
 
 def state_of(robot: str, driver: Driver, task: TaskStatus, status: Status | None) -> dict[str, Any]:
-    """What stands on ``state``."""
+    """Return what stands on ``state``."""
     state: dict[str, Any] = {
         "peer_id": robot,
         "t": time.time(),
@@ -55,7 +55,7 @@ def mode_of(status: Status | None) -> str:
 
 
 def features(driver: Driver) -> dict[str, Any]:
-    """Which keys an action and an observation have, in which unit and range."""
+    """Return which keys an action and an observation have, in which unit and range."""
     limits = {axis.key: [axis.low, axis.high] for axis in driver.table}
     return {
         "action_features": dict.fromkeys(driver.axes, "float"),
@@ -69,7 +69,7 @@ def features(driver: Driver) -> dict[str, Any]:
 
 
 def tool_of(robot: str, driver: Driver) -> dict[str, Any]:
-    """The tool's spec, and a hash by which a reader sees that it has changed."""
+    """Return the tool's spec, and a hash by which a reader sees that it has changed."""
     spec = tool_spec(robot, driver)
     encoded = msgspec.json.encode(spec, order="sorted")
     return {"tool_name": robot, "tool_spec_hash": hashlib.sha256(encoded).hexdigest(), "spec": spec}

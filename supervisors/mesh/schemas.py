@@ -36,7 +36,7 @@ _NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}\Z")
 
 
 def is_name(text: str) -> bool:
-    """Whether it can be one part of a key: no wildcard, no slash."""
+    """Return whether it can be one part of a key: no wildcard, no slash."""
     return bool(_NAME.match(text))
 
 

@@ -334,7 +334,7 @@ class Guardian(Actor):
 
     @property
     def confirmed(self) -> bool:
-        """Whether nothing of ours is energised any more, as far as is known."""
+        """Return whether nothing of ours is energised any more, as far as is known."""
         return self._confirmed
 
     # -- one life of the wire group after the other

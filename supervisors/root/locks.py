@@ -46,7 +46,8 @@ class Locks:
         self._mark = hashlib.sha256(os.path.realpath(port).encode()).hexdigest()[:16] if port else ""
 
     def find(self) -> Lock | None:
-        """The newest lock that binds this robot. Raise nothing: what cannot be read locks."""
+        """Return the newest lock that binds this robot. Raise nothing: what cannot be read
+        locks."""
         try:
             paths = self._files()
         except OSError as error:
@@ -94,7 +95,7 @@ class Locks:
 
 
 def locked_robots(directory: Path) -> list[str]:
-    """Every name that stands on a lock. Raise ``OSError``."""
+    """Return every name that stands on a lock. Raise ``OSError``."""
     with contextlib.suppress(FileNotFoundError):
         names = (os.path.splitext(name) for name in os.listdir(directory))
         return sorted({stem.partition("@")[0] for stem, suffix in names if suffix == ".json"})

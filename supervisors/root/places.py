@@ -14,13 +14,13 @@ class Place(Protocol):
 
     @property
     def alive(self) -> bool:
-        """Whether it can still write."""
+        """Return whether it can still write."""
         ...
 
     @property
     def left_safe(self) -> bool:
-        """Whether it has ended by itself, after it had read back every motor and obeyed nobody
-        since. Not by its own word in a message: a message can be forged."""
+        """Return whether it has ended by itself, after it had read back every motor and obeyed
+        nobody since. Not by its own word in a message: a message can be forged."""
         ...
 
     async def ended(self) -> str:
@@ -38,7 +38,7 @@ class Place(Protocol):
         ...
 
     def standing(self) -> Standing | None:
-        """How its process stands with the processor; None where nobody can tell."""
+        """Return how its process stands with the processor; None where nobody can tell."""
         ...
 
 

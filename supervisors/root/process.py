@@ -37,7 +37,6 @@ from strands_actors.kernel.processes.process import wait_for_end_of
 from strands_actors.kernel.processes.spawner import Spawner
 from strands_actors.kernel.supervisor import Budget, BudgetSpent, ChildSpec, Supervisor
 from strands_actors.supervisors import addresses
-from strands_actors.supervisors import page as place
 from strands_actors.supervisors import permissions as channels
 from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate.failsafe import LINKED, Mode, State
@@ -47,6 +46,7 @@ from strands_actors.supervisors.instrument import Attached, InstrumentKeeper, na
 from strands_actors.supervisors.introspection import Introspector
 from strands_actors.supervisors.loading import load_driver, without_secrets
 from strands_actors.supervisors.mesh.place import MeshPlace
+from strands_actors.supervisors.page import ROOT, STANDBY, WIRE, Owed
 from strands_actors.supervisors.root.messages import (
     ActorInfo,
     Describe,
@@ -182,14 +182,14 @@ class Tree:
             self.robot,
             {name: args[name] for name in ("robot", "driver", "label")} | args["standby"],
             ahead.page,
-            Heartbeat(words, place.ROOT, place.STANDBY),
+            Heartbeat(words, ROOT, STANDBY),
             self.driver.timing,
             ahead.standby,
             spawner,
         )
         self.guardian = Guardian(
             self.driver,
-            Heartbeat(words, place.ROOT, place.WIRE),
+            Heartbeat(words, ROOT, WIRE),
             self.start_wire,
             self._on_state,
             self.at.gate,
@@ -199,7 +199,7 @@ class Tree:
             self._see_dying,
             self.standby,
             self.at.transport,
-            place.Owed(words),
+            Owed(words),
             lambda told: self.audit.note(told.who, told.what, told.how, told.over),
         )
         self.standby.on_lost = self.guardian.lose_standby
@@ -388,7 +388,7 @@ class Tree:
         os._exit(0 if self.guardian.confirmed else UNCONFIRMED)
 
     async def _stop_by_gate(self, reason: Reason, by: str) -> StopReport | None:
-        """Its report, if every motor is confirmed. From then on it obeys nobody."""
+        """Return its report, if every motor is confirmed. From then on it obeys nobody."""
         within_s = StopDeadlines.of(self.driver.timing.safe_s).own_stop_s
         try:
             answer = await self.node.ref(self.at.gate, Gate).ask(Stop(reason, by), within_s)

@@ -63,7 +63,7 @@ async def attempt_anew(
 
 
 def pauses_s() -> Iterator[float]:
-    """How long to wait before each further attempt."""
+    """Return how long to wait before each further attempt."""
     yield from AGAIN_S
     while True:
         yield AGAIN_S[-1]

@@ -38,10 +38,10 @@ from strands_actors.kernel.processes.identity import be_taken_last, take_name
 from strands_actors.kernel.processes.peer import Peer
 from strands_actors.kernel.processes.process import FENCE_S
 from strands_actors.supervisors import addresses
-from strands_actors.supervisors import page as place
 from strands_actors.supervisors import permissions as channels
 from strands_actors.supervisors.introspection import Introspector
 from strands_actors.supervisors.loading import load_driver
+from strands_actors.supervisors.page import ROOT, STANDBY, WIRE, Owed
 from strands_actors.supervisors.root.stop_channel import LINGER_S, all_safe, attempt, attempt_anew, pauses_s
 from strands_actors.supervisors.standby.messages import Guard, Guarding, LetGo, LetGone, WatchOver
 from strands_actors.supervisors.wire.watchdog import Tick
@@ -86,7 +86,7 @@ class Standby(Actor):
         self._report = report
         self._leave = leave
         self._words: memoryview | None = None
-        self._owed = place.Owed()
+        self._owed = Owed()
         self._root: _Seen | None = None
         self._wire: _Seen | None = None
         self._channel: StopChannel | None = None
@@ -122,22 +122,22 @@ class Standby(Actor):
         page, *pidfds = message.descriptors
         if self._words is None:
             self._words = words_of(page)
-            self._owed = place.Owed(self._words)
+            self._owed = Owed(self._words)
         os.close(page)
         root_fd = pidfds[0] if pidfds else None
         wire_fd = pidfds[1] if len(pidfds) > 1 else None
         if self._root is None:
-            self._root = self._seen("root", message.root, root_fd, place.ROOT)
+            self._root = self._seen("root", message.root, root_fd, ROOT)
         elif root_fd is not None:
             os.close(root_fd)
         if self._wire is not None and self._wire.peer is not None:
             self._wire.peer.close()
-        self._wire = self._seen("wire", message.wire, wire_fd, place.WIRE)
+        self._wire = self._seen("wire", message.wire, wire_fd, WIRE)
 
     def _seen(self, name: str, pid: int, pidfd: int | None, at: int) -> _Seen:
         assert self._words is not None
         peer = Peer(pid, pidfd) if pid else None
-        heartbeat = Heartbeat(self._words, place.STANDBY, at)
+        heartbeat = Heartbeat(self._words, STANDBY, at)
         watched = Watched(self._driver.timing, partial(suspected, pid), self.context.clock.now_ns())
         seen = _Seen(name, peer, heartbeat, watched)
         if peer is not None:

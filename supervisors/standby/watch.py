@@ -27,7 +27,7 @@ def silent_s(timing: Timing) -> float:
 
 
 def look_s(timing: Timing) -> float:
-    """How often the standby looks, and beats."""
+    """Return how often the standby looks, and beats."""
     return silent_s(timing) / LOOKS
 
 

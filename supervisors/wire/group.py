@@ -29,7 +29,6 @@ from strands_actors.kernel.processes.identity import be_taken_last, take_name
 from strands_actors.kernel.processes.process import ChildProcess, start
 from strands_actors.kernel.supervisor import Budget, ChildSpec, Supervisor
 from strands_actors.supervisors import addresses
-from strands_actors.supervisors import page as place
 from strands_actors.supervisors import permissions as channels
 from strands_actors.supervisors.gate.failsafe import Mode, State
 from strands_actors.supervisors.gate.gate import Gate
@@ -37,6 +36,7 @@ from strands_actors.supervisors.instrument import Attached, InstrumentKeeper, na
 from strands_actors.supervisors.introspection import Introspector
 from strands_actors.supervisors.loading import load_driver, without_secrets
 from strands_actors.supervisors.mesh import policy_access
+from strands_actors.supervisors.page import ROOT, WIRE, Owed
 from strands_actors.supervisors.root.stop_channel import LINGER_S, all_safe, attempt_anew, pauses_s
 from strands_actors.supervisors.wire.messages import RootGone
 
@@ -60,7 +60,7 @@ async def run_group(
     root: Callable[[], Standing | None] = lambda: None,
     made: Callable[[Transport], None] = lambda _: None,
     locked_since: str = "",
-    owed: place.Owed | None = None,
+    owed: Owed | None = None,
     no_standby: str = "",
     audited: bool = False,
     secret: bytes = b"",
@@ -251,8 +251,8 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
 
     root = os.getppid()
     words = words_of(args["page"])
-    heartbeat = Heartbeat(words, place.WIRE, place.ROOT)
-    owed = place.Owed(words)
+    heartbeat = Heartbeat(words, WIRE, ROOT)
+    owed = Owed(words)
     transports: list[Transport] = []
 
     async def join_mesh() -> None:

@@ -160,7 +160,7 @@ class Transport(Actor):
                     self._guardian.tell(Handover(tuple(self._wire.handover()), again=True))
 
     async def _write(self, write: Write, deadline_ns: int) -> bool:
-        """Whether it was written."""
+        """Write it, if it may be written. Return whether it was."""
         if self._wire is None:
             return False
         wire, permit = self._wire, _Permit(self, write.epoch, deadline_ns)

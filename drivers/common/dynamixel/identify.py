@@ -55,8 +55,8 @@ class Identity(msgspec.Struct, frozen=True):
 
 
 def reach(axis: Axis, servo: Identity, calibrated: bool) -> tuple[int, int]:
-    """Where the joint may rest when it is energised. A servo that counts turns and stands outside
-    our range would travel back the whole way at the first command."""
+    """Return where the joint may rest when it is energised. A servo that counts turns and stands
+    outside our range would travel back the whole way at the first command."""
     if servo.mode == table.POSITION_MODE:
         return servo.travel
     return (axis.low, axis.high) if calibrated else (0, TOP)

@@ -47,7 +47,7 @@ class Indirect:
         self._own = bytearray(len(self._data))
 
     def runs(self, address: int, size: int) -> list[Run] | None:
-        """Where ``size`` bytes from ``address`` are. None: not all are anywhere."""
+        """Return where ``size`` bytes from ``address`` are. None: not all are anywhere."""
         runs: list[Run] = []
         for byte in range(address, address + size):
             found = self._find(byte)

@@ -94,14 +94,14 @@ class Packet(NamedTuple):
 
     @property
     def failure(self) -> str:
-        """Why the servo did not do what it was asked; empty when it did. The alert bit is no
+        """Return why the servo did not do what it was asked; empty when it did. The alert bit is no
         failure."""
         number = self.error & ~ALERT
         return ERROR_NUMBERS.get(number, f"error {number}") if number else ""
 
 
 def frame(servo_id: int, code: int, params: bytes = b"", error: int = 0) -> bytes:
-    """Bytes of one frame; ``error``: the error byte, if it is a status."""
+    """Return the bytes of one frame; ``error``: the error byte, if it is a status."""
     body = bytes((code, error)) if code == STATUS else bytes((code,))
     stuffed = (body + params).replace(b"\xff\xff\xfd", b"\xff\xff\xfd\xfd")
     data = HEADER + bytes((servo_id,)) + (len(stuffed) + 2).to_bytes(2, "little") + stuffed
@@ -147,8 +147,8 @@ def fast_sync_read(ids: Sequence[int], address: int, size: int) -> bytes:
 
 
 def fast_status(answers: Sequence[tuple[int, int, bytes]], sizes: Sequence[int]) -> bytes:
-    """The one frame that answers a fast read: (id, error, data) of each servo in turn, each closed
-    by the CRC of everything so far. Each is as long as was asked for, so nothing is stuffed
+    """Return the one frame that answers a fast read: (id, error, data) of each servo in turn, each
+    closed by the CRC of everything so far. Each is as long as was asked for, so nothing is stuffed
     [assumed]. ``sizes``: of all that were asked; when fewer answer, the frame ends early."""
     data = HEADER + bytes((BROADCAST,)) + _words(1 + sum(4 + size for size in sizes)) + bytes((STATUS,))
     for servo_id, error, block in answers:
@@ -158,7 +158,7 @@ def fast_status(answers: Sequence[tuple[int, int, bytes]], sizes: Sequence[int])
 
 
 def fast_answers(packet: Packet, size: int) -> dict[int, Packet]:
-    """What each servo said in the answer to a fast sync read of ``size`` bytes, by id."""
+    """Return what each servo said in the answer to a fast sync read of ``size`` bytes, by id."""
     block = bytes((packet.error,)) + packet.params + b"\0\0"  # the last CRC closed the frame
     rows = [block[at : at + 4 + size] for at in range(0, len(block) - size - 3, 4 + size)]
     return {row[1]: Packet(row[1], STATUS, row[2 : 2 + size], row[0]) for row in rows}
@@ -207,7 +207,7 @@ class Decoder:
 
     @property
     def pending(self) -> int:
-        """Bytes of a frame that has not ended yet."""
+        """Return the bytes of a frame that has not ended yet."""
         return len(self._buffer)
 
     def clear(self) -> None:
@@ -251,7 +251,7 @@ class Decoder:
 
 
 def _beginning(buffer: bytearray) -> int:
-    """How many of the last bytes may be the beginning of a header."""
+    """Return how many of the last bytes may be the beginning of a header."""
     return next((size for size in (3, 2, 1) if buffer.endswith(HEADER[:size])), 0)
 
 
@@ -273,7 +273,8 @@ def rows_of(packet: Packet) -> tuple[int, dict[int, bytes]]:
 
 
 def classify(packet: Packet) -> str:
-    """What a request means for the wire log: setpoint, safe, enable, read, config or other."""
+    """Return what a request means for the wire log: setpoint, safe, enable, read, config or
+    other."""
     if packet.code in (PING, READ, SYNC_READ, FAST_SYNC_READ, BULK_READ, FAST_BULK_READ):
         return "read"
     if packet.code in (WRITE, REG_WRITE) and len(packet.params) > 2:
@@ -297,7 +298,8 @@ def _classify_write(address: int, rows: Sequence[bytes]) -> str:
 
 
 def safe_state(packet: Packet, ids: Collection[int]) -> str:
-    """The safe state that a request by itself brings all of ``ids`` to: limp, hold, or none."""
+    """Return the safe state that a request by itself brings all of ``ids`` to: limp, hold, or
+    none."""
     if packet.code not in (WRITE, SYNC_WRITE) or classify(packet) != "safe":
         return ""
     if packet.code == WRITE:

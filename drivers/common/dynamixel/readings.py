@@ -29,7 +29,7 @@ class DynamixelReadings(Readings[protocol.Packet]):
 
     @property
     def unnamed(self) -> bool:
-        """Whether a servo has an alert that was not read yet."""
+        """Return whether a servo has an alert that was not read yet."""
         return UNNAMED in self._alerts.values()
 
     def watchdogs_cleared(self) -> None:

@@ -448,7 +448,7 @@ class Servo(TwinServo):
         return min(abs(power), abs(current)) if mode == t.CURRENT_POSITION_MODE else abs(power)
 
     def _profile_rad_s(self, goal_rad: float) -> float:
-        """How fast to go there; 0: as fast as it can."""
+        """Return how fast to go there; 0: as fast as it can."""
         profile = self.get(t.PROFILE_VELOCITY)
         if not profile or not self.table[t.DRIVE_MODE.address] & TIMED_PROFILE:
             return profile * abs(self._rad_s_a_unit)

@@ -20,7 +20,7 @@ class Register(NamedTuple):
             raise ValueError(f"{value} does not fit {self.size} byte(s)") from None
 
     def decode(self, data: bytes, base: int | None = None) -> int:
-        """The value in ``data``, a block that was read from address ``base`` (default: this
+        """Return the value in ``data``, a block that was read from address ``base`` (default: this
         register's own)."""
         start = 0 if base is None else self.address - base
         return int.from_bytes(data[start : start + self.size], "little", signed=self.signed)
@@ -136,7 +136,7 @@ HARDWARE_BITS = {
 
 
 def error_words(hardware_error: int) -> str:
-    """The names of the bits set in register 70."""
+    """Return the names of the bits set in register 70."""
     known = [word for bit, word in HARDWARE_BITS.items() if hardware_error & bit]
     rest = hardware_error & ~sum(HARDWARE_BITS)
     return ", ".join(known + ([f"unknown 0x{rest:02x}"] if rest else []))

@@ -131,7 +131,7 @@ def _strings(value: memoryview, order: Order) -> tuple[str, ...]:
 
 
 def gone(payload: memoryview, key: bytes, parameter: int) -> bytes:
-    """The GUID that a disposal names: by its key hash, or in its payload. Raise
+    """Return the GUID that a disposal names: by its key hash, or in its payload. Raise
     ``MalformedFrame``."""
     if key:
         return key
@@ -147,7 +147,7 @@ def encode_gone(guid: bytes, parameter: int) -> bytes:
 
 
 def mismatch(writer: EndpointData, reader: EndpointData) -> str:
-    """Why these two, of one topic, do not fit; empty: they do."""
+    """Return why these two, of one topic, do not fit; empty: they do."""
     if writer.type_name != reader.type_name:
         return f"type {writer.type_name} is written, {reader.type_name} is read"
     if reader.reliable and not writer.reliable:
@@ -163,8 +163,8 @@ def mismatch(writer: EndpointData, reader: EndpointData) -> str:
 
 
 def nearest(locators: Sequence[Address], heard_from: str, own: str) -> Address:
-    """One of a peer's addresses: the host it speaks from, else one on our side of the loopback,
-    else the first."""
+    """Return one of a peer's addresses: the host it speaks from, else one on our side of the
+    loopback, else the first."""
 
     def rank(address: Address) -> tuple[bool, bool]:
         return address[0] != heard_from, is_loopback(address[0]) != is_loopback(own)

@@ -77,7 +77,7 @@ class _Peer:
         self.heard_ns = 0
 
     def is_at(self, sender: Address) -> bool:
-        """Whether it speaks from there."""
+        """Return whether it speaks from there."""
         return sender[0] in self._hosts if self._only is None else self._only.holds(sender)
 
 
@@ -372,7 +372,7 @@ class Engine:
 
 
 def _acknowledging(announcements: Writer, reader: bytes) -> Callable[[bytes], bool]:
-    """Whether a participant has acknowledged the announcement that is made next."""
+    """Return whether a participant has acknowledged the announcement that is made next."""
     number = announcements.sequence + 1
     return lambda prefix: announcements.acknowledged_by(prefix + reader) >= number
 

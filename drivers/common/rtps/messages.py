@@ -101,7 +101,8 @@ Submessage = Data | Fragment | Heartbeat | AckNack | Gap
 
 
 def decode(datagram: memoryview, own: bytes) -> list[Submessage]:
-    """What a datagram says to the participant with the prefix ``own``. Raise ``MalformedFrame``."""
+    """Return what a datagram says to the participant with the prefix ``own``. Raise
+    ``MalformedFrame``."""
     size = len(datagram)
     if size < HEADER_SIZE or datagram[:4] != _MAGIC:
         raise MalformedFrame("no RTPS header")
@@ -151,7 +152,7 @@ def _sequence(high: int, low: int, least: int = 1) -> int:
 
 
 def _numbers(body: memoryview, at: int, order: Order, base: int, bits: int) -> tuple[int, ...]:
-    """The members of a set whose bitmap starts at ``at``."""
+    """Return the members of a set whose bitmap starts at ``at``."""
     if bits > MAX_BITS:
         raise MalformedFrame(f"a set of {bits} numbers")
     words = (bits + 31) // 32
@@ -166,8 +167,8 @@ def _numbers(body: memoryview, at: int, order: Order, base: int, bits: int) -> t
 
 
 def _content(body: memoryview, flags: int, order: Order, skip: int, least: int) -> tuple[memoryview, bool, bytes]:
-    """What follows the fixed part of a sample: its bytes, whether its status says disposed, its key
-    hash. ``skip`` counts from behind itself; ``least`` is where the fixed part ends."""
+    """Return what follows the fixed part of a sample: its bytes, whether its status says disposed,
+    its key hash. ``skip`` counts from behind itself; ``least`` is where the fixed part ends."""
     at = 4 + skip
     if at < least or at > len(body):
         raise MalformedFrame("inline QoS out of place")
@@ -298,7 +299,7 @@ def disposal(reader: bytes, writer: bytes, sequence: int, key: bytes, payload: b
 
 
 def fragments(reader: bytes, writer: bytes, sequence: int, payload: Buffer) -> Iterable[bytes]:
-    """The submessages of a sample, one fragment in each."""
+    """Return the submessages of a sample, one fragment in each."""
     total = len(payload)
     for index in range(-(-total // FRAGMENT_SIZE)):
         piece = bytes(payload[index * FRAGMENT_SIZE : (index + 1) * FRAGMENT_SIZE])

@@ -43,8 +43,8 @@ Parameters = dict[int, list[memoryview]]
 
 
 def decode(body: memoryview, at: int, order: Order) -> tuple[Parameters, int]:
-    """The list that starts at ``at``, and where it ends. Raise ``MalformedFrame``: no sentinel, or
-    a value past the end."""
+    """Return the list that starts at ``at``, and where it ends. Raise ``MalformedFrame``: no
+    sentinel, or a value past the end."""
     found: Parameters = {}
     size = len(body)
     while at + 4 <= size:
@@ -69,7 +69,7 @@ def decode_payload(payload: memoryview) -> tuple[Parameters, Order]:
 
 
 def first(found: Parameters, parameter: int, size: int) -> memoryview | None:
-    """The first value of ``parameter``, at least ``size`` bytes of it; None when it is not
+    """Return the first value of ``parameter``, at least ``size`` bytes of it; None when it is not
     there."""
     values = found.get(parameter)
     if values is None:
@@ -85,7 +85,7 @@ def number(found: Parameters, parameter: int, order: Order, default: int) -> int
 
 
 def text(value: memoryview, order: Order) -> str:
-    """A CDR string."""
+    """Return a CDR string."""
     if len(value) < 4:
         raise MalformedFrame("a string without length")
     (length,) = order.u32.unpack_from(value)
@@ -98,7 +98,7 @@ def text(value: memoryview, order: Order) -> str:
 
 
 def addresses(values: list[memoryview], order: Order) -> tuple[Address, ...]:
-    """The UDP/IPv4 locators among them."""
+    """Return the UDP/IPv4 locators among them."""
     found = []
     for value in values:
         if len(value) < 24:
@@ -142,5 +142,5 @@ def encoded_list(*parameters: bytes) -> bytes:
 
 
 def payload(*parameters: bytes) -> bytes:
-    """A discovery sample, with its encapsulation header."""
+    """Return a discovery sample, with its encapsulation header."""
     return PL_CDR_LE + encoded_list(*parameters)

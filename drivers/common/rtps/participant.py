@@ -241,7 +241,7 @@ async def open_participant(
 
 
 def _peer(text: str, domain: int) -> list[Address]:
-    """Where to look for ``host`` or ``host:port``."""
+    """Return where to look for ``host`` or ``host:port``."""
     host, _, port = text.partition(":")
     if not is_host(host):
         raise ValueError(f"peer is {text!r}. Give an IPv4 address: 192.0.2.10 or 192.0.2.10:7410")

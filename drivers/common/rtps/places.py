@@ -13,12 +13,12 @@ class Place(NamedTuple):
     port: int = 0  # of the socket that it announces, and speaks from; 0: any
 
     def holds(self, sender: Address) -> bool:
-        """Whether a datagram from ``sender`` has come from here."""
+        """Return whether a datagram from ``sender`` has come from here."""
         return sender[0] == self.host and self.port in (0, sender[1])
 
     def has(self, data: ParticipantData, sender: Address) -> bool:
-        """Whether this participant is here: it says so, where a port tells it from its neighbours,
-        and it is heard from here. What it says of itself alone is no proof."""
+        """Return whether this participant is here: it says so, where a port tells it from its
+        neighbours, and it is heard from here. What it says of itself alone is no proof."""
         return self.holds(sender) and (not self.port or tuple(self) in data.discovery)
 
 

@@ -93,7 +93,7 @@ class Reader:
 
     @property
     def hosts(self) -> tuple[str, ...]:
-        """Where the writers are that fit, each host once."""
+        """Return where the writers are that fit, each host once."""
         return tuple(dict.fromkeys(writer.address[0] for writer in self._writers.values()))
 
     # -- whom it hears
@@ -114,7 +114,7 @@ class Reader:
     # -- what it hears
 
     def wants(self, guid: bytes, sequence: int, now_ns: int) -> bool:
-        """Whether this sample would still be taken."""
+        """Return whether this sample would still be taken."""
         writer = self._writers.get(guid)
         if writer is None:
             return False

@@ -24,7 +24,7 @@ ANCILLARY = socket.CMSG_SPACE(_TIMESPEC.size)
 
 
 def is_host(text: str) -> bool:
-    """An IPv4 address of one host, in its usual form."""
+    """Return an IPv4 address of one host, in its usual form."""
     try:
         return socket.inet_ntoa(socket.inet_pton(socket.AF_INET, text)) == text != "0.0.0.0"
     except (OSError, ValueError):
@@ -32,9 +32,9 @@ def is_host(text: str) -> bool:
 
 
 def age_ns(timespec: bytes, longest_ns: int) -> int:
-    """How long ago the kernel took a datagram in, which was not there ``longest_ns`` ago. The
-    kernel tells it by the wall's clock: when that has been set meanwhile, the datagram is taken for
-    as old as it can be."""
+    """Return how long ago the kernel took a datagram in, which was not there ``longest_ns`` ago.
+    The kernel tells it by the wall's clock: when that has been set meanwhile, the datagram is taken
+    for as old as it can be."""
     if len(timespec) != _TIMESPEC.size:
         return 0
     seconds: int

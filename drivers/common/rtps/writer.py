@@ -64,7 +64,8 @@ class Writer:
         )
 
     def acknowledged_by(self, guid: bytes) -> int:
-        """The sample up to which this reader has everything; 0 when it is no reader of ours."""
+        """Return the sample up to which this reader has everything; 0 when it is no reader of
+        ours."""
         reader = self._readers.get(guid)
         return 0 if reader is None else reader.acknowledged
 
@@ -169,7 +170,7 @@ class Writer:
                 self._beat(reader, final=False)
 
     def _first(self) -> int:
-        """The oldest sample kept; one past the last if there is none."""
+        """Return the oldest sample kept; one past the last if there is none."""
         return self._sequence + 1 - len(self._kept or ())
 
     def _resend(self, reader: _Reader, sequence: int) -> None:

@@ -69,9 +69,9 @@ class Axis(msgspec.Struct, frozen=True):
 def axes_of(
     joints: Iterable[Mapping[str, Any]], calibration: Mapping[str, MotorCalibration] | None, host_inverts: bool
 ) -> tuple[Axis, ...]:
-    """The ``joints`` of a robot's table, in their order. Without a calibration each has the range of
-    its model, around the middle of its servo. ``host_inverts``:
-    drive mode 1 of the calibration is ours to apply; otherwise the servo does it."""
+    """Return the ``joints`` of a robot's table, in their order. Without a calibration each has the
+    range of its model, around the middle of its servo. ``host_inverts``: drive mode 1 of the
+    calibration is ours to apply; otherwise the servo does it."""
     return tuple(
         _axis(joint, None if calibration is None else calibration[joint["key"]], host_inverts) for joint in joints
     )

@@ -16,7 +16,7 @@ class Field(Protocol):
     @property
     def size(self) -> int: ...
     def decode(self, data: bytes, base: int | None = None) -> int:
-        """The value in ``data``, a block read from address ``base`` (default: the register's
+        """Return the value in ``data``, a block read from address ``base`` (default: the register's
         own)."""
         ...
 
@@ -28,7 +28,7 @@ class Codec(Protocol[PacketT_co]):
     def BROADCAST(self) -> int: ...
     @property
     def OVERHEAD(self) -> int:
-        """Bytes of a reply that has no params."""
+        """Return the bytes of a reply that has no params."""
         ...
 
     @property

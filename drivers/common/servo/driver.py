@@ -29,7 +29,7 @@ NO_CALIBRATION = "none: the travel of its model"
 
 
 def options_of(default_baud: int, baud_rates: Sequence[int]) -> dict[str, str]:
-    """The constructor keywords of such a driver, with what each means."""
+    """Return the constructor keywords of such a driver, with what each means."""
     return {
         "calibration": "path of a lerobot calibration file, or its content; "
         "default: lerobot's file of this tool_name, else the travel of its model",

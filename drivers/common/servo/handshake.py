@@ -83,8 +83,8 @@ async def roll_call(
 async def _ping(
     bus: HalfDuplexBus[Any], request: bytes, first_s: float, silence_s: float, motor: int
 ) -> list[Packet]:
-    """What was heard; asked again after an answer that is missing or damaged, and once more when
-    this host was late."""
+    """Return what was heard; asked again after an answer that is missing or damaged, and once more
+    when this host was late."""
     tries = PINGS
     while True:
         answers: list[Packet] = await bus.listen(request, first_s, silence_s)
@@ -125,7 +125,7 @@ def check_calibration(axis: Axis, motor: MotorCalibration, found: dict[str, int]
 
 
 async def ask(bus: HalfDuplexBus[PacketT], request: bytes, expected: Mapping[int, int]) -> dict[int, PacketT]:
-    """The replies to a read; asked once more when this host, not a servo, may be why one is
+    """Return the replies to a read; asked once more when this host, not a servo, may be why one is
     missing."""
     replies = await bus.transact(request, expected, ANSWER_S, wait=True)
     if bus.starved and len(replies) + len(bus.refusals) < len(expected):
@@ -149,7 +149,7 @@ async def command(bus: HalfDuplexBus[Any], axis: Axis, request: bytes, what: str
 
 
 def untold(bus: HalfDuplexBus[Any], who: str, what: str) -> str:
-    """Why arming fails: servos do not tell what they are asked for."""
+    """Return why arming fails: servos do not tell what they are asked for."""
     if bus.starved:
         return f"arm: {too_busy(bus.late_s, f'{what} of {who}')}"
     why = f" ({', '.join(bus.refusals.values())})" if bus.refusals else ""

@@ -88,9 +88,9 @@ class Readings(ABC, Generic[PacketT]):
                 (self.limp.discard if sample.energised else self.limp.add)(axis.id)
 
     def known(self, since_ns: int, now_ns: int, goals: Mapping[int, int], aimed_ns: int) -> dict[int, int]:
-        """Positions by id of those that have torque, were asked since then, and cannot have gone
-        far meanwhile. ``goals``: what they were last told, at ``aimed_ns``: who was asked before it
-        had set off is on its way now."""
+        """Return positions by id of those that have torque, were asked since then, and cannot have
+        gone far meanwhile. ``goals``: what they were last told, at ``aimed_ns``: who was asked
+        before it had set off is on its way now."""
         return {
             motor: count
             for motor, count in self.counts.items()

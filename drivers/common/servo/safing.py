@@ -113,7 +113,7 @@ class Safing(Generic[PacketT]):
         self._state = torque.address, goal.address + goal.size - torque.address
 
     def goals(self, counts: Mapping[int, int]) -> dict[int, int]:
-        """The counts a servo will report as its goal when told to stay at ``counts``."""
+        """Return the counts a servo will report as its goal when told to stay at ``counts``."""
         clamped = {}
         for motor, count in counts.items():
             low, high = self._travel.get(motor, self.ANYWHERE)
@@ -237,8 +237,8 @@ class Safing(Generic[PacketT]):
         tally.answered(motor, replies[motor].params[0] == 0, "still energised")
 
     async def _read_places(self, ids: Sequence[int], tally: Tally) -> dict[int, int]:
-        """Where they are. An answer that was long on its way tells where a joint was: then who has
-        gone on since, by a second answer, is left out."""
+        """Return where they are. An answer that was long on its way tells where a joint was: then
+        who has gone on since, by a second answer, is left out."""
         found = await self._read_positions(ids, tally)
         if found and self._bus.delay_s > AT_ONCE_S:
             again = await self._read_positions(list(found), tally)

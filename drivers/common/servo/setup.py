@@ -61,7 +61,7 @@ class Setup(ABC, Generic[PacketT]):
 
     @abstractmethod
     async def read_calibration(self, axis: Axis) -> MotorCalibration:
-        """What its servo has now, whatever that is."""
+        """Return what its servo has now, whatever that is."""
 
     @abstractmethod
     async def write_calibration(self, axis: Axis, motor: MotorCalibration) -> None:
@@ -69,7 +69,7 @@ class Setup(ABC, Generic[PacketT]):
 
     @abstractmethod
     def offset_to_middle(self, position: int) -> int:
-        """The homing offset by which a servo that reads ``position`` without one reads
+        """Return the homing offset by which a servo that reads ``position`` without one reads
         ``HALF_TURN``."""
 
     @abstractmethod
@@ -106,7 +106,7 @@ class Setup(ABC, Generic[PacketT]):
         return {axis.key: register.decode(replies[axis.id].params) for axis in self.axes}
 
     async def seek(self, bauds: Sequence[int] = ()) -> list[Found]:
-        """Every servo that answers at any speed, or at one of ``bauds``."""
+        """Return every servo that answers at any speed, or at one of ``bauds``."""
         found: list[Found] = []
         for baud in bauds or self.CODEC.BAUD_RATES:
             self._open(baud)
@@ -150,7 +150,7 @@ class Setup(ABC, Generic[PacketT]):
 
 
 def _named(axis: Axis, servo: int) -> Axis:
-    """The joint, with the id that its servo has now."""
+    """Return the joint, with the id that its servo has now."""
     return Axis(**{**{name: getattr(axis, name) for name in Axis.__struct_fields__}, "id": servo})
 
 
@@ -183,7 +183,7 @@ class Ranges:
         return (0, TOP) if key in self._whole_turn else (max(0, self.low[key]), min(TOP, self.high[key]))
 
     def problems(self) -> dict[str, str]:
-        """Why a joint's range is none, by joint."""
+        """Return why a joint's range is none, by joint."""
         told = {}
         for key in self.low:
             if key in self._whole_turn:

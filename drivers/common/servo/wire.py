@@ -86,7 +86,7 @@ class _Session(Generic[PacketT]):
             self.aimed_ns = self.bus.clock.now_ns()
 
     def known(self) -> dict[int, int]:
-        """Where those that have torque are now: read since they were last sent elsewhere."""
+        """Return where those that have torque are now: read since they were last sent elsewhere."""
         now_ns = self.bus.clock.now_ns()
         since_ns = max(self.aimed_ns, now_ns - round(HOLD_FRESH_S * NS))
         return self.readings.known(since_ns, now_ns, self.goals, self.aimed_ns)
@@ -333,7 +333,7 @@ class ServoWire(Wire, Generic[PacketT]):
             raise WireDown(f"arm: {axis.label} does not stay energised. Check its load, supply and temperature")
 
     async def _of(self, axis: Axis, address: int, size: int, what: str) -> PacketT:
-        """What one servo has there. Raise ``WireDown``."""
+        """Return what one servo has there. Raise ``WireDown``."""
         bus = self.session.bus
         replies = await ask(bus, self.CODEC.read(axis.id, address, size), {axis.id: size})
         if axis.id not in replies:

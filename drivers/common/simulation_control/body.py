@@ -39,12 +39,12 @@ class Body(Protocol):
     def axes(self) -> tuple[str, ...]: ...
     @property
     def spec(self) -> Any:
-        """The model, as an ``mujoco.MjSpec`` that was compiled."""
+        """Return the model, as an ``mujoco.MjSpec`` that was compiled."""
         ...
 
     @property
     def hands(self) -> Sequence[Hand]:
-        """Who holds each axis."""
+        """Return who holds each axis."""
         ...
 
     def pass_time(self) -> None: ...

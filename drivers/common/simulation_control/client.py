@@ -56,8 +56,8 @@ class SimulationClient:
         return number
 
     async def answer(self, number: int, kind: type[T], within_s: float) -> T | None:
-        """The reply with that number, None when it does not come in time. Earlier ones are thrown
-        away; a ``No`` is raised as ``Refusal``."""
+        """Return the reply with that number, None when it does not come in time. Earlier ones are
+        thrown away; a ``No`` is raised as ``Refusal``."""
         with trio.move_on_after(within_s):
             while True:
                 reply = await self._next()

@@ -54,8 +54,8 @@ class Renderer:
         return await trio.to_thread.run_sync(self._render, pose, width, height, camera, limiter=self._limiter)
 
     async def model(self, pose: Sequence[float]) -> tuple[int, bytes]:
-        """The number of the scene, and it as MuJoCo's own file. Made once: that holds up whoever
-        shares this process for a tenth of a second."""
+        """Return the number of the scene, and it as MuJoCo's own file. Made once: that holds up
+        whoever shares this process for a tenth of a second."""
         while self._binary is None or self._binary[0] != self.scene:
             scene = self.scene
             self._binary = scene, await trio.to_thread.run_sync(self._save, pose, limiter=self._limiter)
@@ -102,7 +102,8 @@ class Renderer:
 
 
 def plain(model: Any) -> Any:
-    """The same model, to be drawn five times as fast: without shadows, mirrors and smooth edges."""
+    """Return the same model, to be drawn five times as fast: without shadows, mirrors and smooth
+    edges."""
     model.vis.quality.shadowsize = model.vis.quality.offsamples = 0
     return model
 
@@ -164,8 +165,8 @@ class SceneRenderer:
 
 
 def open_gl(width: int, height: int) -> Any:
-    """An OpenGL context. ``MUJOCO_GL`` names the platform; else the first that is there. Raise
-    ``CannotRender``."""
+    """Return an OpenGL context. ``MUJOCO_GL`` names the platform; else the first that is there.
+    Raise ``CannotRender``."""
     if why := missing("pictures", "a picture"):
         raise CannotRender(why)
     wanted = os.environ.get("MUJOCO_GL", "").strip().lower()
@@ -207,7 +208,7 @@ def _is_there(platform: str) -> bool:
 
 
 def _devices(egl: ctypes.CDLL) -> int:
-    """What EGL can draw on; a library without a driver has none."""
+    """Return what EGL can draw on; a library without a driver has none."""
     egl.eglGetProcAddress.restype = ctypes.c_void_p
     address = egl.eglGetProcAddress(b"eglQueryDevicesEXT")
     if not address:

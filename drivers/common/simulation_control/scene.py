@@ -39,8 +39,8 @@ class View(NamedTuple):
 
 
 def decorate(spec: Any, view: View) -> Any:
-    """A copy of a model, to be looked at as in ``view``; what moves in it is the same. Not compiled
-    yet."""
+    """Return a copy of a model, to be looked at as in ``view``; what moves in it is the same. Not
+    compiled yet."""
     scene = spec.copy()
     scene.stat.center, scene.stat.extent = view.middle, view.radius
     scene.visual.global_.azimuth, scene.visual.global_.elevation = CAMERAS[""]
@@ -75,7 +75,7 @@ def view_of(model: Any, data: Any) -> View:
 
 
 def widened(view: View, model: Any, data: Any) -> View:
-    """A view of the same place in which the robot, as it is posed now, fits."""
+    """Return a view of the same place in which the robot, as it is posed now, fits."""
     now = view_of(model, data)
     away = math.dist(view.middle, now.middle)
     return view if away + now.radius <= view.radius * _SLACK else view._replace(radius=away + now.radius)
@@ -146,7 +146,7 @@ def _add_lights(scene: Any, view: View) -> None:
 
 
 def _is_bare(geom: Any) -> bool:
-    """Whether nobody has said how it looks."""
+    """Return whether nobody has said how it looks."""
     return not geom.material and not geom.meshname and list(geom.rgba) == UNPAINTED
 
 

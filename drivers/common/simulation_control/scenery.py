@@ -195,7 +195,7 @@ def _mesh_file(path: str) -> str:
 
 
 def _looking(away: Any) -> list[float]:
-    """The orientation of a camera that looks along ``away``, upright."""
+    """Return the orientation of a camera that looks along ``away``, upright."""
     forward = away / np.linalg.norm(away)
     up = np.array([0.0, 0.0, 1.0]) if abs(forward[2]) < 1 - 1e-6 else np.array([0.0, 1.0, 0.0])
     right = np.cross(forward, up)

@@ -212,7 +212,7 @@ class SimulationControl:
 
 
 def _fields(frame: p.Frame) -> list[Any]:
-    """What a frame says, without its number."""
+    """Return what a frame says, without its number."""
     return [getattr(frame, name) for name in frame.__struct_fields__ if name != "number"]
 
 

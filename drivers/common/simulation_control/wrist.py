@@ -34,8 +34,8 @@ def add_wrist(spec: Any) -> bool:
 
 
 def hand_of(model: Any) -> int | None:
-    """The body that carries what grips: the outermost that is called so, else what is at the end of
-    the longest arm that stands still somewhere."""
+    """Return the body that carries what grips: the outermost that is called so, else what is at the
+    end of the longest arm that stands still somewhere."""
     depth = [0] * model.nbody
     fixed = [True] * model.nbody
     for body in range(1, model.nbody):

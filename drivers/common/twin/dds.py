@@ -106,12 +106,12 @@ class DdsServer(ABC):
 
     @property
     def is_off(self) -> bool:
-        """Whether it neither hears nor says anything."""
+        """Return whether it neither hears nor says anything."""
         return self.faults.of(None) is Fault.OFF
 
     @property
     def lies(self) -> bool:
-        """Whether what it says of its state is wrong."""
+        """Return whether what it says of its state is wrong."""
         return self.faults.of(None) is Fault.WRONG
 
     def say_state(self, writer: Writer, state: bytes, now_ns: int) -> None:

@@ -75,7 +75,8 @@ class Faults:
         return self._everyone if unit is None else self._by_unit.get(unit, self._everyone)
 
     def apply(self, reply: Reply) -> Reply | None:
-        """What becomes of a reply; None: nothing is heard. The n-th reply always fares alike."""
+        """Return what becomes of a reply; None: nothing is heard. The n-th reply always fares
+        alike."""
         fault = self.of(reply.unit)
         if fault is Fault.OK or fault is Fault.STUCK or fault is Fault.WRONG:
             return reply

@@ -24,11 +24,12 @@ class Channel(Protocol):
     """One conversation with one client."""
 
     def bits_per_s(self) -> int | None:
-        """The rate the client speaks at; None on a wire where bytes cost no time."""
+        """Return the rate the client speaks at; None on a wire where bytes cost no time."""
         ...
 
     async def receive(self) -> tuple[int, bytes]:
-        """The next bytes and when they were read (CLOCK_MONOTONIC ns). Waits while unplugged."""
+        """Return the next bytes and when they were read (CLOCK_MONOTONIC ns). Waits while
+        unplugged."""
         ...
 
     def send(self, data: bytes) -> None:
@@ -45,7 +46,7 @@ class Line(Channel, Protocol):
 
     @property
     def address(self) -> str:
-        """Where a client connects. Stays the same when the cable is pulled and put back."""
+        """Return where a client connects. Stays the same when the cable is pulled and put back."""
         ...
 
     def plug(self) -> None: ...
@@ -149,7 +150,7 @@ Unlike tcgetattr it knows rates that have no B constant: 250 000, 128 000, 76 80
 
 
 def terminal_rate(fd: int) -> int:
-    """The rate, bit/s, that whoever opened this terminal has set."""
+    """Return the rate, bit/s, that whoever opened this terminal has set."""
     if not sys.platform.startswith("linux"):
         return int(termios.tcgetattr(fd)[5])
     words = array.array("I", bytes(44))

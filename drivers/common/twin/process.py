@@ -79,7 +79,8 @@ class Start(TypedDict, total=False):
 
 
 def known_options(options: Mapping[str, Any] | None, known: Mapping[str, str]) -> dict[str, Any]:
-    """A copy of what a twin's ``main`` was given. Raise ``ValueError`` for one it does not have."""
+    """Return a copy of what a twin's ``main`` was given. Raise ``ValueError`` for one it does not
+    have."""
     given = dict(options or {})
     if unknown := given.keys() - known.keys():
         raise ValueError(f"no option {', '.join(sorted(unknown))}. there are {', '.join(known)}")

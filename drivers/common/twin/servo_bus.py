@@ -100,7 +100,7 @@ class TwinServo(ABC):
 
     @property
     def led_rad(self) -> float:
-        """Where the target is."""
+        """Return where the target is."""
         return self._target_rad if self.rate_rad_s else self.aimed_rad
 
     def go_on(self, rad: float, seconds: float) -> None:
@@ -118,7 +118,7 @@ class TwinServo(ABC):
     @property
     @abstractmethod
     def bits_per_s(self) -> int | None:
-        """The rate it listens at; None: its register says nonsense."""
+        """Return the rate it listens at; None: its register says nonsense."""
 
     @property
     @abstractmethod

@@ -47,7 +47,7 @@ class Connection:
 
     @property
     def peer_host(self) -> str:
-        """The client's address; empty once it is gone."""
+        """Return the client's address; empty once it is gone."""
         try:
             return str(self._sock.getpeername()[0])
         except OSError:
@@ -60,7 +60,7 @@ class Connection:
         return False  # others are served by the same loop: nobody may block it
 
     async def receive(self) -> tuple[int, bytes]:
-        """The next bytes and when they were read. Raise ``ClientGone``."""
+        """Return the next bytes and when they were read. Raise ``ClientGone``."""
         while True:
             try:
                 await trio.lowlevel.wait_readable(self._sock)
@@ -88,7 +88,7 @@ class Connection:
 
     @property
     def takes(self) -> bool:
-        """Whether the last offer was taken whole; what is left of it is sent first."""
+        """Return whether the last offer was taken whole; what is left of it is sent first."""
         if self._owed:
             self._owed = self._owed[self._sent(self._owed) :]
         return not self._owed
@@ -141,7 +141,7 @@ Handler = Callable[[Connection], Awaitable[None]]
 
 
 def answering(new_session: Callable[[], Session]) -> Handler:
-    """The handler of a wire on which the robot speaks only when asked."""
+    """Return the handler of a wire on which the robot speaks only when asked."""
 
     async def handle(connection: Connection) -> None:
         await Conversation(new_session(), connection, connection.log, connection.frost).serve()
@@ -165,7 +165,7 @@ class StreamServer(ABC):
     @property
     @abstractmethod
     def address(self) -> str:
-        """Where clients connect."""
+        """Return where clients connect."""
 
     @abstractmethod
     def listen(self) -> list[socket.socket]:
@@ -287,8 +287,8 @@ def _listen(host: str | None, ports: list[int]) -> list[socket.socket]:
 
 
 def own_host() -> str:
-    """An address for one twin alone. Any address 127.x.y.z is this machine's on Linux; elsewhere
-    there is one."""
+    """Return an address for one twin alone. Any address 127.x.y.z is this machine's on Linux;
+    elsewhere there is one."""
     if not sys.platform.startswith("linux"):
         return "127.0.0.1"
     chance = random.Random(os.getpid() ^ time.monotonic_ns())

@@ -91,7 +91,7 @@ class _Slots:
         return captured_ns if number > 0 and head[0] == 2 * number else 0
 
     def read(self) -> Shot | None:
-        """The newest one. None: there is none yet, or the writer was quicker every time."""
+        """Return the newest one. None: there is none yet, or the writer was quicker every time."""
         for _ in range(TRIES):
             number = self.newest
             if number <= 0:
@@ -155,7 +155,7 @@ class FrameRing:
 
     @property
     def is_current(self) -> bool:
-        """Whether the file at its path is still this one."""
+        """Return whether the file at its path is still this one."""
         try:
             status = os.stat(self.path)
         except OSError:
@@ -212,7 +212,7 @@ class FrameRing:
 
     @property
     def newest(self) -> int:
-        """The number of the newest picture; 0: there was none yet."""
+        """Return the number of the newest picture; 0: there was none yet."""
         return self._pictures.newest
 
     @property
@@ -244,7 +244,7 @@ class FrameRing:
 
     @property
     def told(self) -> bytes:
-        """What the source last said of itself."""
+        """Return what the source last said of itself."""
         for _ in range(TRIES):
             version = self._words[_TOLD]
             _in_order()

@@ -32,7 +32,7 @@ _CLOEXEC: int = getattr(socket, "MSG_CMSG_CLOEXEC", 0)  # Linux has it, macOS ha
 
 
 def packet_of(data: bytes, descriptors: int = 0) -> bytes:
-    """A frame as it travels."""
+    """Return a frame as it travels."""
     return HEAD.pack(len(data), descriptors) + data
 
 

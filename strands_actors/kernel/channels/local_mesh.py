@@ -25,7 +25,7 @@ class LocalNetwork:
         self._cut: set[str] = set()
 
     def join(self) -> LocalMesh:
-        """A mesh for one node; pass it to ``Node`` and then call ``attach(node)``."""
+        """Return a mesh for one node; pass it to ``Node`` and then call ``attach(node)``."""
         return LocalMesh(self)
 
     def cut(self, node: Node) -> None:

@@ -114,13 +114,14 @@ class PubSub:
 
     @property
     def connections(self) -> int:
-        """How many others this session is connected to."""
+        """Return how many others this session is connected to."""
         info = self._session.info
         return len(info.peers_zid()) + len(info.routers_zid())
 
     @property
     def names(self) -> set[str]:
-        """The names in the certificates of those it is connected to; empty for one without."""
+        """Return the names in the certificates of those it is connected to; empty for one
+        without."""
         return {link.auth_identifier or "" for link in self._session.info.links()}
 
     async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
@@ -161,8 +162,8 @@ class PubSub:
             self._session.put(key, payload, encoding=_encoding(schema), attachment=_stamp(1), **_URGENT)
 
     def put_frame(self, key: str, frame: bytes) -> bool:
-        """One urgent sample of bytes that say themselves what they are. Whether it could be
-        sent."""
+        """Send one urgent sample of bytes that say themselves what they are. Return whether it
+        could be sent."""
         try:
             self._session.put(key, frame, **_URGENT)
         except zenoh.ZError:

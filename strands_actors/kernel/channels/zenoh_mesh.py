@@ -271,7 +271,7 @@ _URGENT = zenoh.Priority.REAL_TIME
 
 
 def _is_heard(address: str, publisher: zenoh.Publisher) -> bool:
-    """An address for answers, which has no token: nobody else asks there."""
+    """Return whether this is an address for answers, which has no token: nobody else asks there."""
     if not address.startswith(f"{PREFIX}/node/"):
         return False
     status: Any = publisher.matching_status  # the stubs say bool

@@ -25,8 +25,8 @@ LEASE_MS = 1000
 def config(
     listen: Sequence[str] = (), connect: Sequence[str] = (), more: Mapping[str, Any] | None = None
 ) -> zenoh.Config:
-    """A closed peer: only these endpoints, retried quickly when they go away. ``more``: settings by
-    zenoh's own path, over these."""
+    """Return the configuration of a closed peer: only these endpoints, retried quickly when they go
+    away. ``more``: settings by zenoh's own path, over these."""
     result = zenoh.Config()
     settings = {
         "mode": "peer",
@@ -99,7 +99,7 @@ def unix_endpoint(path: str) -> str:
 
 
 def short(error: zenoh.ZError) -> str:
-    """What it says, without where in zenoh's source it says so."""
+    """Return what it says, without where in zenoh's source it says so."""
     return str(error).partition(" at /")[0]
 
 

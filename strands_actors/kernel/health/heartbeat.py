@@ -63,7 +63,7 @@ class Heartbeat:
 
 
 def new_page() -> int:
-    """A descriptor that child processes are given."""
+    """Return a descriptor that child processes are given."""
     if sys.platform == "linux":
         fd = os.memfd_create("heartbeat")
     else:
@@ -74,16 +74,16 @@ def new_page() -> int:
 
 
 def words_of(fd: int) -> memoryview:
-    """The page that a descriptor gives; it may be closed afterwards."""
+    """Return the page that a descriptor gives; it may be closed afterwards."""
     return memoryview(mmap.mmap(fd, _BYTES)).cast("q")
 
 
 def private_page() -> memoryview:
-    """A page of this process alone."""
+    """Return a page of this process alone."""
     return memoryview(bytearray(_BYTES)).cast("q")
 
 
 def pair() -> tuple[Heartbeat, Heartbeat]:
-    """Both ends in this process."""
+    """Return both ends in this process."""
     words = private_page()
     return Heartbeat(words, 0, 1), Heartbeat(words, 1, 0)

@@ -28,7 +28,7 @@ _NAME = "kworker/u"
 
 
 def _threads() -> set[int]:
-    """All threads of the kernel: process 2 starts them. Source: proc(5), kthreadd."""
+    """Return all threads of the kernel: process 2 starts them. Source: proc(5), kthreadd."""
     try:
         return set(map(int, (_PROC / "2/task/2/children").read_text().split()))
     except OSError:  # a container does not show them

@@ -58,7 +58,7 @@ def _life(stat: bytes) -> Life:
 
 
 def is_stopped(pid: int) -> bool:
-    """Whether the system has stopped a process."""
+    """Return whether the system has stopped a process."""
     return life_of(pid).stopped
 
 
@@ -77,7 +77,7 @@ def standing(pid: int, thread: int | None = None) -> Standing | None:
 
 
 def _awaits_worker(task: str) -> bool:
-    """Whether a thread that cannot be interrupted waits for the kernel's workers (see
+    """Return whether a thread that cannot be interrupted waits for the kernel's workers (see
     ``kernel_workers``), rather than for a device."""
     with open(f"{task}/wchan") as wchan:
         return wchan.read() in _FLUSHES
@@ -99,7 +99,7 @@ def _stolen_ns() -> tuple[int, ...]:
 
 
 def _state(stat: bytes) -> bytes:
-    """The letter behind the name, which may hold anything."""
+    """Return the letter behind the name, which may hold anything."""
     return stat.rpartition(b")")[2].split(None, 1)[0]
 
 

@@ -63,7 +63,7 @@ def runs_first() -> bool:
 
 
 def scheduling() -> str:
-    """How this process is run, for people."""
+    """Return how this process is run, for people."""
     if not hasattr(os, "sched_getscheduler"):
         return "ordinary: this system has no SCHED_FIFO"
     if runs_first():
@@ -76,12 +76,12 @@ def scheduling() -> str:
 
 
 def memory() -> str:
-    """Whether this process can be moved out of memory, for people."""
+    """Return whether this process can be moved out of memory, for people."""
     return "locked" if _locked else "not locked: this was not granted. Allow it with: ulimit -l unlimited"
 
 
 def may_run_first() -> bool:
-    """Whether processes that this one starts are granted SCHED_FIFO."""
+    """Return whether processes that this one starts are granted SCHED_FIFO."""
     before, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(STANDBY_PRIORITY))
@@ -92,8 +92,8 @@ def may_run_first() -> bool:
 
 
 def may_lock_memory() -> bool:
-    """Whether processes that this one starts may stay in memory. Nothing of this one is locked
-    afterwards."""
+    """Return whether processes that this one starts may stay in memory. Nothing of this one is
+    locked afterwards."""
     may = _lock_memory()
     ctypes.CDLL(None).munlockall()
     return may

@@ -91,8 +91,8 @@ def _exit_code(error: BaseException) -> int:
 
 
 def told(error: BaseException, indent: str = "") -> Iterator[str]:
-    """Where it was raised and what it says, innermost last; then what it was raised from, or in
-    place of, and what is in it if it is a group."""
+    """Return where it was raised and what it says, innermost last; then what it was raised from, or
+    in place of, and what is in it if it is a group."""
     yield f"{indent}Traceback, without the source:"
     for frame, line in traceback.walk_tb(error.__traceback__):
         yield f'{indent}  File "{frame.f_code.co_filename}", line {line}, in {frame.f_code.co_name}'

@@ -14,9 +14,9 @@ from .process import ChildProcess, OwnChild, specify
 
 
 def fork_child(link_fd: int, keep: Sequence[int] = (), session: bool = False) -> int:
-    """Its pid. It is as one that ``process.execute`` starts: a process group of its own (with
-    ``session`` a session too), no descriptor of anybody else's but those to ``keep``, told over
-    ``link_fd`` what to run. This process must have one thread."""
+    """Return its pid. It is as one that ``process.execute`` starts: a process group of its own
+    (with ``session`` a session too), no descriptor of anybody else's but those to ``keep``, told
+    over ``link_fd`` what to run. This process must have one thread."""
     pid = os.fork()
     if pid == 0:
         if session:

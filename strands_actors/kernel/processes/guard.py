@@ -27,8 +27,9 @@ def allowed(variable: str = ALLOW) -> frozenset[str]:
 def unapproved(
     guarded: Collection[str], names: Iterable[str], topics: Mapping[str, str] | None = None
 ) -> tuple[str, ...]:
-    """Those of ``names`` that somebody has to approve, sorted. A key is the same with ``.pos``
-    behind it. ``topics``: names that go out on a ROS topic, which may be allowed as a whole."""
+    """Return those of ``names`` that somebody has to approve, sorted. A key is the same with
+    ``.pos`` behind it. ``topics``: names that go out on a ROS topic, which may be allowed as a
+    whole."""
     plain = (str(name).removesuffix(".pos") for name in names)
     by_topic, of = allowed(ALLOW_TOPICS), topics or {}
     wanted = frozenset(guarded).intersection(plain) - allowed()

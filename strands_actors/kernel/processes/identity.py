@@ -55,8 +55,8 @@ def be_taken_last() -> bool:
 
 
 def may_be_taken_last() -> bool | None:
-    """Whether processes that this one starts may ``be_taken_last``. None where the system has no
-    such thing."""
+    """Return whether processes that this one starts may ``be_taken_last``. None where the system
+    has no such thing."""
     try:
         before = _ADJUSTMENT.read_text()
     except OSError:

@@ -72,7 +72,7 @@ class ChildProcess(ABC):
     def alive(self) -> bool: ...
 
     def pidfds(self) -> tuple[int, ...]:
-        """A duplicate of its pidfd, to give away; empty where there is none."""
+        """Return a duplicate of its pidfd, to give away; empty where there is none."""
         return () if self._pidfd is None else (os.dup(self._pidfd),)
 
     def kill(self, sig: int = signal.SIGKILL) -> None:
@@ -93,7 +93,7 @@ class ChildProcess(ABC):
         """Let it go on without us; it is reaped all the same."""
 
     def link(self, node: Router, channel: Channel | None = None) -> Link:
-        """The parent's end; run its ``run``. ``channel``: what the child may say."""
+        """Return the parent's end; run its ``run``. ``channel``: what the child may say."""
         self._linked = True
         return Link(node, self.socket, channel=channel)
 
@@ -169,7 +169,7 @@ class OwnChild(ChildProcess):
         return code
 
     def _ended(self) -> int | None:
-        """Its exit code, once it has one."""
+        """Return its exit code, once it has one."""
         if self._code is None:
             self._code = _exit_code(self._child)
             if self._code is not None and runs_first():

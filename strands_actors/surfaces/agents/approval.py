@@ -46,8 +46,8 @@ class Request:
 
 
 def _plainly(value: object) -> str:
-    """All of an action, so that nobody agrees to what is not shown; cut where nothing could be
-    read."""
+    """Return all of an action, so that nobody agrees to what is not shown; cut where nothing could
+    be read."""
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{shown(key)}: {shown(part)}" for key, part in [*value.items()][:MOST_SHOWN]) + "}"
     return shown(value, 200)

@@ -37,7 +37,7 @@ class Call:
 
     @property
     def kind(self) -> Kind:
-        """What it comes to: torque that is taken away is a stop."""
+        """Return what it comes to: torque that is taken away is a stop."""
         match self.verb.does:
             case "stop":
                 return "stop"
@@ -51,7 +51,7 @@ class Call:
 
     @property
     def action(self) -> dict[str, Any]:
-        """The command of a verb that does ``action``."""
+        """Return the command of a verb that does ``action``."""
         command: dict[str, Any] = dict(self.verb.action)
         for name, value in self.inputs.items():
             command |= value if isinstance(value, Mapping) else {name: value}
@@ -59,7 +59,7 @@ class Call:
 
 
 def read(driver: Driver, given: object) -> Call | Refused:
-    """What a model asks for. A null is an input that is not given; a stop minds no input."""
+    """Return what a model asks for. A null is an input that is not given; a stop minds no input."""
     names = ", ".join(verb.name for verb in driver.TOOL_VERBS)
     if not isinstance(given, Mapping):
         return Refused("bad_input", f"tool: the input is {shown(given)}", f"give an object with action: {names}")

@@ -66,7 +66,7 @@ async def serve(robot: AsyncRobot, allow_motion: bool) -> None:
 
 
 def _result(answer: Answer) -> types.CallToolResult:
-    """The envelope, twice: as text for models, structured for programs."""
+    """Return the envelope, twice: as text for models, structured for programs."""
     blocks = [block["text"] if "text" in block else json.dumps(block["json"]) for block in answer["content"]]
     return types.CallToolResult(
         content=[types.TextContent(type="text", text=text) for text in blocks],

@@ -30,7 +30,7 @@ class RobotTool:
 
     @property  # type: ignore[misc]  # read-only, as far as anybody has a reason to write
     def __class__(self) -> type[RobotTool]:
-        """What ``isinstance`` asks for when the real type does not answer."""
+        """Return what ``isinstance`` asks for when the real type does not answer."""
         agent_tool = getattr(sys.modules.get(AGENT_TOOL), "AgentTool", None)
         if agent_tool is not None:
             agent_tool.register(type(self))

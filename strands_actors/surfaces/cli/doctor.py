@@ -125,7 +125,7 @@ def check_scheduling() -> Iterator[Check]:
 
 
 def check_memory() -> Iterator[Check]:
-    """Whom the kernel ends when memory runs out."""
+    """Return whom the kernel ends when memory runs out."""
     from strands_actors.kernel.processes.identity import LAST, may_be_taken_last
 
     may = may_be_taken_last()
@@ -275,7 +275,8 @@ def check_drivers() -> Iterator[Check]:
 
 
 def check_extras() -> Iterator[Check]:
-    """What ``pip install 'strands-actors[...]'`` would add, and what of the rest is missing."""
+    """Return what ``pip install 'strands-actors[...]'`` would add, and what of the rest is
+    missing."""
     try:
         requirements = metadata.requires(DISTRIBUTION) or []
     except metadata.PackageNotFoundError:

@@ -59,7 +59,8 @@ def run(
 
 
 def _kept(out: Path) -> Columns:
-    """The columns of the page that is there; those that are measured take the place of theirs."""
+    """Return the columns of the page that is there; those that are measured take the place of
+    theirs."""
     path = out.with_suffix(".json")
     if path == out:
         raise Problem(f"matrix: {out}: the page is Markdown, with its figures in a .json beside it. name it *.md")
@@ -90,7 +91,7 @@ class _Progress:
 
 
 def one_of_each() -> list[str]:
-    """The first robot of each driver that has a twin."""
+    """Return the first robot of each driver that has a twin."""
     found: dict[str, str] = {}
     for robot, driver in list_native_drivers().items():
         driver_class = get_native_driver_class(robot)

@@ -83,7 +83,8 @@ def _lock_the_next(robot: str) -> str:
 
 
 def locked() -> list[str]:
-    """Names of robots that are locked, whether a tree of theirs runs or not. Raise ``OSError``."""
+    """Return the names of robots that are locked, whether a tree of theirs runs or not. Raise
+    ``OSError``."""
     return locked_robots(locks_dir())
 
 

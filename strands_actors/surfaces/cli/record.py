@@ -77,7 +77,7 @@ def replay(path: Path, as_json: bool) -> int:
 
 
 def _mismatch(info: Info, driver: Driver) -> str:
-    """What is not the same as when it was recorded; empty: nothing."""
+    """Return what is not the same as when it was recorded; empty: nothing."""
     if info.version != __version__:
         return f"recorded by strands-actors {info.version}, replayed by {__version__}"
     code = fingerprint(type(driver))

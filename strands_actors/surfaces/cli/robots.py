@@ -50,7 +50,7 @@ def show_robots(as_json: bool) -> None:
 
 
 def _driven_by(row: Mapping[str, Any]) -> str:
-    """Who really drives a robot on this machine, and what installs who would."""
+    """Return who really drives a robot on this machine, and what installs who would."""
     here = [who for who in row["coverage"] if who != "lerobot" or not row["missing"]]
     lacking = [f"lerobot: {row['missing']}"] if row["missing"] else []
     return ", ".join([*here, *(f"({text})" for text in lacking)]) or "-"

@@ -58,7 +58,8 @@ class Certificate(msgspec.Struct, frozen=True):
 
 
 def config_of(driver_class: type[Driver], robot: str, port: str, options: Mapping[str, Any]) -> str:
-    """The configuration as a hash. ``port``: as given to ``Robot``, ``TWIN`` for any twin."""
+    """Return the configuration as a hash. ``port``: as given to ``Robot``, ``TWIN`` for any
+    twin."""
     driver = driver_class(robot, "" if port == TWIN else port, options)
     left_out = {"tool_name", *driver_class.SECRETS}  # a hash of a password could be searched for it
     said = {
@@ -116,7 +117,7 @@ def revoke(robot: str, config: str) -> None:
 
 
 def find(robot: str, config: str) -> Certificate | None:
-    """The certificate of a configuration. One that cannot be read counts as none."""
+    """Return the certificate of a configuration. One that cannot be read counts as none."""
     try:
         return msgspec.json.decode(path_of(robot, config).read_bytes(), type=Certificate)
     except (FileNotFoundError, msgspec.DecodeError):
@@ -137,8 +138,8 @@ def parse_age_s(text: str) -> float:
 def clause(
     driver_class: type[Driver], robot: str, port: str, options: Mapping[str, Any], max_age_s: float
 ) -> dict[str, Any]:
-    """What the robot's gate is told: until when it may let motion pass (CLOCK_MONOTONIC ns, 0: not
-    at all), and what to answer otherwise."""
+    """Return what the robot's gate is told: until when it may let motion pass (CLOCK_MONOTONIC ns,
+    0: not at all), and what to answer otherwise."""
     config = config_of(driver_class, robot, port, options)
     how = f"strands-actors drill {robot} {'--twin' if port == TWIN else f'--port {port}'}"
     certificate = find(robot, config)

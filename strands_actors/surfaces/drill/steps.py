@@ -269,7 +269,7 @@ class Drill:
         return Figure(step, False, self._driver.fallbacks[reason], None, confirmed_ms, bound_s * 1e3, None, problem)
 
     async def _moves(self) -> str:
-        """Whether a command passes although nobody has resumed."""
+        """Return whether a command passes although nobody has resumed."""
         status = await self._tree.status()
         if status is not None and status.mode in (Mode.ARMED, Mode.ARMING):
             return "it was armed again by itself"

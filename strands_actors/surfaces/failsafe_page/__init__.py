@@ -82,8 +82,8 @@ STORIES: dict[str, tuple[str, ...]] = {
 
 
 def data() -> dict[str, Any]:
-    """The machine as plain data: for every mode and event the next mode, whether the epoch rises,
-    the action, and what becomes of the lock (``keeps``, ``locks`` or ``lifts``)."""
+    """Return the machine as plain data: for every mode and event the next mode, whether the epoch
+    rises, the action, and what becomes of the lock (``keeps``, ``locks`` or ``lifts``)."""
     start = State()
     return {
         "start": {"mode": start.mode, "epoch": start.epoch, "locked_by": start.locked_by},

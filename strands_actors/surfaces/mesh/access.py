@@ -65,7 +65,7 @@ def own_prefix(name: str) -> str:
 
 
 def answers(name: str) -> tuple[Rule, ...]:
-    """What one operator is answered."""
+    """Return what one operator is answered."""
     keys = (key(f"{own_prefix(name)}$*", "response/**"), key("node", f"{own_prefix(name)}$*/**"))
     return (
         Rule(f"answers to {name}", ("put",), "egress", keys),

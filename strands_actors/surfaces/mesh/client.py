@@ -60,7 +60,7 @@ class Reading(msgspec.Struct, frozen=True):
     at_ns: int
 
     def deadline(self, at_ns: int) -> int:
-        """A time of ours in the robot's, never later than meant."""
+        """Return a time of ours in the robot's, never later than meant."""
         return at_ns + self.lowest_ns
 
 
@@ -99,7 +99,7 @@ class MeshClient:
 
     @property
     def robots(self) -> list[str]:
-        """Those that are on the mesh, and those of this user that should be."""
+        """Return those that are on the mesh, and those of this user that should be."""
         return self.sessions.robots
 
     async def settle(self, within_s: float = LOOK_S) -> None:
@@ -167,8 +167,8 @@ class MeshClient:
         return answer
 
     async def clock(self, robot: str) -> Reading | Refused:
-        """The robot's clock. The answer leaves at once while the question may have waited, so it is
-        the way back that bounds the error of ``deadline``."""
+        """Return the robot's clock. The answer leaves at once while the question may have waited,
+        so it is the way back that bounds the error of ``deadline``."""
         known = self._clocks.get(robot)
         if known is not None and self.now_ns() - known.at_ns < CLOCK_AGE_S * NS:
             return known
@@ -255,8 +255,8 @@ class MeshClient:
             self._waiting.pop(pressed.turn, None)  # cancelled before it was waited for
 
     def press(self, by: str = "", robot: str = "*") -> Pressed:
-        """The order of an ``estop``, from any thread: it leaves in this call, whatever the loop
-        does. After ``AWAY_S`` its ``outcomes`` are to be waited for."""
+        """Send the order of an ``estop``, from any thread: it leaves in this call, whatever the
+        loop does. After ``AWAY_S`` its ``outcomes`` are to be waited for."""
         turn, answers = self._open_turn()
         return Pressed(turn, by, robot, answers, *self._order_estop(turn, by, robot))
 
@@ -271,7 +271,7 @@ class MeshClient:
         return appeared, sessions
 
     async def outcomes(self, pressed: Pressed, within_s: float = ESTOP_ANSWER_S) -> list[Outcome]:
-        """What became of the robots that were meant, as of ``estop``."""
+        """Return what became of the robots that were meant, as of ``estop``."""
         found: dict[str, Outcome] = {}
         turn, by, robot, answers, appeared, sessions = pressed
         settled_at = self.sessions.opened_at + LOOK_S

@@ -79,7 +79,7 @@ class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @classmethod
     def from_environment(cls) -> MeshConfig:
-        """What ``STRANDS_ACTORS_MESH`` names, or nothing beyond this user's own sockets."""
+        """Return what ``STRANDS_ACTORS_MESH`` names, or nothing beyond this user's own sockets."""
         path = os.environ.get(ENVIRONMENT)
         return cls.load(path) if path else cls()
 
@@ -130,7 +130,7 @@ class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def identity(self) -> str:
-        """The name in our certificate; empty without one."""
+        """Return the name in our certificate; empty without one."""
         return "" if self.tls is None else common_name(self.tls.certificate)
 
     @property

@@ -92,7 +92,7 @@ class GatewayRef:
         return outgoing if isinstance(outgoing, Refused) else self._gateway.ask_here(outgoing, deadline_s)
 
     def _outgoing(self, message: Message) -> Message:
-        """What goes out for it; a refusal when the robot's clock is not known."""
+        """Return what goes out for it; a refusal when the robot's clock is not known."""
         if not isinstance(message, Datable):
             return message
         now_ns = self._now_ns()

@@ -37,7 +37,7 @@ async def reach(robot: str, config: MeshConfig) -> AsyncIterator[RobotTree]:
 
 
 async def _find(robot: str, config: MeshConfig) -> tuple[str, str]:
-    """Where it listens, and what it is."""
+    """Return where it listens, and what it is."""
     here = {note.robot: note.mesh[0] for note in notes() if note.mesh}
     if robot in here:
         found = await _ask(robot, here[robot], MeshConfig(), LOOK_S)

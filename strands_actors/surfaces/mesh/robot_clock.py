@@ -53,6 +53,6 @@ class RobotClock:
         )
 
     def deadline(self, at_ns: int, now_ns: int) -> int | None:
-        """A time of ours as one of the robot's, never later than meant."""
+        """Return a time of ours as one of the robot's, never later than meant."""
         bounds = self.bounds(now_ns)
         return None if bounds is None else at_ns + bounds.lowest_ns

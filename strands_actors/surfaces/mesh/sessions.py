@@ -59,7 +59,7 @@ class Sessions:
 
     @property
     def robots(self) -> list[str]:
-        """Those that are on the mesh, and those of this user that should be."""
+        """Return those that are on the mesh, and those of this user that should be."""
         return sorted({*self.via, *self._expected})
 
     async def settle(self, within_s: float = LOOK_S) -> None:
@@ -143,7 +143,7 @@ class Sessions:
         await self._nursery.start(session.run)
 
     def speaks_for(self, session: PubSub, robot: str) -> bool:
-        """Whether what comes over this session may be of that robot."""
+        """Return whether what comes over this session may be of that robot."""
         if session in self._of_note:
             return self._of_note[session] == robot
         if self._config.tls is not None:

@@ -67,7 +67,7 @@ def estop_button(*, mesh: MeshConfig | None = None, by: str = "") -> Iterator[Ca
 
 
 def get_peers(*, mesh: MeshConfig | None = None) -> list[dict[str, Any]]:
-    """Who is on the mesh, within a second and a half: ``peer_id``, ``type``, ``age``,
+    """Return who is on the mesh, within a second and a half: ``peer_id``, ``type``, ``age``,
     ``reachable``, and what each says of itself."""
 
     async def run() -> list[dict[str, Any]]:

@@ -27,8 +27,8 @@ SUFFIXES = (".py", ".toml")
 
 
 def driver_class_of(description: dict[str, object]) -> type[Driver]:
-    """The registered class of the robot. One that only the file names is not loaded: a file is no
-    authority for what code to run. Raise ``RecordingError``."""
+    """Return the registered class of the robot. One that only the file names is not loaded: a file
+    is no authority for what code to run. Raise ``RecordingError``."""
     robot = str(description.get("robot"))
     if description.get("class") == PLAIN:  # of this package: what decides for any class of the drivers page
         plain: type[Driver] = load(PLAIN)

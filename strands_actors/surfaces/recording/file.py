@@ -178,8 +178,8 @@ def _read(path: Path, stream: IO[bytes]) -> Recording:
 
 
 def _records(path: Path, stream: IO[bytes], size: int) -> Iterator[McapRecord]:
-    """What is in the file. A small file may say that it becomes a large one: it is believed as far
-    as recordings are compressed, and each chunk as far as ours are long."""
+    """Return what is in the file. A small file may say that it becomes a large one: it is believed
+    as far as recordings are compressed, and each chunk as far as ours are long."""
     most = max(FLOOR_BYTES, MOST_COMPRESSED * size)
     for record in StreamReader(stream, emit_chunks=True, record_size_limit=size).records:
         if not isinstance(record, Chunk):

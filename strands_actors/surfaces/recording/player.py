@@ -72,7 +72,7 @@ class _Player:
         self.recorded: list[Effect] = []
 
     def play(self) -> list[Effect]:
-        """What it does with the message it has taken."""
+        """Return what it does with the message it has taken."""
         assert self.taken is not None
         self._effects.clear()
         # What it saw of the world then, it sees again.

@@ -56,7 +56,7 @@ _BY_TAG = {kind.__name__: msgspec.msgpack.Decoder(kind).decode for kind in _SHOW
 
 
 def keys_pressed(entries: Iterable[Entry]) -> Iterator[EpisodeKey]:
-    """What the operator of a teleoperation asks of a recorder of episodes: in the root's
+    """Return what the operator of a teleoperation asks of a recorder of episodes: in the root's
     journal."""
     for entry in entries:
         if entry.kind == Kind.NOTED and isinstance(message := _decode(entry.body), EpisodeKey):
@@ -90,7 +90,7 @@ class View:
         yield from self._timed([("gap", Gap(self._source, -1, why))])
 
     def end(self) -> Iterator[Row]:
-        """What would wait for the next entry."""
+        """Return what would wait for the next entry."""
         yield from self._timed(self._end_command())
 
     def _timed(self, shown: Iterable[tuple[str, msgspec.Struct]]) -> Iterator[Row]:
@@ -234,7 +234,7 @@ class View:
 
 
 def _said(row: msgspec.Struct) -> tuple[int, str] | None:
-    """The line of a row in the log, and how grave it is."""
+    """Return the line of a row in the log, and how grave it is."""
     match row:
         case Refusal():
             return WARNING, f"{row.what} refused ({row.code}): {row.reason}"
@@ -294,13 +294,13 @@ def _refusal(what: str, refusal: Refused) -> Refusal:
 
 
 def _decode(body: msgspec.Raw) -> Message | None:
-    """The message, if people are shown it."""
+    """Return the message, if people are shown it."""
     decode: Callable[[Any], Message] | None = _BY_TAG.get(tag_of(body))
     return None if decode is None else decode(body)
 
 
 def tag_of(body: msgspec.Raw) -> str:
-    """The class name at the head of an encoded message; empty for anything else."""
+    """Return the class name at the head of an encoded message; empty for anything else."""
     data = memoryview(body)
     if len(data) < 2:
         return ""

@@ -139,7 +139,7 @@ def seams(world: World, net: Net, starter: Starter, model: RobotModel) -> Iterat
         (tasks, "Link", SimLink),
         (tasks, "ZenohMesh", SimMesh),
         (policy, "os", system),
-        (policy, "heap", SimpleNamespace(left_alone=contextlib.nullcontext)),
+        (policy, "gc_freeze", SimpleNamespace(left_alone=contextlib.nullcontext)),
         *model.seams(),
     )
     before = [(owner, name, getattr(owner, name)) for owner, name, _ in table]

@@ -219,7 +219,7 @@ class Scenario:
         return outcome
 
     def _first_safe(self, outcome: Outcome) -> int | None:
-        """Its index in the wire's log."""
+        """Return its index in the wire's log."""
         self._watch.wire.poll()
         return self._watch.wire.first_safe(outcome.safe_state, outcome.struck_ns)
 

@@ -75,7 +75,7 @@ class Watch:
         return [pid for pid in others if state_of(pid) != "ended"]
 
     def restarts(self, role: str) -> int:
-        """How often the role got a new process, whoever started it."""
+        """Return how often the role got a new process, whoever started it."""
         return max(0, len(self._pids.get(role, ())) - 1)
 
     # -- in the loop
@@ -156,7 +156,7 @@ def _exists(pid: int) -> bool:
 
 
 def wait_for(condition: Callable[[], bool], at_most_s: float) -> bool:
-    """Whether it came true in time."""
+    """Return whether it came true in time."""
     deadline = time.monotonic() + at_most_s
     while not condition():
         if time.monotonic() > deadline:

@@ -66,8 +66,8 @@ class Wire:
         return next((frame for frame in reversed(self.frames) if frame.kind in kinds), None)
 
     def setpoints_behind(self, index: int, until_ns: int) -> int:
-        """How many came behind a frame; in the log's order, as frames read together share their
-        time."""
+        """Return how many came behind a frame; in the log's order, as frames read together share
+        their time."""
         behind = self.frames[index + 1 : self._at(until_ns)]
         return sum(frame.kind == "setpoint" for frame in behind)
 

@@ -156,7 +156,7 @@ class Top(App[None]):
 
     @property
     def selected(self) -> Seen | None:
-        """The robot that keys act on."""
+        """Return the robot that keys act on."""
         at = self._table.cursor_row
         return self._seen[at] if 0 <= at < len(self._seen) else None
 

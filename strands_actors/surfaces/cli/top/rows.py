@@ -42,7 +42,7 @@ NOTHING = Text("–", "dim")
 
 
 def columns_for(width: int) -> Columns:
-    """Those that fit into so many cells."""
+    """Return those that fit into so many cells."""
     titles = [title for title, _ in COLUMNS]
     for spared in ("", *SPARED):
         titles = [title for title in titles if title != spared]
@@ -83,7 +83,7 @@ class Rates:
 
 
 def row(seen: Seen, rates: Rates, columns: Columns) -> list[Text]:
-    """One cell a column."""
+    """Return one cell a column."""
     status = seen.status
     per_s = rates.per_s
     restarts = sum(process.restarts for process in seen.tree.processes)
@@ -102,7 +102,7 @@ def row(seen: Seen, rates: Rates, columns: Columns) -> list[Text]:
 
 
 def state(seen: Seen) -> Text:
-    """The failsafe mode; the gate's word is newer than the root's."""
+    """Return the failsafe mode; the gate's word is newer than the root's."""
     if seen.status is None:
         return styled(seen.tree.state)
     if seen.status.locked_by:
@@ -123,7 +123,7 @@ def age(age_s: float) -> Text:
 
 
 def facts(seen: Seen) -> Table:
-    """The page beside the tree: why it is as it is."""
+    """Return the page beside the tree: why it is as it is."""
     status = seen.status
     table = Table.grid(padding=(0, 2))
     table.add_column(style="dim", no_wrap=True)

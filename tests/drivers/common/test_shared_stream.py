@@ -1,0 +1,92 @@
+"""One connection that several tasks hear."""
+
+from __future__ import annotations
+
+import pytest
+import trio
+import trio.testing
+
+from strands_actors.contract.driver import WireDown
+from strands_actors.drivers.common.shared_stream import SharedStream
+
+
+class Line:
+    """A connection on which one task may wait at a time, as on a socket."""
+
+    def __init__(self) -> None:
+        self._send, self._receive = trio.open_memory_channel[bytes](10)
+        self._reading = False
+
+    def say(self, data: bytes) -> None:
+        self._send.send_nowait(data)
+
+    def write(self, data: bytes) -> None:
+        raise WireDown("blocked")
+
+    async def read(self) -> bytes:
+        assert not self._reading, "two tasks read one connection"
+        self._reading = True
+        try:
+            return await self._receive.receive()
+        finally:
+            self._reading = False
+
+    def close(self) -> None: ...
+
+
+def test_whoever_comes_first_reads_for_all() -> None:
+    async def main() -> None:
+        shared, line, heard = SharedStream(lambda: None), Line(), list[bytes]()
+        shared.replace(line)
+
+        async def listen() -> None:
+            heard.append(await shared.read())
+
+        async with trio.open_nursery() as nursery:
+            for _ in range(3):
+                nursery.start_soon(listen)
+            await trio.testing.wait_all_tasks_blocked()
+            line.say(b"news")
+        assert sorted(heard) == [b"", b"", b"news"]
+
+    trio.run(main)
+
+
+def test_a_reader_of_the_last_connection_that_wakes_late_lets_nobody_else_read_the_next() -> None:
+    """Its connection is replaced, and the next one has a reader, before it is woken."""
+
+    async def main() -> None:
+        shared, first, second, heard = SharedStream(lambda: None), Line(), Line(), list[bytes]()
+        shared.replace(first)
+
+        async def listen() -> None:
+            heard.append(await shared.read())
+
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(listen)
+            await trio.testing.wait_all_tasks_blocked()
+            shared.replace(second)
+            async with trio.open_nursery() as others:
+                others.start_soon(listen)
+                others.start_soon(listen)
+                await trio.testing.wait_all_tasks_blocked()
+                others.start_soon(listen)
+                await trio.testing.wait_all_tasks_blocked()
+                second.say(b"news")
+        assert heard.count(b"news") == 1
+
+    trio.run(main)
+
+
+def test_what_cannot_be_written_closes_it_and_is_told() -> None:
+    async def main() -> None:
+        closed: list[bool] = []
+        shared = SharedStream(lambda: closed.append(True))
+        shared.replace(Line())
+        closed.clear()
+        for _ in range(2):
+            with pytest.raises(WireDown):
+                shared.write(b"stop")
+        assert closed == [True] and shared.connection is None
+
+    trio.run(main)
