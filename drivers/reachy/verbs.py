@@ -67,6 +67,9 @@ SERVICES: Mapping[str, Service] = {
     ),
     "tracking_status": Service("tell the face that is seen", 5.0, in_motion=True),
     "camera": Service("tell what the camera is and where its pictures are streamed", 5.0, in_motion=True),
+    "record_audio": Service(
+        "refused: the daemon gives sound over WebRTC alone", 1.0, {"duration": 5.0}, in_motion=True
+    ),
     "turn_to_sound": Service("turn the head towards what is heard now", 15.0, in_motion=True, moves=True),
     "turn_to_sound_status": Service("tell where sound comes from", 5.0, in_motion=True),
 }
@@ -128,6 +131,12 @@ TOOL_VERBS: tuple[ToolVerb, ...] = (
     ),
     ToolVerb("tracking_status", "service", "The face that is seen."),
     ToolVerb("camera", "service", "What the camera is, and where its pictures are streamed."),
+    ToolVerb(
+        "record_audio",
+        "service",
+        "What the microphones hear. Refused: it comes over WebRTC alone, at the address that camera tells.",
+        {"duration": {"type": "number", "description": "seconds"}},
+    ),
     ToolVerb("turn_to_sound", "service", "Turn the head towards what is heard."),
     ToolVerb("turn_to_sound_status", "service", "Where sound comes from."),
 )
@@ -152,6 +161,9 @@ def check_arguments(service: str, arguments: Mapping[str, Any], tts_url: str) ->
             text = given["text"]
             if not isinstance(text, str) or not 0 < len(text) <= SPOKEN:
                 return _bad(service, "text", text, f"1..{SPOKEN} characters")
+        case "record_audio":
+            remedy = "take it from the stream whose address camera() tells"
+            return Refused("no_recording", f"{service}: the daemon gives sound over WebRTC alone", remedy)
         case "play_sound":
             return _name(service, "file", given["file"])
         case "track_face":

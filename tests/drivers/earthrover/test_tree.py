@@ -3,6 +3,7 @@ heard."""
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import signal
@@ -220,6 +221,9 @@ def test_saf_003_neither_root_nor_stop_channel_loads_the_http_client(rover: Real
 
 def test_speak_and_sensors(rover: RealRobot, twin: Twin) -> None:
     assert json_of(rover.speak(text="hello")) == {"spoken": "hello"}
+    asked = asyncio.run(rover.use_tool({"action": "speak", "text": "by an agent"}, "test"))
+    assert json_of(asked) == {"spoken": "by an agent"}
+    assert "1..200 characters" in why(asyncio.run(rover.use_tool({"action": "speak", "text": ""}, "test")))
     sensors = status(rover)["sensors"]
     assert sensors["battery_pct"] == [88.0]
     assert sensors["latitude_longitude_deg"] == pytest.approx([22.75, 114.09], abs=0.01)

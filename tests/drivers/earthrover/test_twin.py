@@ -1,17 +1,14 @@
-"""The twin's service as others see it: requests where it is installed, else the standard library;
-cameras."""
+"""The twin's service as others see it: requests; cameras."""
 
 from __future__ import annotations
 
-import http.client
-import importlib.util
-import json
 import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+import requests  # type: ignore[import-untyped]
 
 from strands_actors.drivers.common.http_messages import Request
 from strands_actors.drivers.common.twin import Fault
@@ -33,30 +30,19 @@ class Clock:
 
 
 class Client:
-    """Asks with ``requests``, unmodified, where it is installed; else with ``http.client``."""
+    """Asks with ``requests``, unmodified."""
 
     def __init__(self, address: str) -> None:
         self._address = address
-        self._session: Any = None
-        if importlib.util.find_spec("requests"):
-            import requests  # type: ignore[import-untyped,unused-ignore]
-
-            self._session = requests.Session()
-            self._session.trust_env = False
-        else:
-            self._connection = http.client.HTTPConnection(address, timeout=5.0)
+        self._session = requests.Session()
+        self._session.trust_env = False
 
     def ask(self, method: str, target: str, body: object = None) -> tuple[int, dict[str, Any]]:
-        if self._session is not None:
-            response = self._session.request(method, f"http://{self._address}{target}", json=body, timeout=5.0)
-            return response.status_code, response.json()
-        data = None if body is None else json.dumps(body)
-        self._connection.request(method, target, data, {"Content-Type": "application/json"})
-        answer = self._connection.getresponse()
-        return answer.status, json.loads(answer.read())
+        response = self._session.request(method, f"http://{self._address}{target}", json=body, timeout=5.0)
+        return response.status_code, response.json()
 
     def close(self) -> None:
-        (self._session or self._connection).close()
+        self._session.close()
 
 
 @pytest.fixture
@@ -88,10 +74,12 @@ def test_an_independent_client_drives_looks_and_stops(client: Client, twin: Twin
 
 
 def test_calls_take_no_longer_than_the_wire(client: Client) -> None:
-    began_s = time.monotonic()
+    took_s = []
     for _ in range(100):
+        began_s = time.monotonic()
         client.ask("GET", "/data")
-    assert time.monotonic() - began_s < 4.0, "44 ms each would mean that small packets wait for each other"
+        took_s.append(time.monotonic() - began_s)
+    assert min(took_s) < 0.03, "44 ms each would mean that small packets wait for each other"
 
 
 def test_both_cameras_have_pictures(twin: Twin) -> None:

@@ -254,3 +254,30 @@ def test_the_environment_says_where_it_is(monkeypatch: pytest.MonkeyPatch) -> No
 def test_saf_014_what_is_no_address_of_the_service_is_refused(port: str) -> None:
     with pytest.raises(ValueError, match="It speaks no https"):
         driver(port).config.addresses()
+
+
+VERBS = {
+    *(
+        "sensors",
+        "get_state",
+        "status",
+        "stop",
+        "look",
+        "look_at",
+        "antennas",
+        "body_turn",
+        "home",
+        "wake",
+        "sleep",
+    ),
+    *("express", "list_moves", "motors", "say", "play_sound", "volume", "set_volume", "track_face"),
+    *("tracking_status", "camera", "record_audio", "turn_to_sound", "turn_to_sound_status"),
+}
+
+
+def test_every_verb_of_its_users_is_there_and_what_nothing_gives_is_refused() -> None:
+    verbs = {verb.name: verb for verb in Reachy.TOOL_VERBS}
+    assert set(verbs) == VERBS and len(VERBS) == 24
+    assert {name for name, verb in verbs.items() if verb.does == "service"} == set(Reachy.SERVICES)
+    refusal = driver().check_service("record_audio", {"duration": 3.0})
+    assert refusal is not None and refusal.code == "no_recording" and "camera()" in refusal.remedy
