@@ -20,7 +20,7 @@ from pathlib import Path
 
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.testing import bench, twin
+from strands_actors.testing import bench, cells, twin
 from strands_actors.testing.cells import run_cell, tries
 from strands_actors.testing.faults import Cell, cells_of
 from strands_actors.testing.matrix import rows_of, summary
@@ -32,6 +32,8 @@ from .their_log import read_as_theirs
 
 IMPORTS_S = 240.0
 """For a process to import torch, on a busy machine."""
+AWAY_S = 3.0
+"""How long a robot is frozen or its cable out. A plain wire calls it lost after a second."""
 INTRODUCTION = """\
 # Kill matrix of LeRobot's own robot classes
 
@@ -44,7 +46,8 @@ This page was made by `python -m tests.lerobot.matrix so101,koch --repeats {repe
 promised of such a robot stands in [lerobot.md](lerobot.md).
 
 The bounds are those of a process that holds torch: the driver's own is a second and not 50 ms, and
-0.3 s without a heartbeat are frozen, not 0.1 s.
+0.3 s without a heartbeat are frozen, not 0.1 s. The robot is frozen, and its cable out, for three
+seconds and not for one: only after a second without a reading is it lost.
 """
 
 
@@ -71,6 +74,7 @@ def main() -> int:
     parser.add_argument("-o", dest="out", type=Path)
     given = parser.parse_args()
     twin.PATIENCE_S = bench.START_S = IMPORTS_S
+    cells.AWAY_S = AWAY_S
     with tempfile.TemporaryDirectory(prefix="matrix-") as folder:
         os.environ |= {"HF_HOME": folder, "HF_HUB_OFFLINE": "1"}
         measured.calibrate(Path(folder))
@@ -81,18 +85,18 @@ def _measure(given: argparse.Namespace) -> int:
     drivers = {robot: measured.CLASSES[robot] for robot in given.robots.split(",")}
     trials = Trials(given.resume, 1)
 
-    def cells(driver: Driver) -> Iterator[Cell]:
+    def wanted(driver: Driver) -> Iterator[Cell]:
         return (cell for cell in cells_of(driver) if not given.only or cell.victim == given.only)
 
     problems = []
     for robot, driver_class in drivers.items():
         with TheirBench(robot, driver_class) as its_bench:
-            for cell in cells(its_bench.driver):
+            for cell in wanted(its_bench.driver):
                 try:
                     _try(cell, its_bench, trials, given.repeats)
                 except bench.NotMoving as why:
                     problems.append(str(why))
-    rows = list(rows_of(drivers, trials, cells))
+    rows = list(rows_of(drivers, trials, wanted))
     columns = {
         f"{robot}, lerobot {version('lerobot')}": column for robot, column in columns_of(rows, trials).items()
     }
@@ -102,7 +106,8 @@ def _measure(given: argparse.Namespace) -> int:
         columns = load(given.out.with_suffix(".json")) | columns
         given.out.with_suffix(".json").write_bytes(encode(columns))
         given.out.write_text(page(columns, INTRODUCTION))
-    print(*problems, sep="\n")
+    for problem in problems:
+        print(problem)
     return 1 if problems or not all(row.safe for row in rows) else 0
 
 

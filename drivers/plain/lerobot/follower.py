@@ -107,7 +107,7 @@ class Follower:
 
     def _hold(self, bus: Any) -> None:
         motors = getattr(self._robot, self._kind.goals) if self._kind.goals else None
-        bus.sync_write(GOAL, bus.sync_read(PRESENT, motors, num_retry=TRIES, normalize=False), normalize=False)
+        bus.sync_write(GOAL, _read(bus, PRESENT, motors), normalize=False)
 
     def stop(self) -> Mapping[str, Any] | None:
         """Do all that the type is stopped by, whatever fails of it, and read the torque back."""
@@ -115,7 +115,11 @@ class Follower:
         if not self._robot.is_connected:
             return None
         calls = [functools.partial(self._called, path) for path in self._kind.stops]
-        failure = self._each([*calls, *(functools.partial(_limp, bus) for bus in self._buses())])
+        buses = self._buses()
+        # LeRobot asks motor by motor, and ends at the first that does not answer. This is one frame
+        # a bus, for all, which no answer is waited for.
+        at_once = [functools.partial(_torque_off, bus) for bus in buses]
+        failure = self._each([*at_once, *calls, *(functools.partial(_limp, bus) for bus in buses)])
         return {"status": "error", "content": [{"text": failure}]} if failure else None
 
     def _called(self, path: str) -> None:
@@ -155,8 +159,23 @@ def _without_torque(bus: Any) -> Iterator[None]:
         del bus.enable_torque
 
 
+def _torque_off(bus: Any) -> None:
+    bus.sync_write(TORQUE, dict.fromkeys(bus.motors, 0), normalize=False)
+
+
+def _read(bus: Any, register: str, motors: Sequence[str] | None = None) -> dict[str, int]:
+    """Return a register of each motor as it is. Feetech's first protocol has no frame that asks for
+    all at once."""
+    if getattr(bus, "protocol_version", None) == 1:
+        return {
+            motor: bus.read(register, motor, num_retry=TRIES, normalize=False) for motor in motors or bus.motors
+        }
+    found: dict[str, int] = bus.sync_read(register, motors, num_retry=TRIES, normalize=False)
+    return found
+
+
 def _limp(bus: Any) -> None:
-    energised = [motor for motor, value in bus.sync_read(TORQUE, num_retry=TRIES, normalize=False).items() if value]
+    energised = [motor for motor, value in _read(bus, TORQUE).items() if value]
     if energised:
         raise ConnectionError(f"{', '.join(energised)} still has torque")
 

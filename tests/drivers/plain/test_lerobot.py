@@ -11,7 +11,7 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 
@@ -19,6 +19,7 @@ from strands_actors import Robot
 from strands_actors.contract.driver import Reason
 from strands_actors.contract.loading import load
 from strands_actors.drivers import LEROBOT, canonical_name, lerobot_missing, list_driver_coverage
+from strands_actors.drivers.plain.lerobot import follower
 from strands_actors.drivers.plain.lerobot.follower import class_of
 from strands_actors.testing import Twin
 from tests.answers import json_of, state, status, until, why
@@ -193,3 +194,30 @@ def test_a_type_without_a_bus_of_ours_is_stopped_by_its_own_disconnect(small_arm
         assert small_arm.said("goal", killed_ns) == []
     finally:
         robot.cleanup()
+
+
+def test_saf_005_a_stop_takes_the_torque_of_the_others_when_one_servo_does_not_answer(twin: Twin, arm: Any) -> None:
+    """LeRobot's own loop over the motors ends at the first that does not."""
+    json_of(arm.send_action({"shoulder_pan": arm.get_observation()["shoulder_pan"] + 5.0}))
+    twin.fault("off:2")
+    stopped_ns = time.monotonic_ns()
+    assert arm.stop()["status"] == "error"
+    safe = twin.log.first_safe(stopped_ns)
+    assert safe is not None and safe.safe_state == "limp", twin.log.story(stopped_ns)
+    twin.log.no_setpoint_after_safe(stopped_ns)
+
+
+def test_a_bus_that_cannot_be_asked_at_once_is_asked_motor_by_motor() -> None:
+    """LeRobot's bus of a HopeJR hand, which raises for a sync read."""
+
+    class Bus:
+        protocol_version = 1
+        motors = ("thumb", "index")
+        torque: ClassVar[dict[str, int]] = {"thumb": 0, "index": 1}
+
+        def read(self, register: str, motor: str, *, num_retry: int, normalize: bool) -> int:
+            assert register == follower.TORQUE and not normalize
+            return self.torque[motor]
+
+    with pytest.raises(ConnectionError, match="index still has torque"):
+        follower._limp(Bus())

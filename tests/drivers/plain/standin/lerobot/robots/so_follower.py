@@ -32,6 +32,7 @@ class Bus:
     def __init__(self, port: str) -> None:
         self.port_handler = scs.PortHandler(port)
         self._packets = scs.PacketHandler(0)
+        self.motors = dict.fromkeys(MOTORS)
         self.is_connected = False
 
     def connect(self) -> None:
@@ -62,7 +63,7 @@ class Bus:
         writer = scs.GroupSyncWrite(self.port_handler, self._packets, address, size)
         for motor, value in values.items():
             count = _counts(motor, value) if normalize else int(value)
-            writer.addParam(MOTORS.index(motor) + 1, [count & 0xFF, count >> 8])
+            writer.addParam(MOTORS.index(motor) + 1, list(count.to_bytes(size, "little")))
         assert writer.txPacket() == scs.COMM_SUCCESS
 
     def enable_torque(self, motors: Any = None, num_retry: int = 0) -> None:
