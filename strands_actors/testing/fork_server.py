@@ -215,11 +215,11 @@ def main(fd: int, imports: Sequence[str]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the tests, which end it
     signal.set_wakeup_fd(wake, warn_on_full_buffer=False)
     while True:
-        ready, _, _ = select.select([sock, woken], [], [])
+        ready, _, _ = select.select([sock.fileno(), woken], [], [])
         if woken in ready:
             os.read(woken, 4096)
             _report_ends(sock)
-        if sock in ready:
+        if sock.fileno() in ready:
             said, descriptors, _, _ = socket.recv_fds(sock, _MAX_MESSAGE, _MAX_DESCRIPTORS)
             if not said:
                 os._exit(0)
