@@ -227,17 +227,27 @@ class Teleoperation(Actor):
     async def _engage(self, frame: Frame) -> Step:
         wanted = Acquire(f"teleoperation of {self._rollout.robot}", self._rollout.over, os.getpid())
         lease = await self._ask(wanted)
+        if lease is None:
+            return self._asks_again(Step())
         if not isinstance(lease, Lease):
             await self._refused(lease)
             return Step()
         self._lease = lease
         seen = await self._ask(GetObservation())
+        if seen is None:
+            return self._asks_again(Step(let_go=True))
         if not isinstance(seen, Observation):
             return self._not_engaged(_text(seen))
         self._position = dict(zip(self._rollout.axes, seen.position, strict=True))
         now_ns = self.context.clock.now_ns()
         step = self._machine.engage(frame, self._position, now_ns)
         return step if self._machine.state is not State.IDLE else self._not_engaged(self._machine.why)
+
+    def _asks_again(self, step: Step) -> Step:
+        """On a busy machine the gate may answer late: the next frame asks anew, if the dead-man is
+        still held."""
+        self._machine.why = _text(None)
+        return step
 
     def _not_engaged(self, why: str) -> Step:
         self._machine.not_engaged(why)

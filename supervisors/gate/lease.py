@@ -70,6 +70,8 @@ class Leases(msgspec.Struct):
         if held is not None and held.owner.expires_ns > now_ns:
             if held.id == message.over and not held.channel:
                 under = held.owner
+            elif _is_asked_again(held, message):
+                under = held.under
             elif not _is_its_own(held.owner if holding else held, message):
                 why = f"acquire: {held.holder} holds the lease"
                 return Refused("lease", why, "wait until it is released, or stop it")
@@ -131,6 +133,12 @@ class Leases(msgspec.Struct):
 
 def _is_its_own(held: Held, message: Acquire) -> bool:
     return held.under is None and (held.id, held.channel) == (message.again, message.channel)
+
+
+def _is_asked_again(held: Held, message: Acquire) -> bool:
+    """A policy process whose answer did not come in time: it does not know its lease's number."""
+    over = 0 if held.under is None else held.under.id
+    return held.channel != "" and (held.channel, over) == (message.channel, message.over)
 
 
 def refuse_by_deadline(deadline_ns: int, now_ns: int, prefix: str = "") -> Refused | None:

@@ -103,7 +103,7 @@ class Tasks(Actor):
                 if self.process is not None and self._is_actor:
                     self._policy.tell(message)
             case EpisodeKey():
-                if self._is_actor:
+                if self.process is not None and self._is_actor:
                     self.context.note(message)
             case GetTask():
                 return self.status

@@ -16,6 +16,7 @@ from strands_actors import Robot
 from strands_actors.contract.loading import load
 from strands_actors.drivers import get_native_driver_class, leader_name, list_leaders
 from strands_actors.drivers.common.calibration import FIELDS, save
+from strands_actors.drivers.common.calibration import load as read_calibration
 from strands_actors.drivers.common.servo.calibrating import calibrate
 from strands_actors.drivers.common.servo.setup import Ranges, Setup
 from strands_actors.kernel.clock import MonotonicClock
@@ -139,6 +140,27 @@ def test_a_robot_is_calibrated_by_hand_and_connects_with_lerobots_file(
             assert "uncalibrated" not in status(arm)
         finally:
             arm.cleanup()
+
+
+def test_a_file_as_lerobots_command_writes_it_is_read_and_written_alike(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of an arm as they are built: no joint in the middle of its encoder, an offset at the end of
+    its register, the gripper closed at half a turn."""
+    monkeypatch.setenv("HF_LEROBOT_CALIBRATION", str(tmp_path))
+    theirs = Path(__file__).with_name("as_lerobot_writes_it.json").read_bytes()
+    follower = tmp_path / "robots" / "so_follower" / "blue.json"
+    follower.parent.mkdir(parents=True)
+    follower.write_bytes(theirs)
+    driver = class_of("so101")("so101", "port", class_of("so101").resolve("so101", {"tool_name": "blue"}))
+    # LeRobot's degrees: 0 is the middle of the range, and a turn has 4095 counts
+    half_turns = {"shoulder_pan": 2255 / 2, "wrist_flex": 2286 / 2, "wrist_roll": 4095 / 2}
+    for joint, half in half_turns.items():
+        assert driver.travel()[joint] == pytest.approx((-half * 360 / 4095, half * 360 / 4095), abs=0.1)
+    assert driver.travel()["gripper"] == pytest.approx((0.0, 100.0))
+    again = tmp_path / "again.json"
+    save(again, read_calibration(follower, {axis: at for at, axis in enumerate(JOINTS, 1)}, MIDDLE))
+    assert again.read_bytes() == theirs
 
 
 def test_a_joint_that_was_forgotten_is_named_and_the_servos_have_what_they_had(tmp_path: Path) -> None:

@@ -53,6 +53,16 @@ def test_saf_017_a_policy_process_keeps_no_lease_of_its_caller_alive() -> None:
     assert not leases.lapsed(SECOND_NS, latched=False)
 
 
+def test_saf_017_a_policy_process_whose_answer_was_lost_asks_again_and_the_first_lease_is_none() -> None:
+    leases, over, first = begun()
+    again = leases.acquire(Acquire("policy of so101", over, 7, POLICY), 0)
+    assert isinstance(again, int) and again != first
+    assert leases.refuse("move", again, POLICY) is None
+    assert leases.refuse("move", first, POLICY) is not None
+    assert leases.release(again, POLICY) is not None
+    assert leases.held is not None and leases.held.id == over, "one step down: its caller's"
+
+
 def test_saf_017_the_next_policy_process_writes_under_no_other_policys_lease() -> None:
     leases, _, own = begun()
     refused = leases.acquire(Acquire("policy of so101", own, 8, "policy process 8"), 0)
