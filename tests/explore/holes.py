@@ -13,7 +13,14 @@ import pytest
 import trio
 
 from strands_actors.contract.axis import parse_action
-from strands_actors.contract.driver import Candidate, Driver, GateState, MotorReport, PermitDenied, Reason
+from strands_actors.contract.driver import (
+    Candidate,
+    Driver,
+    GateState,
+    MotorReport,
+    Reason,
+    WireDown,
+)
 from strands_actors.contract.loading import load
 from strands_actors.kernel.channels.permissions import Channel
 from strands_actors.kernel.messages import Refused
@@ -23,7 +30,6 @@ from strands_actors.supervisors.gate.messages import Stop
 from strands_actors.supervisors.root import process
 from strands_actors.supervisors.root.lock_keeper import Kept, LockKeeper
 from strands_actors.supervisors.root.tasks import Tasks
-from strands_actors.supervisors.wire import transport
 from strands_actors.supervisors.wire.group import ProcessPlace
 from strands_actors.supervisors.wire.transport import Transport
 from strands_actors.testing.explore.askers import Asker
@@ -135,18 +141,14 @@ def a_stop_of_a_controller_is_not_read_back(patch: pytest.MonkeyPatch) -> None:
 SET_STATE, STOPPED = 12, 4
 
 
-def a_setpoint_leaves_after_its_deadline(patch: pytest.MonkeyPatch) -> None:
-    """It is looked at when it is accepted only."""
-    check = transport._Permit.check
+def a_stop_needs_the_connection_of_the_wire(patch: pytest.MonkeyPatch) -> None:
+    """A controller takes one client only, and keeps room for it after its death."""
 
-    def forgetful(self: Any) -> None:
-        try:
-            check(self)
-        except PermitDenied as denied:
-            if "deadline" not in str(denied):
-                raise
+    async def connect(self: Any) -> Any:
+        await trio.lowlevel.checkpoint()
+        raise WireDown("cannot connect")
 
-    patch.setattr(transport._Permit, "check", forgetful)
+    patch.setattr("strands_actors.drivers.xarm.stop_channel.XArmStopChannel.connect", connect)
 
 
 def legs_are_told_to_let_go_once(patch: pytest.MonkeyPatch) -> None:
