@@ -130,7 +130,26 @@ class XArmWire(Wire):
         return outcome.reports(AXES)
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
-        return await XArmStopChannel(self._config, (), self._clock, self._open_stream).make_safe(safe_state)
+        """On the connection that was lost, if it still takes anything, and on one of its own. Where
+        the way back alone is cut, no other can be made."""
+        written = self._tell_to_stop()
+        channel = XArmStopChannel(self._config, (), self._clock, self._open_stream)
+        reports = await channel.make_safe(safe_state)
+        if written and not any(report.written for report in reports):
+            return Outcome(True, False, reports[0].detail).reports(AXES)
+        return reports
+
+    def _tell_to_stop(self) -> bool:
+        """Return whether the connection takes it. Its answer is not awaited."""
+        session = self._session_or_none
+        if session is None:
+            return False
+        try:
+            session.control.send(Register.SET_STATE, bytes((State.STOPPED,)))
+        except WireDown:
+            return False
+        session.target = ()
+        return True
 
     def close(self) -> None:
         if self._session_or_none is not None:

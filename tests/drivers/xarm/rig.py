@@ -45,6 +45,7 @@ class World:
         self.mute = False  # it sends no report
         self.no_rich = False
         self.gone = False
+        self.full = False  # it takes no further connection
         self.replies = 0  # that were read
         self.on_reply: Callable[[int], None] = lambda count: None
         self.driver = XArm("xarm7", PORT, {})
@@ -58,7 +59,7 @@ class World:
     async def open_stream(self, host: str, port: int) -> ControlStream | ReportStream:
         await trio.lowlevel.checkpoint()
         assert host == "192.0.2.1"
-        if self.gone or (self.no_rich and port == r.RICH_PORT):
+        if self.gone or self.full or (self.no_rich and port == r.RICH_PORT):
             raise WireDown(f"{host}:{port}: cannot connect")
         if port == 502:
             self.connections.append(ControlStream(self))

@@ -425,6 +425,18 @@ async def test_saf_020_a_link_that_was_lost_is_stopped_all_the_same() -> None:
 
 
 @in_virtual_time
+async def test_saf_020_a_controller_that_takes_no_other_connection_is_told_on_the_one_it_has() -> None:
+    """Its answers may be cut off, and what we say arrive."""
+    world = World()
+    wire = await armed(world)
+    world.full = True
+    (motor, *_) = await wire.reach("stop")
+    assert world.controller.state == State.STOPPED
+    assert (motor.written, motor.acknowledged, motor.safe) == (True, False, False)
+    assert "cannot connect" in motor.detail
+
+
+@in_virtual_time
 async def test_a_hold_is_the_last_target_again_and_can_be_told_from_it() -> None:
     world = World()
     wire = await armed(world)
