@@ -148,8 +148,11 @@ def conformance(
 
 
 class _SharedBench:
-    """One bench for the kill cells of a driver: opened by the first, closed by the last, or with
-    the process."""
+    """One bench for the kill cells of a driver: opened by the first, closed by the last, by the
+    first of another driver, by ``close_bench``, or with the process."""
+
+    opened: _SharedBench | None = None
+    """A robot on a bench moves, and computes, until its bench is closed: there is one at a time."""
 
     def __init__(self, subject: _Subject, far: float | None, users: int) -> None:
         self._new = partial(Bench, subject.robot, subject.cls, far)
@@ -157,15 +160,17 @@ class _SharedBench:
         self._bench: Bench | None = None
 
     def check(self, cell: Cell) -> str:
-        if self._bench is None:
-            self._bench = self._new().__enter__()
-            atexit.register(self._close)
+        self._users -= 1
         try:
+            if self._bench is None:
+                close_bench()
+                self._bench = self._new().__enter__()
+                _SharedBench.opened = self
+                atexit.register(self.close)
             outcome = run_cell(cell, self._bench)
         finally:
-            self._users -= 1
             if self._users <= 0:
-                self._close()
+                self.close()
         assert outcome.all_motors, f"no frame that brings all motors to {outcome.safe_state}"
         assert outcome.setpoints_after == 0, f"{outcome.setpoints_after} setpoints after the safe frame"
         limit_ms = outcome.bound_ms + SLACK_MS
@@ -173,11 +178,19 @@ class _SharedBench:
         took = f"after {outcome.safe_ms:.1f} ms (bound {outcome.bound_ms:.0f} ms)"
         return f"{outcome.safe_state} {took}, 0 setpoints after"
 
-    def _close(self) -> None:
+    def close(self) -> None:
         bench, self._bench = self._bench, None
         if bench is not None:
-            atexit.unregister(self._close)
+            _SharedBench.opened = None
+            atexit.unregister(self.close)
             bench.__exit__(None, None, None)
+
+
+def close_bench() -> None:
+    """End what the kill cells of a driver share, where not all of them are run: under ``-k``, or
+    when another worker runs the rest."""
+    if _SharedBench.opened is not None:
+        _SharedBench.opened.close()
 
 
 class _Subject:

@@ -30,6 +30,7 @@ from strands_actors.kernel.processes.interpreter import PYTHON, environment
 
 START_S = 60.0
 """For the first fork, on a busy machine: what the server imports comes before it."""
+_LOOK_S = 0.1
 _MAX_MESSAGE = 1 << 17
 _MAX_DESCRIPTORS = 16
 _OF_TWINS = (
@@ -95,6 +96,7 @@ class ForkServer:
 
     def __init__(self, imports: Sequence[str] = ()) -> None:
         self._lock = threading.Lock()
+        self._gone = False
         self._codes: dict[int, int] = {}
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs:
@@ -145,8 +147,8 @@ class ForkServer:
         raise RuntimeError("the process that forks twins has ended, or does not answer")
 
     def code_of(self, pid: int, within_s: float | None) -> int | None:
-        """The exit code of a child that has ended (negative: the signal); None: not yet. Raise
-        ``RuntimeError`` when the server is gone."""
+        """The exit code of a child that has ended (negative: the signal); None: not yet. When the
+        server is gone nobody knows it, and a child that has ended counts as killed."""
         until_s = None if within_s is None else time.monotonic() + within_s
         while True:
             with self._lock:
@@ -154,25 +156,36 @@ class ForkServer:
                     pass
                 if pid in self._codes:
                     return self._codes.pop(pid)
+                if self._gone and not _exists(pid):
+                    return -signal.SIGKILL
             left_s = None if until_s is None else until_s - time.monotonic()
             if left_s is not None and left_s <= 0.0:
                 return None
             # Not for ever: another thread may have heard it.
-            select.select([self._socket], [], [], 0.1 if left_s is None else min(0.1, left_s))
+            step_s = _LOOK_S if left_s is None else min(_LOOK_S, left_s)
+            if self._gone:
+                time.sleep(step_s)
+            else:
+                select.select([self._socket], [], [], step_s)
 
     def close(self) -> None:
-        self._socket.close()
+        with self._lock:
+            self._gone = True
+            self._socket.close()
         self._process.kill()
         self._process.wait()
 
     def _hear(self, within_s: float) -> dict[str, int] | None:
-        """What it says next; None: nothing ``within_s``. Ends are noted."""
-        ready, _, _ = select.select([self._socket], [], [], within_s)
-        if not ready:
+        """What it says next; None: nothing ``within_s``, or it is gone. Ends are noted."""
+        if self._gone or not select.select([self._socket], [], [], within_s)[0]:
             return None
-        said = self._socket.recv(_MAX_MESSAGE)
+        try:
+            said = self._socket.recv(_MAX_MESSAGE)
+        except ConnectionError:
+            said = b""
         if not said:
-            raise RuntimeError("the process that forks twins has ended")
+            self._gone = True
+            return None
         told: dict[str, int] = json.loads(said)
         if "ended" in told:
             self._codes[told["ended"]] = told["code"]
@@ -197,6 +210,14 @@ def server(of: str, imports: Sequence[str]) -> ForkServer:
 
 def twin_server() -> ForkServer:
     return server("twins", _OF_TWINS)
+
+
+def _exists(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
 
 
 # -- in the server

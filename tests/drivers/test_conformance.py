@@ -11,6 +11,7 @@ from strands_actors.contract.driver import Driver
 from strands_actors.drivers import get_native_driver_class
 from strands_actors.surfaces.cli.matrix import one_of_each
 from strands_actors.testing import Check, conformance
+from strands_actors.testing.checks import close_bench
 from tests.kill.test_kill import WHOLE
 
 
@@ -22,6 +23,13 @@ def checks() -> Iterator[object]:
         for check in conformance(driver_class, robot):
             if not (driver_class in whole and check.name.startswith("kill cell")):
                 yield pytest.param(check, id=f"{robot}-{check}")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def benches() -> Iterator[None]:
+    """Where another worker has run the last cell of a driver, this one has its bench still."""
+    yield
+    close_bench()
 
 
 @pytest.mark.parametrize("check", list(checks()))

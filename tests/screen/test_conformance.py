@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -11,7 +12,7 @@ import pytest
 from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Timing
 from strands_actors.drivers import get_native_driver_class, list_native_drivers
 from strands_actors.kernel.messages import Refused
-from strands_actors.testing import check_driver
+from strands_actors.testing import Cell, Faults, Outcome, Victims, check_driver, checks
 from strands_actors.testing.checks import report
 from strands_actors.testing.fake_kinds import KindConfig
 
@@ -125,3 +126,44 @@ def test_what_fails_at_run_time_is_a_result_too() -> None:
 
     results = {result.name: result for result in check_driver(Broken, good=GOOD, twin=False)}
     assert results["refuses unknown names"].detail == "KeyError: 'joint'"
+
+
+def test_one_bench_is_open_at_a_time_and_none_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever runs only some of a driver's cells keeps no moving robot beside all other tests."""
+    opened: list[str] = []
+
+    class FakeBench:
+        def __init__(self, robot: str, cls: object, far: object) -> None:
+            self.robot = robot
+            if robot == "broken":
+                raise OSError("no twin")
+
+        def __enter__(self) -> FakeBench:
+            opened.append(self.robot)
+            return self
+
+        def __exit__(self, *_: object) -> None:
+            opened.remove(self.robot)
+
+    cell = Cell(Victims.CALLER, Faults.KILL)
+    outcome = Outcome("caller", "kill", "hold", 1.0, 50.0, 0, True)
+    monkeypatch.setattr(checks, "Bench", FakeBench)
+    monkeypatch.setattr(checks, "run_cell", lambda *_: outcome)
+    one, other, broken = (
+        checks._SharedBench(SimpleNamespace(robot=robot, cls=None), None, users)
+        for robot, users in (("one", 2), ("other", 2), ("broken", 1))
+    )
+    one.check(cell)
+    assert opened == ["one"]
+    other.check(cell)
+    assert opened == ["other"]
+    other.check(cell)
+    assert opened == [], "its last cell was run"
+    one.check(cell)
+    assert opened == []
+    with pytest.raises(OSError, match="no twin"):
+        broken.check(cell)
+    checks._SharedBench(SimpleNamespace(robot="left", cls=None), None, 2).check(cell)
+    assert opened == ["left"]
+    checks.close_bench()
+    assert opened == []

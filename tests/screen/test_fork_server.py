@@ -81,7 +81,12 @@ def test_a_wait_ends_in_time(forks: ForkServer) -> None:
 def test_a_server_that_has_ended_is_said_and_replaced() -> None:
     first = twin_server()
     assert twin_server() is first
-    first.close()
-    with open(os.devnull, "rb") as nothing, pytest.raises(RuntimeError, match="has ended"):
-        first.fork("os:getpid", {}, (nothing.fileno(), 2))
+    with open(os.devnull, "rb") as nothing:
+        left = Forked(first, first.fork("signal:pause", {}, (nothing.fileno(), 2)))
+        first.close()
+        with pytest.raises(RuntimeError, match="has ended"):
+            first.fork("os:getpid", {}, (nothing.fileno(), 2))
+    assert left.poll() is None, "what it forked goes on"
+    left.kill()
+    assert left.wait(PATIENCE_S) == -signal.SIGKILL
     assert twin_server() is not first
