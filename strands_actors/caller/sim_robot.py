@@ -53,9 +53,10 @@ class SimRobot(RealRobot):
         ``camera``: None for the whole robot, ``front``, ``side``, ``top``, or one of the scene's
         own. Without a size it is the camera's, or 640 x 480. Raise ``SimulationError`` (a
         ``RuntimeError``) that names the system package when neither is there."""
-        usual = self._sizes.get(camera or "", PICTURE)
-        sized = [own if given is None else given for given, own in zip((width, height), usual, strict=True)]
-        return self._call(self._world.render, *sized, camera)
+        across, down = self._sizes.get(camera or "", PICTURE)
+        return self._call(
+            self._world.render, across if width is None else width, down if height is None else height, camera
+        )
 
     def view(self) -> None:
         """Open MuJoCo's viewer, which mirrors the robot until it is closed. Raise

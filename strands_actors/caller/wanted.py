@@ -217,7 +217,7 @@ def _port(driver_class: type[Any], port: Any) -> str | None:
         raise TypeError(f"Robot: port is {port!r}. give a path or an address, as text")
     if not text.strip():
         return None
-    if any(letter.isspace() for letter in text) and not is_serial(driver_class):
+    if any(letter.isspace() for letter in text) and getattr(driver_class, "PORT_KIND", None) == "address":
         raise ValueError(f"Robot: port is {text!r}. give an address, without spaces")
     return text
 
