@@ -79,7 +79,8 @@ def test_calls_take_no_longer_than_the_wire(client: Client) -> None:
         began_s = time.monotonic()
         client.ask("GET", "/data")
         took_s.append(time.monotonic() - began_s)
-    assert min(took_s) < 0.03, "44 ms each would mean that small packets wait for each other"
+    quarter_s = sorted(took_s)[25]  # the first few are quick in any case
+    assert quarter_s < 0.04, "44 ms each would mean that small packets wait for each other"
 
 
 def test_both_cameras_have_pictures(twin: Twin) -> None:
