@@ -48,7 +48,7 @@ class ZenohMesh:
         self._urgent: deque[tuple[ZenohMesh, bytes]] = deque() if main is None else main._urgent
         self._inbox: deque[tuple[ZenohMesh, bytes]] = deque() if main is None else main._inbox
         self._lost: deque[str] = deque() if main is None else main._lost
-        self._waker = Waker() if main is None else main._waker
+        self._waker: Waker = Waker() if main is None else main._waker
         self._guests: ZenohMesh | None = None
         self._shown: zenoh.Publisher | None = None
         self._publishers: dict[tuple[str, bool], zenoh.Publisher] = {}
