@@ -29,6 +29,20 @@ FTSERVO = {
 """Its module is called as that of feetech-servo-sdk."""
 
 
+UNITREE = {
+    "unitree-sdk2py-dimos==1.0.3": "sha256:8057cad5de5877757bc586b2ba5ddbe84522ce4c8c3d624464ef975cafa5daec",
+    "cyclonedds==11.0.1": " --hash=".join(
+        (
+            "sha256:dce635041d42e954a5fec187dabf99d4b36c9daa54cc97d6d2238985e3ef6101",  # Python 3.11
+            "sha256:3e96507088c57165f7c189c3a85be866f74c7449fb0cbc6316ad306e5f599be1",  # 3.12
+            "sha256:fef1f6ce115a579e322f3156842e8b660883e4e8b0aa2f5e2a3df9d7959d1736",  # 3.13
+        )
+    ),
+}
+"""Unitree's own client (unitree_sdk2py, BSD), as others publish it: the vendor's wants cyclonedds
+0.10.2, which has no wheels for our interpreters, and this one any."""
+
+
 def run_with(packages: Mapping[str, str], program: str, *arguments: str, timeout_s: float = 120.0) -> str:
     """What a program prints that runs with these packages first. Raise ``AssertionError`` with all
     it said when it fails, ``RuntimeError`` when a package cannot be had."""
