@@ -21,6 +21,8 @@ from tests.dataset.made import FPS, LAYOUT, add_episode, bar, row
 
 from .commands import run
 
+pytestmark = pytest.mark.filterwarnings("ignore:The video decoding and encoding capabilities of torchvision")
+"""Which 0.4.4 decodes with, where it is told PyAV."""
 LONG_S = 240.0
 """For another process to import torch, on a busy machine."""
 FRAMES = (20, 31, 7)
