@@ -16,12 +16,13 @@ import pytest
 from strands_actors import Robot, record_dataset
 from strands_actors.surfaces.dataset.compact import compact
 from strands_actors.surfaces.dataset.dataset import Dataset
-from strands_actors.testing import Twin
 from tests.answers import json_of, task, task_ended, until
 from tests.dataset.made import FPS, LAYOUT, add_episode, bar, row
 
 from .commands import run
 
+pytestmark = pytest.mark.filterwarnings("ignore:The video decoding and encoding capabilities of torchvision")
+"""Which 0.4.4 decodes with, where it is told PyAV."""
 LONG_S = 240.0
 """For another process to import torch, on a busy machine."""
 FRAMES = (20, 31, 7)
@@ -79,31 +80,30 @@ def test_what_a_twin_recorded_is_trained_on_and_drives_it_at_its_rate(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("HF_HUB_OFFLINE", "1")
-    with Twin("so101", tmp_path) as twin:
-        recorded(twin, tmp_path / "swing")
-        data = opened(tmp_path / "swing")
-        assert len(data) == sum(1 for _ in (data[at] for at in range(len(data)))) > 60
-        code, said = run(
-            "train", tmp_path, "--dataset.repo_id=local/swing", f"--dataset.root={tmp_path / 'swing'}",
-            "--dataset.video_backend=pyav", *SMALL_ACT, "--policy.pretrained_backbone_weights=null",
-            "--policy.push_to_hub=false", "--policy.device=cpu", "--steps=1", "--batch_size=2", "--num_workers=0",
-            f"--output_dir={tmp_path / 'trained'}",
-        )  # fmt: skip
-        assert code == 0, said
-        checkpoint = tmp_path / "trained" / "checkpoints" / "last" / "pretrained_model"
-        config = json.loads((checkpoint / "config.json").read_text())
-        assert config["type"] == "act" and "observation.images.front" in config["input_features"]
-        at_its_rate(twin, {"pretrained_name_or_path": str(checkpoint)})
+    recorded(tmp_path / "swing")
+    data = opened(tmp_path / "swing")
+    assert len(data) == sum(1 for _ in (data[at] for at in range(len(data)))) > 20
+    code, said = run(
+        "train", tmp_path, "--dataset.repo_id=local/swing", f"--dataset.root={tmp_path / 'swing'}",
+        "--dataset.video_backend=pyav", *SMALL_ACT, "--policy.pretrained_backbone_weights=null",
+        "--policy.push_to_hub=false", "--policy.device=cpu", "--steps=1", "--batch_size=2", "--num_workers=0",
+        f"--output_dir={tmp_path / 'trained'}",
+    )  # fmt: skip
+    assert code == 0, said
+    checkpoint = tmp_path / "trained" / "checkpoints" / "last" / "pretrained_model"
+    config = json.loads((checkpoint / "config.json").read_text())
+    assert config["type"] == "act" and "observation.images.front" in config["input_features"]
+    at_its_rate({"pretrained_name_or_path": str(checkpoint)})
 
 
-def looking(twin: Twin) -> Any:
-    """A robot on the twin's wire that has the camera of its scene."""
-    return Robot("so101", mode="real", port=twin.port, cameras=CAMERA)
+def looking() -> Any:
+    """A robot that has a camera, of its twin's scene."""
+    return Robot("so101", mode="real", transport="twin", cameras=CAMERA)
 
 
-def recorded(twin: Twin, root: Path) -> None:
-    with looking(twin) as arm, record_dataset(arm, str(root), task="swing", fps=10, cameras=["front"]) as recording:
-        until(lambda: json_of(arm.get_status())["cameras"]["front"]["state"] == "streaming", "it sees")
+def recorded(root: Path) -> None:
+    with looking() as arm, record_dataset(arm, str(root), task="swing", fps=10, cameras=["front"]) as recording:
+        until(lambda: json_of(arm.get_status())["cameras"]["front"]["state"] == "streaming", "it sees", LONG_S)
         for _ in range(2):
             with recording.episode():
                 began_s = time.monotonic()
@@ -112,20 +112,18 @@ def recorded(twin: Twin, root: Path) -> None:
                     time.sleep(0.02)
 
 
-def at_its_rate(twin: Twin, asked: Mapping[str, Any]) -> None:
+def at_its_rate(asked: Mapping[str, Any]) -> None:
     """A checkpoint drives the twin."""
-    with looking(twin) as arm:
+    with looking() as arm:
         given = {"policy_provider": "lerobot_local", "units": "degrees", "control_frequency": HZ, **asked}
         json_of(arm.start_task("swing", duration=LONG_S, **given))
         until(lambda: task(arm)["steps"] or not task(arm)["running"], "it moves", LONG_S)
-        began_ns, steps = time.monotonic_ns(), task(arm)["steps"]
+        began_s, steps = time.monotonic(), task(arm)["steps"]
         time.sleep(RUNS_S)
         told = task(arm)
         assert told["running"], told
-        hz = (told["steps"] - steps) / ((time.monotonic_ns() - began_ns) / 1e9)
-        print(f"{hz:.1f} steps/s, {len(twin.log.host('setpoint', began_ns))} setpoints in {RUNS_S:g} s")
-        assert told["steps"] - steps > RUNS_S * HZ * 0.5, told  # the machine may be busy
-        stopped_ns = time.monotonic_ns()
+        hz = (told["steps"] - steps) / (time.monotonic() - began_s)
+        print(f"{hz:.1f} steps/s of {HZ}")
+        assert hz > HZ / 4, told  # the machine may be busy
         json_of(arm.stop_task())
-        task_ended(arm)
-        until(lambda: twin.log.first_safe(stopped_ns), "it holds")
+        assert task_ended(arm)["exit_reason"] == "stopped"

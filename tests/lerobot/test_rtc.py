@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 from strands_actors.policies.lerobot import LerobotLocal
-from strands_actors.testing import Twin
 from tests.answers import json_of, until
 
 from .calibration import MOTORS
@@ -26,12 +25,10 @@ def test_what_is_still_to_be_executed_is_what_the_next_chunk_begins_with_and_it_
 ) -> None:
     monkeypatch.setenv("HF_HUB_OFFLINE", "1")
     checkpoint = save(tmp_path / "vla", PICTURE, len(MOTORS), CHUNK)
-    with Twin("so101", tmp_path) as twin:
-        with looking(twin) as arm:
-            until(lambda: json_of(arm.get_status())["cameras"]["front"]["state"] == "streaming", "it sees")
-            _blends(checkpoint, arm.name)
-        asked = {"pretrained_name_or_path": str(checkpoint), "rtc": True, "execution_horizon": CHUNK}
-        at_its_rate(twin, asked)
+    with looking() as arm:
+        until(lambda: json_of(arm.get_status())["cameras"]["front"]["state"] == "streaming", "it sees")
+        _blends(checkpoint, arm.name)
+    at_its_rate({"pretrained_name_or_path": str(checkpoint), "rtc": True, "execution_horizon": HORIZON})
 
 
 def _blends(checkpoint: Path, robot: str) -> None:

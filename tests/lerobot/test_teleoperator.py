@@ -20,6 +20,8 @@ from .calibration import NAME, write
 
 LONG_S = 240.0
 """For another process to import torch, on a busy machine."""
+PRESS_S = 3.0
+"""To align takes a third of it."""
 BOUND_S = 0.05 + 0.5
 """Of a hold when the teleoperation's process ends, and room for a busy machine."""
 
@@ -81,6 +83,17 @@ def _held(arm: Any) -> bool:
 
 
 def _engage(arm: Any) -> None:
-    arm.operate(held=False)
-    time.sleep(0.1)
-    until(lambda: _held(arm) and _teleop(arm)["state"] == "engaged", "it is engaged")
+    """Press until it is; a press during which a busy machine kept the leader silent counts as let
+    go, and takes a new one."""
+
+    def engaged() -> bool:
+        arm.operate(held=False)
+        time.sleep(0.1)
+        until_s = time.monotonic() + PRESS_S
+        while time.monotonic() < until_s:
+            if _held(arm) and _teleop(arm)["state"] == "engaged":
+                return True
+            time.sleep(0.02)
+        return False
+
+    until(engaged, "it is engaged", LONG_S)

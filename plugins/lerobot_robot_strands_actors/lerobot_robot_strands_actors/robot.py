@@ -5,6 +5,7 @@ what a killed or frozen script is.
 """
 
 import logging
+import time
 from collections.abc import Mapping
 from typing import Any
 
@@ -18,6 +19,8 @@ from .units import features
 
 OLDEST_S = 2.0
 """A loop that is shown an older reading steers by what no longer is."""
+AGAIN_S = 0.05
+"""Until a robot that did not answer is asked again. It holds meanwhile."""
 
 _log = logging.getLogger("strands_actors")
 
@@ -161,9 +164,11 @@ class StrandsRobot(Robot):
         return own
 
     def _measured(self) -> dict[str, float]:
-        told = self._arm.state()
-        if told["status"] != "success":
-            raise ConnectionError(_text(told))
+        until_s = time.monotonic() + OLDEST_S
+        while (told := self._arm.state())["status"] != "success":
+            if time.monotonic() > until_s:  # until then a busy machine may be all that is wrong
+                raise ConnectionError(_text(told))
+            time.sleep(AGAIN_S)
         state = told["content"][0]["json"]
         if not state["age_s"] <= OLDEST_S:
             raise ConnectionError(
