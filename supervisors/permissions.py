@@ -23,7 +23,7 @@ from strands_actors.supervisors.gate.messages import (
     Setpoint,
     Stop,
 )
-from strands_actors.supervisors.root.messages import Describe, EpisodeKey, Fence, TaskStatus
+from strands_actors.supervisors.root.messages import Describe, EpisodeKey, EpisodeState, Fence, TaskStatus
 
 from . import addresses
 from .mesh.gateway_messages import Dated, Sync
@@ -97,13 +97,14 @@ def of_user(robot: str) -> Channel:
     None of them has a lease, nor ends the tree or a task."""
     at = addresses.of(robot)
     tells: dict[str, Told] = {at.gate: ORDERS, at.guardian: frozenset({Fence}), at.root: frozenset({Describe})}
+    tells[at.tasks] = frozenset({EpisodeState})  # a recorder says how far it is
     return Channel("a visitor", tells=tells | _inside(robot))
 
 
 def of_visitors(robot: str, process: str) -> tuple[str, ...]:
     """The actors of one process that visitors reach, by address."""
     at = addresses.of(robot)
-    own = {"root": (at.root, at.guardian), "wire": (at.gate,)}[process]
+    own = {"root": (at.root, at.guardian, at.tasks), "wire": (at.gate,)}[process]
     return (*own, *(f"{PREFIX}/{path(process)}" for path in (at.introspection, at.instrument)))
 
 
