@@ -9,8 +9,11 @@ import socket
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import pytest
+
 from strands_actors.caller import tree_processes, twin_process
 from strands_actors.kernel.processes.process import ChildProcess, OwnChild, specify
+from strands_actors.kernel.processes.process import start as executed
 from strands_actors.testing.fork_server import Forked, server, twin_server
 
 ROOT = "strands_actors.supervisors.root.process:main"
@@ -31,3 +34,9 @@ def start(entry: str, args: Mapping[str, Any], pass_fds: Sequence[int] = (), lab
 def fork_what_is_started_here() -> None:
     tree_processes.start = start
     twin_process.start = start
+
+
+def execute_what_is_started_here(patch: pytest.MonkeyPatch) -> None:
+    """For a test that is about fresh processes, or about whose child they are."""
+    patch.setattr(tree_processes, "start", executed)
+    patch.setattr(twin_process, "start", executed)

@@ -17,6 +17,7 @@ import pytest
 
 from strands_actors.caller.robot import RealRobot
 from strands_actors.testing import Twin
+from tests.forked import execute_what_is_started_here
 
 PATIENCE_S = 20.0
 SET = """
@@ -41,6 +42,7 @@ Start = Callable[..., tuple[RealRobot, Twin]]
 def set_clock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[int], list[int]]:
     """Set the wall's clock of this process, and of those it starts, by so many seconds. Returns who
     has this clock: what was started by exec; forks of it have it too."""
+    execute_what_is_started_here(monkeypatch)
     at = tmp_path / "by_s"
     at.write_text("0")
     (tmp_path / "site").mkdir()

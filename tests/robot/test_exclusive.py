@@ -15,6 +15,7 @@ from strands_actors.caller.robot import RealRobot
 from strands_actors.caller.run_directory import notes
 from strands_actors.testing import Twin
 from tests.answers import json_of, status
+from tests.forked import execute_what_is_started_here
 
 from .conftest import NewArm
 from .helpers import at
@@ -62,6 +63,12 @@ class Program:
 
     def __exit__(self, *_: object) -> None:
         self.process.communicate("\n", timeout=20)
+
+
+@pytest.fixture(autouse=True)
+def executed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A port is said to be used by the program whose child uses it."""
+    execute_what_is_started_here(monkeypatch)
 
 
 def _this_program() -> str:

@@ -95,7 +95,7 @@ class Player:
         one."""
         holder = (await self.tree.status()).holder
         silent_ns = self.now() - self.alice_ns
-        answer = await self.second.ref.ask(Acquire("bob"), 1.0)
+        answer = await self.second.ref.ask(Acquire("bob", again=self.second.lease.id), 1.0)
         if holder == "alice":
             assert isinstance(answer, Lease) == (silent_ns >= LEASE_TTL_S * 1e9)
         if isinstance(answer, Lease):

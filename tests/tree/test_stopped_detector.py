@@ -111,7 +111,7 @@ def test_the_system_tells_of_a_killed_process() -> None:
 
 
 async def holding_pid(writer: Writer, pid: int, over: int = 0) -> Writer:
-    answer = await writer.ref.ask(Acquire(writer.name, over, pid), 1.0)
+    answer = await writer.ref.ask(Acquire(writer.name, over, pid, again=writer.lease.id), 1.0)
     assert isinstance(answer, Lease), answer
     writer.lease = answer
     return writer

@@ -193,10 +193,11 @@ def test_saf_010_fence_makes_safe_when_the_gate_does_not_answer() -> None:
 def test_saf_011_first_target_is_the_measured_position() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
-            await armed(tree)
+            writer = await armed(tree)
             await tree.gate.ask(Stop(Reason.STOP), 1.0)
             tree.hardware.position = [42.0, -7.0]
-            writer = await armed(tree)
+            assert isinstance(await tree.gate.ask(Resume("test"), 1.0), Resumed)
+            assert isinstance(await writer.acquire(), Lease)
             assert (await tree.status()).target == (42.0, -7.0)
             answer = await writer.send(a=43.0)
             assert isinstance(answer, Accepted) and answer.values == (43.0, -7.0)
