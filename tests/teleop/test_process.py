@@ -91,7 +91,8 @@ def test_saf_001_a_leader_that_is_gone_is_a_hold_until_it_is_engaged_anew(pair: 
         case _:
             pair.leader.fault("off")
     idle = pair.wait(lambda now: now["state"] == "idle", held=True)
-    assert "leader" in idle["why"]
+    # Its last frame may have been on the way to the gate when its 100 ms were over.
+    assert "leader" in idle["why"] or "past its deadline" in idle["why"]
     settled(pair, gone_ns)
     match how:
         case "unplugged":

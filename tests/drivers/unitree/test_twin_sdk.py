@@ -103,6 +103,8 @@ def test_the_vendors_client_releases_reads_and_commands(tmp_path: Path) -> None:
     assert [mode["name"] for mode in told["modes"]] == ["ai", ""]
     assert told["machine"] == 5 and told["crc"]
     assert abs(told["quaternion"][0]) < 1.0 and any(told["rpy"])
-    assert told["another machine"] < 0.05 and "other" in kinds
-    assert told["wrong checksum"] < 0.05 and "garbled" in kinds
-    assert told["turned"] >= 0.1 and "setpoint" in kinds
+    # By the twin's log: how far the elbow swings beside that is gravity's, once nothing holds it up.
+    first = {kind: kinds.index(kind) for kind in ("other", "garbled", "setpoint")}
+    assert first["other"] < first["garbled"] < first["setpoint"], "refused, refused, taken"
+    assert "garbled" not in kinds[first["setpoint"] :]
+    assert told["turned"] >= 0.1
