@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parents[2]
 PLUGIN = ROOT / "plugins" / "lerobot_robot_strands_actors"
+OURS = f"{ROOT}[dataset,pictures]"
 WHERE = "STRANDS_ACTORS_LEROBOT"
 ONLY = "--only="
 """``--only=0.4.4``: that version alone. Other arguments are pytest's."""
@@ -45,15 +46,16 @@ def _run(version: Version, arguments: list[str]) -> int:
     python = str(environment / "bin" / "python")
     done = environment / "strands-actors"
     lerobot = f"lerobot[{version.extras}]=={version.lerobot}"
-    if not done.exists() or done.read_text() != lerobot:
+    made_of = f"{lerobot} {OURS}"
+    if not done.exists() or done.read_text() != made_of:
         found = interpreter(version.python)
         if found is None:
             print(f"lerobot {version.lerobot} needs Python {version.python}, and there is none here")
             return 2
         _do(found, "-m", "venv", str(environment))
         _do(python, "-m", "pip", "install", lerobot)
-        _do(python, "-m", "pip", "install", "-e", str(ROOT), "pytest>=8.3", "hypothesis>=6.120")
-        done.write_text(lerobot)
+        _do(python, "-m", "pip", "install", "-e", OURS, "pytest>=8.3", "hypothesis>=6.120")
+        done.write_text(made_of)
     # Not editable: LeRobot has to find it as it finds what people install.
     _do(python, "-m", "pip", "install", "-q", "--no-deps", "--force-reinstall", str(PLUGIN))
     print(f"$ lerobot {version.lerobot}, Python {version.python}", flush=True)
