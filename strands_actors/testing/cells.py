@@ -328,8 +328,10 @@ def read(
     frames = log.host("safe", began_ns)
     safe = next((entry for entry in frames if any(is_safe_state(entry, state) for state in safe_states)), None)
     instead = ""
-    if safe is None and frames and stood_ms > DISTURBED_MS:
-        safe, instead = frames[0], frames[0].safe_state or ""
+    if safe is None and stood_ms > DISTURBED_MS:
+        # Of a frame for some of the motors the log says "": the rest of the robot goes on.
+        safe = next((entry for entry in frames if entry.safe_state), None)
+        instead = (safe and safe.safe_state) or ""
     if safe is None:
         return Outcome(victim, fault, safe_states[0], math.inf, bound_ms, -1, False, gone_ms, stood_ms)
     shown = next((state for state in safe_states if is_safe_state(safe, state)), safe_states[0])

@@ -76,12 +76,12 @@ def test_another_safe_state_is_excused_only_when_the_machine_explains_it_and_not
     """A wire that got no processor was fenced before the caller's lease had lapsed: limp, not
     hold."""
 
-    def read_of(stood_ms: float, *kinds: str) -> Outcome:
+    def read_of(stood_ms: float, *kinds: str, brought_to: str = "limp") -> Outcome:
         path = tmp_path / "wire.ndjson"
         rows = [{"t_ns": at, "from": "host", "kind": kind, "hex": ""} for at, kind in enumerate(kinds, 1)]
         for row in rows:
             if row["kind"] == "safe":
-                row["safe_state"] = "limp"
+                row["safe_state"] = brought_to
         path.write_text("".join(json.dumps(row) + "\n" for row in rows))
         spin = Cell(Victims.CALLER, Faults.SPIN)
         return read(WireLog(path), expected_of(driver_of("so101"), spin), 0, 0, stood_ms=stood_ms)
@@ -92,6 +92,7 @@ def test_another_safe_state_is_excused_only_when_the_machine_explains_it_and_not
     moved = read_of(30.0, "setpoint", "safe", "setpoint")
     assert (moved.safe, moved.disturbed) == (False, False)
     assert not read_of(30.0, "setpoint").safe
+    assert not read_of(30.0, "setpoint", "safe", brought_to="").safe, "one motor is not the robot"
 
 
 @pytest.mark.parametrize(
