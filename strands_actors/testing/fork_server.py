@@ -27,6 +27,7 @@ from typing import IO, Any, NoReturn
 from strands_actors.contract.loading import load
 from strands_actors.kernel.processes import child
 from strands_actors.kernel.processes.interpreter import PYTHON, environment
+from strands_actors.kernel.processes.process import exists
 
 START_S = 60.0
 """For the first fork, on a busy machine: what the server imports comes before it."""
@@ -156,7 +157,7 @@ class ForkServer:
                     pass
                 if pid in self._codes:
                     return self._codes.pop(pid)
-                if self._gone and not _exists(pid):
+                if self._gone and not exists(pid):
                     return -signal.SIGKILL
             left_s = None if until_s is None else until_s - time.monotonic()
             if left_s is not None and left_s <= 0.0:
@@ -210,14 +211,6 @@ def server(of: str, imports: Sequence[str]) -> ForkServer:
 
 def twin_server() -> ForkServer:
     return server("twins", _OF_TWINS)
-
-
-def _exists(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    return True
 
 
 # -- in the server

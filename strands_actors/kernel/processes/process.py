@@ -239,7 +239,7 @@ async def wait_for_end_of(pid: int) -> None:
     except ProcessLookupError:
         return
     if fd is None:
-        await _poll_until(lambda: not _exists(pid))
+        await _poll_until(lambda: not exists(pid))
     else:
         await _wait_readable(fd)
 
@@ -277,7 +277,8 @@ def _has_ended(pidfd: int) -> bool:
     return bool(poll.poll(0))
 
 
-def _exists(pid: int) -> bool:
+def exists(pid: int) -> bool:
+    """Return whether there is a process of that number; one that has ended and was not reaped counts."""
     try:
         os.kill(pid, 0)
     except ProcessLookupError:

@@ -16,6 +16,7 @@ from strands_actors.caller.envelopes import Answer
 from strands_actors.caller.portal import portal
 from strands_actors.caller.robot import RealRobot
 from strands_actors.kernel.node import AskTimeout, Ref, Unreachable
+from strands_actors.kernel.processes.process import exists
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.gate.messages import GetStatus, Status
@@ -143,16 +144,8 @@ def state_of(pid: int) -> str:
     except ProcessLookupError:
         return "ended"
     except FileNotFoundError:
-        return "running" if not os.path.exists("/proc/self/stat") and _exists(pid) else "ended"
+        return "running" if not os.path.exists("/proc/self/stat") and exists(pid) else "ended"
     return {"T": "frozen", "t": "frozen", "Z": "ended", "X": "ended"}.get(letter, "running")
-
-
-def _exists(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    return True
 
 
 def wait_for(condition: Callable[[], bool], at_most_s: float) -> bool:
