@@ -31,6 +31,10 @@ class Bench(NamedTuple):
         """Legs have no torque after a rollout: as after a stop, they are taken up by who asks."""
         until(lambda: self.robot.resume()["status"] == "success", "it is armed")
 
+    def released(self) -> None:
+        assert json_of(self.robot.release_sport_mode())["sport_mode_released"] is True  # type: ignore[attr-defined]
+        self.sensor("sport_mode_released", 1.0)
+
     def sensor(self, name: str, value: float) -> None:
         until(lambda: status(self.robot)["sensors"].get(name, [None])[0] == value, f"{name} is {value}")
 
@@ -100,6 +104,15 @@ def go2(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
     yield from bench_of("unitree_go2", "FL_calf_joint", "FL_hip_joint", tmp_path_factory.mktemp("go2"))
 
 
+@pytest.fixture(params=["g1", "go2"])
+def bench(request: pytest.FixtureRequest) -> Bench:
+    """Either, ready to be moved: whichever test of this file ran before."""
+    robot: Bench = request.getfixturevalue(request.param)
+    if not status(robot.robot).get("sport_mode_released", True):
+        robot.released()
+    return robot
+
+
 def test_what_they_tell_of_themselves(g1: Bench, go2: Bench) -> None:
     for bench, joints in ((g1, 29), (go2, 12)):
         told = json_of(bench.robot.state())
@@ -116,6 +129,8 @@ def test_what_they_tell_of_themselves(g1: Bench, go2: Bench) -> None:
 
 
 def test_until_it_is_released_a_go2_is_moved_by_no_verb(go2: Bench) -> None:
+    go2.twin.order("mode normal")
+    go2.sensor("sport_mode_released", 0.0)
     assert status(go2.robot)["sport_mode_released"] is False
     for answer in (
         go2.robot.send_action({go2.joint: go2.here()}),
@@ -123,9 +138,7 @@ def test_until_it_is_released_a_go2_is_moved_by_no_verb(go2: Bench) -> None:
     ):
         assert "sport mode" in why(answer) and "release_sport_mode" in why(answer)
     assert go2.robot.start_task("walk")["status"] == "error"
-    released = json_of(go2.robot.release_sport_mode())  # type: ignore[attr-defined]
-    assert released["sport_mode_released"] is True
-    go2.sensor("sport_mode_released", 1.0)
+    go2.released()
 
 
 def test_what_is_commanded_is_told(g1: Bench) -> None:
@@ -149,21 +162,18 @@ def unusable(joint: str, q: float) -> list[tuple[Any, str]]:
     ]
 
 
-@pytest.mark.parametrize("kind", ["g1", "go2"])
-def test_an_unusable_action_is_refused_whole(kind: str, request: pytest.FixtureRequest) -> None:
-    bench: Bench = request.getfixturevalue(kind)
+def test_an_unusable_action_is_refused_whole(bench: Bench) -> None:
     for action, says in unusable(bench.joint, bench.here()):
         bench.refuses(action, says)
-    foreign = "FL_hip_joint" if kind == "g1" else "left_knee"
-    if kind == "g1":  # a Go2 that was let go lies past its travel by now, which is said first
+    is_g1 = bench.robot.name == "unitree_g1"
+    foreign = "FL_hip_joint" if is_g1 else "left_knee"
+    if is_g1:  # a Go2 that was let go lies past its travel by now, which is said first
         bench.refuses({bench.joint: {"q": bench.here(), "kp": -1.0}}, "outside 0..200")
     bench.refuses({foreign: 0.0}, f"{foreign} is not a joint")
     assert "so101" in why(bench.robot.send_action({bench.joint: bench.here()}, robot_name="so101"))
 
 
-@pytest.mark.parametrize("kind", ["g1", "go2"])
-def test_a_budget_that_bounds_nothing_starts_nothing(kind: str, request: pytest.FixtureRequest) -> None:
-    bench: Bench = request.getfixturevalue(kind)
+def test_a_budget_that_bounds_nothing_starts_nothing(bench: Bench) -> None:
     bench.armed()
     for name, values in {
         "duration": (NAN, float("inf"), 0, -1, "3"),
@@ -176,9 +186,7 @@ def test_a_budget_that_bounds_nothing_starts_nothing(kind: str, request: pytest.
     assert not task(bench.robot)["running"]
 
 
-@pytest.mark.parametrize("kind", ["g1", "go2"])
-def test_a_rollout_ends_by_name_in_a_soft_stop(kind: str, request: pytest.FixtureRequest) -> None:
-    bench: Bench = request.getfixturevalue(kind)
+def test_a_rollout_ends_by_name_in_a_soft_stop(bench: Bench) -> None:
     for policy, budget, reason, says in (
         (Stand(bench.other), {"n_steps": 5}, "n_steps", "5 steps"),
         (Stand(bench.other), {"duration": 0.05}, "duration", "0.05 s"),
@@ -204,9 +212,7 @@ def test_a_rollout_ends_by_name_in_a_soft_stop(kind: str, request: pytest.Fixtur
     assert json_of(bench.robot.stop_task()) == halted
 
 
-@pytest.mark.parametrize("kind", ["g1", "go2"])
-def test_under_the_battery_floor_no_verb_moves_it(kind: str, request: pytest.FixtureRequest) -> None:
-    bench: Bench = request.getfixturevalue(kind)
+def test_under_the_battery_floor_no_verb_moves_it(bench: Bench) -> None:
     bench.armed()
     bench.twin.order("battery 4")
     bench.sensor("battery_pct", 4.0)
@@ -231,9 +237,7 @@ def test_a_g1_is_moved_only_in_the_states_that_shake_hands(g1: Bench) -> None:
         assert g1.moved(g1.joint)["fsm_id"] == fsm
 
 
-@pytest.mark.parametrize("kind", ["g1", "go2"])
-def test_an_agents_verbs_are_those_of_the_schema(kind: str, request: pytest.FixtureRequest) -> None:
-    bench: Bench = request.getfixturevalue(kind)
+def test_an_agents_verbs_are_those_of_the_schema(bench: Bench) -> None:
     verbs = bench.robot.tool_spec["inputSchema"]["json"]["properties"]["action"]["enum"]
     assert verbs == ["sensors", "status", "stop"]
     for other in ("home", "walk", ""):

@@ -268,7 +268,7 @@ def test_saf_003_the_root_process_dies_or_freezes(bench: Bench, fault: signal.Si
 def test_saf_003_the_stop_channel_stands_before_anything_is_energised(bench: Bench) -> None:
     calls = [call_of(entry.data) for entry in bench.log.entries() if entry.sender == "host"]
     logins = [at for at, call in enumerate(calls) if call == Call.CREATE_SESSION]
-    assert len(logins) == 3 and logins[2] < calls.index(Call.SEND_JOINT_SPEEDS)
+    assert len(logins) >= 3 and logins[2] < calls.index(Call.SEND_JOINT_SPEEDS)
 
 
 # -- the base freezes, or its network goes

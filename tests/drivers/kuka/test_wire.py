@@ -113,6 +113,12 @@ class Rig:
             while not reached():  # noqa: ASYNC110  # the twin's doing
                 await trio.sleep(0.002)
 
+    async def hears(self, state: State, within_s: float = PATIENCE_S) -> None:
+        """The wire has been told so: the controller knows it earlier."""
+        with trio.fail_after(within_s):
+            while (await self.wire.read()).sensors["fri_state"] != (float(state),):  # noqa: ASYNC110
+                await trio.sleep(0.002)
+
     def last_setpoint(self) -> Entry:
         return self.log.host("setpoint")[-1]
 
@@ -223,7 +229,7 @@ def test_a_target_is_refused_while_the_session_is_not_active(tmp_path: Path) -> 
     async def test(rig: Rig) -> None:
         await rig.connect()
         rig.controller.motion = False
-        await rig.until(lambda: rig.controller.state == State.MONITORING_READY)
+        await rig.hears(State.MONITORING_READY)
         await trio.sleep(0.05)
         with pytest.raises(PermitDenied, match="MONITORING_READY"):
             await rig.write(0.01)
@@ -339,7 +345,7 @@ def test_saf_009_a_stop_ends_the_wait_for_an_active_session(tmp_path: Path) -> N
     async def test(rig: Rig) -> None:
         await rig.connect()
         rig.controller.motion = False
-        await rig.until(lambda: rig.controller.state == State.MONITORING_READY)
+        await rig.hears(State.MONITORING_READY)
         async with trio.open_nursery() as nursery:
 
             async def stop() -> None:
@@ -571,7 +577,7 @@ def test_a_session_that_only_monitors_is_reported_as_held_by_its_own_program(tmp
     async def test(rig: Rig) -> None:
         await rig.connect()
         rig.controller.motion = False
-        await rig.until(lambda: rig.controller.state == State.MONITORING_READY)
+        await rig.hears(State.MONITORING_READY)
         reports = await rig.wire.make_safe("hold")
         assert all_safe(reports)
         assert reports[0].detail == "FRI session is MONITORING_READY: the robot's own program holds it"
