@@ -72,7 +72,8 @@ class Link:
         model, robot = config.model, config.port
         try:
             own = address_of(config.interface) if config.interface else own_address(robot.partition(":")[0])
-            multicast = not own.startswith("127.")
+            # Twins on one host leave each other in peace; a simulator there is found by its group alone.
+            multicast = config.simulator or not own.startswith("127.")
             self.participant = Participant(config.domain, own, (robot,), multicast, clock=clock, only=robot)
         except ValueError as error:
             raise WireDown(f"{robot}: {error}") from None

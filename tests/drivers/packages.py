@@ -7,12 +7,13 @@ uses it runs in a process whose path begins there.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 KEPT = Path(sys.prefix) / "share" / "strands-actors"
@@ -46,16 +47,27 @@ UNITREE = {
 def run_with(packages: Mapping[str, str], program: str, *arguments: str, timeout_s: float = 120.0) -> str:
     """What a program prints that runs with these packages first. Raise ``AssertionError`` with all
     it said when it fails, ``RuntimeError`` when a package cannot be had."""
-    path = os.pathsep.join([str(_directory(packages)), os.environ.get("PYTHONPATH", "")])
-    ran = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", program, *arguments],
-        capture_output=True,
-        text=True,
-        timeout=timeout_s,
-        env={**os.environ, "PYTHONPATH": path},
-    )
+    command, environment = _command(packages, program, *arguments)
+    ran = subprocess.run(command, capture_output=True, text=True, timeout=timeout_s, env=environment)
     assert ran.returncode == 0, ran.stdout + ran.stderr
     return ran.stdout
+
+
+@contextlib.contextmanager
+def running_with(packages: Mapping[str, str], program: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """Run a program with these packages first, killed at the end of the block; its output is a pipe.
+    Raise ``RuntimeError`` when a package cannot be had."""
+    command, environment = _command(packages, program, *arguments)
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def _command(packages: Mapping[str, str], program: str, *arguments: str) -> tuple[list[str], dict[str, str]]:
+    path = os.pathsep.join([str(_directory(packages)), os.environ.get("PYTHONPATH", "")])
+    return [sys.executable, "-W", "ignore", "-c", program, *arguments], {**os.environ, "PYTHONPATH": path}
 
 
 def _directory(packages: Mapping[str, str]) -> Path:

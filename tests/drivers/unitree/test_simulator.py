@@ -18,6 +18,7 @@ from strands_actors.drivers.unitree.robots import model_of
 from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.testing import WireLog
 from tests.drivers.common.twin_process import TwinProcess, wait_until
+from tests.drivers.packages import UNITREE, running_with
 
 SIMULATOR = {"simulator": True, "domain": 1}
 
@@ -51,6 +52,50 @@ def test_a_simulator_is_commanded_once_it_is_called_one(tmp_path: Path) -> None:
             assert robot.stop()["status"] == "success"  # type: ignore[index]
         assert log.host("safe")
         assert not log.host("other")
+
+
+STRANGER = """
+import json, sys, threading
+from unitree_sdk2py.core.channel import ChannelFactoryInitialize, ChannelPublisher, ChannelSubscriber
+from unitree_sdk2py.idl.default import unitree_hg_msg_dds__LowState_
+from unitree_sdk2py.idl.unitree_hg.msg.dds_ import LowCmd_, LowState_
+
+ChannelFactoryInitialize(1, "lo")
+state = unitree_hg_msg_dds__LowState_()  # no checksum, no mode_machine
+told = [""]
+
+def heard(command):
+    motors = command.motor_cmd[:29]
+    said = "limp" if all(not (each.kp or each.kd or each.tau) for each in motors) else "held"
+    if said != told[0]:
+        told[0] = said
+        print(said, flush=True)
+
+states = ChannelPublisher("rt/lowstate", LowState_)
+states.Init()
+commands = ChannelSubscriber("rt/lowcmd", LowCmd_)
+commands.Init(heard, 10)
+for _ in range(20_000):  # 100 s: whoever waits for its words ends, too
+    states.Write(state)
+    threading.Event().wait(0.005)
+"""
+"""What matters of unitree_mujoco here, by Unitree's own SDK in the configuration that it uses there: on the
+loopback interface it is found by multicast alone, at ports that nobody knows before."""
+
+
+def test_unitrees_own_simulator_is_found_on_this_host() -> None:
+    with running_with(UNITREE, STRANGER) as simulator:
+        assert simulator.stdout is not None
+        robot = Robot("unitree_g1", mode="real", port="127.0.0.1", simulator=True)
+        try:
+            wait_until(lambda: robot.connect_eagerly() is None, "it is found")
+            answer = robot.send_action({"left_elbow": {"q": 0.0, "kp": 40.0}})
+            assert answer["status"] == "success", answer
+            assert "held\n" in iter(simulator.stdout.readline, "")
+            assert robot.stop()["status"] == "success"  # type: ignore[index]
+            assert next(iter(simulator.stdout.readline, "")) == "limp\n"
+        finally:
+            robot.cleanup()
 
 
 def test_saf_014_a_robot_that_is_called_a_simulator_is_not_commanded(tmp_path: Path) -> None:
