@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import secrets
 import time
 from typing import Any
 
 import msgspec
 
-from strands_actors.kernel.channels.pubsub import PubSub
+from strands_actors.kernel.channels.pubsub import PubSub, Reply
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.gate.messages import StopReport
 
-from .schemas import EVENT_KEY, Refusal, Response, encode, response_key, schema
+from .schemas import EVENT_KEY, PRIVATE, Refusal, Response, encode, response_key, schema
 
 _RESPONSE = schema("response")
 _EVENT = schema("event")
+_MAX_QUESTIONS = 256
+"""That wait for an answer at once; of more the oldest goes without."""
 
 
 class Answers:
@@ -25,18 +28,42 @@ class Answers:
         self._robot = robot
         self._events = pubsub.topic(EVENT_KEY, _EVENT)
         self.refused = 0
+        self._private: dict[str, tuple[str, Reply]] = {}
+        """By the name that a question's turn has here: the asker's own, and how it is answered."""
+
+    def expect(self, turn: str, reply: Reply) -> str:
+        """Answer a question to who asked it alone. Return what to call its turn here, which nobody
+        else can name."""
+        if len(self._private) >= _MAX_QUESTIONS:
+            self.forget(next(iter(self._private)))
+        name = f"{turn}{PRIVATE}{secrets.token_hex(16)}"
+        self._private[name] = turn, reply
+        return name
+
+    def forget(self, turn: str) -> None:
+        """It is not answered, or not any more."""
+        self._private.pop(turn, None)
 
     def success(self, sender: str, turn: str, result: dict[str, Any], final: bool = True) -> None:
         self._put(sender, turn, Response("response", self._robot, turn, time.time(), result, final=final))
 
     def refuse(self, sender: str, turn: str, refused: Refused) -> None:
         self.refused += 1
-        if sender:
+        if not sender:
+            self.forget(turn)
+        else:
             refusal = Refusal(**msgspec.structs.asdict(refused))
             response = Response("error", self._robot, turn, time.time(), error=refused.text, refused=refusal)
             self._put(sender, turn, response)
 
     def _put(self, sender: str, turn: str, response: Response) -> None:
+        if PRIVATE in turn:
+            asked, reply = self._private.get(turn, ("", None))
+            if reply is not None:
+                reply(encode(msgspec.structs.replace(response, turn_id=asked)), response.final, _RESPONSE)
+            if response.final:
+                self.forget(turn)
+            return
         self._pubsub.put(response_key(sender, self._robot, turn), encode(response), _RESPONSE)
 
     def event(self, event: str, **facts: Any) -> None:

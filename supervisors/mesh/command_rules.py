@@ -13,7 +13,7 @@ from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.gate.lease import refuse_by_deadline
 
-from .schemas import ACTIONS, MAX_COMMAND_BYTES, Command, Dated, Envelope, Sender
+from .schemas import ACTIONS, MAX_COMMAND_BYTES, Command, Dated, Envelope, Sender, plain
 from .sessions import CLOCK_TTL_S, Sessions
 
 _MAX_CLOCKS = 64
@@ -74,7 +74,7 @@ class Clocks:
         away."""
         name, expires_ns = self._read.get(sender, ("", 0))
         if clock != name or now_ns >= expires_ns:
-            why = f"{sender} has not read this robot's clock in the last {CLOCK_TTL_S:g} s"
+            why = f"{plain(sender)} has not read this robot's clock in the last {CLOCK_TTL_S:g} s"
             return Refused("clock", why, "send sync first")
         return refuse_by_deadline(deadline_ns, now_ns)
 

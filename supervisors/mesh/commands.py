@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import msgspec
 import trio
 
 from strands_actors.contract.driver import Driver, Observation
@@ -36,7 +37,7 @@ from .lease_rules import refuse_by_mode
 from .motion import NOBODY_TO_ASK, Motion, holder_of, no_answer, task_json
 from .readings import TELEOP, features, state_of, tool_of
 from .safety import ResumeOrder, Safety, StopOrder
-from .schemas import Command, Envelope
+from .schemas import Command, Envelope, plain
 
 IDLE_S = 0.1
 BUSY_S = 0.01
@@ -74,7 +75,7 @@ class Commands(Actor):
         self._task = task
         self._robot = robot
         self._driver = driver
-        self._ring = pubsub.poll(mesh_json.key(robot, "cmd"), RING)
+        self._ring = pubsub.poll(mesh_json.key(robot, "cmd"), RING, questions=True)
         self._answers = answers
         self._shared = shared
         self._what = "what is no command"
@@ -112,8 +113,14 @@ class Commands(Actor):
         envelope = read_envelope(received.payload)
         if isinstance(envelope, tuple):
             sender, refused = envelope
-            self._refuse(sender.sender_id if sender else "", sender.turn_id if sender else "", refused)
+            turn = self._turn(sender.turn_id, received) if sender else ""
+            self._refuse(sender.sender_id if sender else "", turn, refused)
             return
+        if received.reply is not None:
+            who = mesh_json.proven(envelope.sender_id, envelope.proof)
+            envelope = msgspec.structs.replace(
+                envelope, sender_id=who, turn_id=self._turn(envelope.turn_id, received)
+            )
         command = read_command(envelope)
         self._what = type(command).__name__.lower() if isinstance(command, Command) else "what is no command"
         refused_now = command if isinstance(command, Refused) else self._check(envelope.sender_id, command, now_ns)
@@ -121,6 +128,9 @@ class Commands(Actor):
             self._refuse(envelope.sender_id, envelope.turn_id, refused_now)
         elif isinstance(command, Command):
             await self._obey(envelope, command)
+
+    def _turn(self, turn: str, received: Received) -> str:
+        return turn if received.reply is None else self._answers.expect(turn, received.reply)
 
     def _check(self, sender: str, command: Command, now_ns: int) -> Refused | None:
         if isinstance(command, mesh_json.Stop | mesh_json.Estop):
@@ -132,14 +142,14 @@ class Commands(Actor):
         if not limit.admits(now_ns):
             return Refused("rate", f"more than {rate} commands a second", "send fewer", limit=f"{rate}")
         if isinstance(command, mesh_json.Leased) and limit is not self._moves:
-            return Refused("lease", f"{sender} holds no lease of this robot", "acquire it first")
+            return Refused("lease", f"{plain(sender)} holds no lease of this robot", "acquire it first")
         return refuse_stale(self._shared.clocks, sender, command, now_ns)
 
     def _refuse(self, sender: str, turn: str, refused: Refused) -> None:
         """Counted, and told to the sender as long as that is no flood of its own."""
         admitted = self._refusals.admits(self.context.clock.now_ns())
         if admitted:
-            self._shared.audit(sender or "somebody", self._what, f"refused: {refused.text}", MESH)
+            self._shared.audit(plain(sender) or "somebody", self._what, f"refused: {refused.text}", MESH)
         self._answers.refuse(sender if admitted else "", turn, refused)
 
     async def _obey(self, envelope: Envelope, command: Command) -> None:
@@ -147,16 +157,17 @@ class Commands(Actor):
         match command:
             case mesh_json.Stop() | mesh_json.Estop():
                 lock = isinstance(command, mesh_json.Estop)
-                self._safety.tell(StopOrder(lock, command.by or sender, sender, turn))
+                self._safety.tell(StopOrder(lock, command.by or plain(sender), sender, turn))
                 return
             case mesh_json.Resume():
-                self._safety.tell(ResumeOrder(command.by or sender, sender, turn))
+                self._safety.tell(ResumeOrder(command.by or plain(sender), sender, turn))
                 return
             case mesh_json.Beat():
                 self._gate.tell(messages.Beat(command.lease, command.answered_ago_s))
+                self._answers.forget(turn)
                 return
             case mesh_json.Motion():
-                self._shared.audit(sender, command.action, "taken up", MESH)
+                self._shared.audit(plain(sender), command.action, "taken up", MESH)
                 self._begin(sender, turn, command)
                 return
         try:
@@ -203,8 +214,8 @@ class Commands(Actor):
 
     def _begin(self, sender: str, turn: str, command: mesh_json.Motion) -> None:
         """Beside the commands that come next: it may take seconds."""
-        if not self._shared.turns.is_new(sender, turn):
-            why = f"{command.action}: turn {turn} of {sender} was done already"
+        if not self._shared.turns.is_new(sender, plain(turn)):
+            why = f"{command.action}: turn {plain(turn)} of {plain(sender)} was done already"
             self._refuse(sender, turn, Refused("duplicate", why, "give each command a turn_id of its own"))
             return
 

@@ -20,7 +20,7 @@ import trio
 from strands_actors.contract.driver import Driver, Observation, Reason
 from strands_actors.kernel.actor import Actor, Deferred
 from strands_actors.kernel.channels.permissions import Channel
-from strands_actors.kernel.channels.pubsub import PubSub, Received
+from strands_actors.kernel.channels.pubsub import PubSub, Received, Reply
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import PREFIX, AskTimeout, Ref, Unreachable
@@ -81,7 +81,7 @@ class FromOutside:
         self.channel: Channel | None = channels.of_elsewhere(robot)
         self._node = node
         self._pubsub = pubsub
-        self._ring = pubsub.poll(at.gateway, RING)
+        self._ring = pubsub.poll(at.gateway, RING, questions=True)
         pubsub.subscribe(at.gateway_stop, self._on_stop)
         for address in (at.gateway, at.gateway_stop):
             pubsub.declare_token(f"{address}/alive")
@@ -93,7 +93,8 @@ class FromOutside:
                 received = self._ring.take()
                 if received is None:
                     return count
-                self._node.receive_frame(received.payload, self)
+                way = self if received.reply is None else _Question(self.channel, received.reply)
+                self._node.receive_frame(received.payload, way)
         return TAKEN_AT_ONCE
 
     def _on_stop(self, received: Received) -> None:
@@ -111,6 +112,26 @@ class FromOutside:
 
     def watch(self, address: str) -> None:
         """Nothing to do: who is elsewhere is not watched but expires."""
+
+
+class _Question:
+    """The way of one frame that was asked, and of its answer: to who asked, and to nobody else."""
+
+    def __init__(self, channel: Channel | None, reply: Reply) -> None:
+        self.channel = channel
+        self._reply = reply
+
+    def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = (), urgent: bool = False) -> bool:
+        return self._reply(data)
+
+    def send_at_once(self, data: bytes) -> bool:
+        return False
+
+    def announce(self, address: str, hosted: bool) -> None:
+        """Nothing to do: it is one frame."""
+
+    def watch(self, address: str) -> None:
+        """Nothing to do: it is one frame."""
 
 
 class Gateway(Actor):

@@ -332,7 +332,7 @@ _NOT_SAFE = Refused("unconfirmed", "the simulation does not confirm that it stan
 
 def holder_of(sender: str) -> str:
     """Return what others read when they ask who has the robot."""
-    return f"{sender} on the mesh"
+    return f"{mesh_json.plain(sender)} on the mesh"
 
 
 def no_answer(answer: Message | None) -> Refused:

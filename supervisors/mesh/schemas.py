@@ -7,6 +7,7 @@ Telemetry keeps the keys and the field names of strands-robots (``robot_id``, ``
 
 from __future__ import annotations
 
+import hashlib
 import re
 from typing import Annotated, Any
 
@@ -61,15 +62,31 @@ def response_key(sender: str, robot: str, turn: str) -> str:
 
 Name = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_.-]{1,64}\Z")]
 Text = Annotated[str, msgspec.Meta(max_length=256)]
+PRIVATE = "~"
+"""In the name of a sender that proves who it is, and of a turn that is answered to it alone. No name that
+somebody gives has it."""
+
+
+def proven(sender: str, proof: str) -> str:
+    """Return the name of who asks so that nobody else hears it: another's without its proof is
+    another."""
+    return f"{sender}{PRIVATE}{hashlib.sha256(proof.encode()).hexdigest()[:16]}"
+
+
+def plain(sender: str) -> str:
+    """Return what a sender calls itself."""
+    return sender.partition(PRIVATE)[0]
 
 
 class Envelope(msgspec.Struct, frozen=True):
-    """Around each command. Fields that are not named here are ignored."""
+    """Around each command. Fields that are not named here are ignored. ``proof``: of a question, a
+    secret of who asks; a name counts with the proof that came with it."""
 
     sender_id: Name
     turn_id: Name
     command: msgspec.Raw
     target_id: str = ""
+    proof: Annotated[str, msgspec.Meta(max_length=64)] = ""
 
 
 class Sender(msgspec.Struct, frozen=True):

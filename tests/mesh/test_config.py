@@ -77,7 +77,10 @@ def test_the_users_own_word_is_accepted(keys: Path) -> None:
 
 def test_by_default_nothing_listens_beyond_a_socket_of_the_user() -> None:
     config = MeshConfig()
-    assert (config.listens, config.connects, config.robot_settings()) == ([], [], {})
+    assert (config.listens, config.connects) == ([], [])
+    rules = config.robot_settings()["access_control"]
+    assert rules["default_permission"] == "deny"
+    assert rules["subjects"] == [{"id": "local", "link_protocols": ["unixsock-stream"]}]
 
 
 def test_a_file_says_the_same(keys: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -117,9 +117,13 @@ def test_saf_007_a_resume_names_one_robot_and_is_dated() -> None:
             await client.estop(within_s=5.0)
             clock = await client.clock(robot)
             assert isinstance(clock, Reading)
+            synced = Samples(client, f"strands/{client.sender}/response/{robot}/sync")
+            sync = {"sender_id": client.sender, "turn_id": "sync", "command": {"action": "sync"}}
+            await raw(client, robot, json.dumps(sync).encode())
+            name = (await synced.wait())[0]["result"]["clock"]
             answers = Samples(client, f"strands/{client.sender}/response/{robot}/x")
-            dated = {"clock": clock.name, "deadline_ns": clock.deadline(time.monotonic_ns() + 10**9)}
-            late = {"clock": clock.name, "deadline_ns": clock.deadline(time.monotonic_ns() - 10**6)}
+            dated = {"clock": name, "deadline_ns": clock.deadline(time.monotonic_ns() + 10**9)}
+            late = {"clock": name, "deadline_ns": clock.deadline(time.monotonic_ns() - 10**6)}
             for target, date in (("", dated), ("*", dated), (robot, late), (robot, {}), ("another", dated)):
                 order = {"sender_id": client.sender, "turn_id": "x", "target_id": target, **date}
                 await raw(client, robot, json.dumps(order).encode(), mesh_json.RESUME_KEY)

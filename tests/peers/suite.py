@@ -15,7 +15,7 @@ import socket
 import subprocess
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +43,7 @@ class Daemon:
     """Reachy Mini's, as a process."""
 
     def __init__(self, kind: str, directory: Path) -> None:
+        self.has_torque_for_ever = kind == "--sim"  # it says yes to another mode, and has none
         try:
             python = peers.python("reachy")
         except peers.Missing:
@@ -103,7 +104,7 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-@pytest.fixture(scope="module", params=["--mockup-sim"])
+@pytest.fixture(scope="module", params=["--mockup-sim", "--sim"])
 def daemon(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
     one = Daemon(request.param, tmp_path_factory.mktemp("daemon"))
     try:
@@ -122,6 +123,7 @@ def reachy(daemon: Daemon, run_dir: Path) -> Iterator[RealRobot]:
         json_of(robot.motors(mode="enabled"))
         until(lambda: status(robot)["sensors"]["motor_mode"] == [1.0], "the motors have torque")
         json_of(robot.wake())
+        until(lambda: daemon.get(p.RUNNING) == [], "it is awake", LONG_S)  # meanwhile it takes no other move
         yield robot
     finally:
         robot.cleanup()
@@ -130,17 +132,26 @@ def reachy(daemon: Daemon, run_dir: Path) -> Iterator[RealRobot]:
 def move(reachy: RealRobot, daemon: Daemon) -> None:
     """The left antenna is on a way of 9 s. Told again when a busy machine has ended it."""
 
-    def moves() -> bool:
-        before, end_s = daemon.left_antenna(), time.monotonic() + 4.0
-        if reachy.send_action({"antenna_left": 120.0, "duration": 9.0})["status"] != "success":
-            reachy.resume()  # the daemon answered too late
+    def tell() -> bool:
+        if reachy.send_action({"antenna_left": 120.0, "duration": 9.0})["status"] == "success":
+            return True
+        reachy.resume()  # the daemon answered too late
+        return False
+
+    moves(daemon, tell)
+
+
+def moves(daemon: Daemon, tell: Callable[[], bool]) -> None:
+    def told() -> bool:
+        before, end_s = daemon.left_antenna(), time.monotonic() + 12.0
+        if not tell():
             return False
         while time.monotonic() < end_s:
             if abs(daemon.left_antenna() - before) > 0.1:
                 return True
         return False
 
-    until(moves, "it moves")
+    until(told, "it moves", LONG_S)
 
 
 def test_it_goes_where_it_is_told_and_is_refused_what_the_daemon_would_take(
@@ -178,10 +189,14 @@ def test_saf_005_a_stop_ends_the_move_on_its_way(reachy: RealRobot, daemon: Daem
 
 
 def test_saf_005_a_stop_ends_what_another_client_began(reachy: RealRobot, daemon: Daemon) -> None:
-    before = daemon.left_antenna()
     with connect(f"ws://{daemon.address}{p.SDK}", proxy=None, close_timeout=0.2) as other:
-        other.send(json.dumps({"type": "goto_target", "antennas": [1.5, 1.5], "duration": 9.0}))
-        until(lambda: abs(daemon.left_antenna() - before) > 0.1, "it moves")
+
+        def tell() -> bool:
+            """A daemon that is busy takes no other move, and says so to nobody."""
+            other.send(json.dumps({"type": "goto_target", "antennas": [1.5, 1.5], "duration": 9.0}))
+            return True
+
+        moves(daemon, tell)
         json_of(reachy.stop())
         daemon.stands()
 
@@ -218,14 +233,25 @@ def test_saf_014_motors_without_torque_are_refused(reachy: RealRobot, daemon: Da
     json_of(reachy.stop())
     json_of(reachy.motors(mode="disabled"))
     json_of(reachy.resume())
+    if daemon.has_torque_for_ever:
+        assert daemon.get(p.MOTORS)["mode"] == "enabled"
+        return
     until(lambda: daemon.get(p.MOTORS)["mode"] == "disabled", "no torque")
     assert 'call motors(mode="enabled") first' in why(reachy.send_action({"head_yaw": 5.0}))
     assert daemon.get(p.MOTORS)["mode"] == "disabled", "nothing but motors() gives torque"
 
 
 def test_saf_007_an_estop_takes_the_torque(reachy: RealRobot, daemon: Daemon) -> None:
+    """Or says that it could not."""
     move(reachy, daemon)
-    assert [outcome.robot for outcome in estop()] == ["reachy_mini"]
+    (outcome,) = estop()
+    print(outcome)
+    assert outcome.robot == "reachy_mini"
+    if daemon.has_torque_for_ever:
+        assert outcome.outcome == "unconfirmed", outcome
+        daemon.stands()
+        return
+    assert outcome.outcome == "safe", outcome
     until(lambda: daemon.get(p.MOTORS)["mode"] == "disabled", "the torque is off")
     assert daemon.get(p.RUNNING) == []
 

@@ -25,6 +25,10 @@ AWAY_S = 0.003
 """For what was done at once to be over: who hears of it meanwhile takes a processor from it. An
 e-stop of two robots on two processors took 2.1 to 2.6 ms when their roots were woken with it, and
 1.6 since."""
+ANSWERED_S = 3600.0
+"""Longer no answer is waited for by zenoh; who asks has a deadline of its own."""
+_REPLIES = "answers"
+"""Where answers to questions wait: no key."""
 _WAKE_BATCH = 128
 _URGENT: dict[str, Any] = {
     "congestion_control": zenoh.CongestionControl.DROP,
@@ -48,6 +52,26 @@ class Received(msgspec.Struct, frozen=True):
     alive: bool = True  # of a liveliness token: False when it is gone
     done: Any = None  # what the subscription's ``at_once`` made of it
     sent_s: float = 0.0  # by the sender's wall clock, where it says so
+    reply: Any = None  # of a question: takes an answer, and whether it is the last
+
+
+class Reply:
+    """Answers one question. Who asked hears it, and nobody else, whoever listens."""
+
+    def __init__(self, query: Any) -> None:
+        self._query = query
+        self._key = str(query.key_expr)
+
+    def __call__(self, answer: bytes, final: bool = True, schema: str = "") -> bool:
+        """Return whether it could be sent."""
+        try:
+            encoding = _encoding(schema) if schema else zenoh.Encoding.ZENOH_BYTES
+            self._query.reply(self._key, answer, encoding=encoding)
+            if final:
+                self._query.drop()
+        except zenoh.ZError:
+            return False  # this session is closed, or the last answer was given
+        return True
 
 
 class Topic:
@@ -70,15 +94,19 @@ class Topic:
 
 
 class Poll:
-    """Samples that wait below the interpreter until they are taken; of a flood the newest ``keep``
-    remain."""
+    """Samples and questions that wait below the interpreter until they are taken; of a flood the
+    newest ``keep`` remain of each."""
 
-    def __init__(self, subscriber: Any) -> None:
+    def __init__(self, subscriber: Any, queryable: Any = None) -> None:
         self._subscriber = subscriber
+        self._queryable = queryable
 
     def take(self) -> Received | None:
         sample = self._subscriber.try_recv()
-        return None if sample is None else _received(sample)
+        if sample is not None:
+            return _received(sample)
+        query = None if self._queryable is None else self._queryable.try_recv()
+        return None if query is None else _question(query)
 
 
 class PubSub:
@@ -170,6 +198,27 @@ class PubSub:
             return False  # no key at all, or the session is closed
         return True
 
+    def ask(self, key: str, payload: bytes, schema: str, handler: Callable[[Received], None]) -> None:
+        """Send one urgent question. ``handler`` is called in the loop for each answer. Raise
+        ``zenoh.ZError`` when the session is closed."""
+        inbox = self._inboxes.setdefault(_REPLIES, _Inbox(lambda received: received.done(received), 256, None))
+
+        def arrived(reply: zenoh.Reply) -> None:  # on zenoh's thread
+            if reply.ok is not None:
+                inbox.samples.append(msgspec.structs.replace(_received(reply.ok), done=handler))
+                self._waker.wake()
+
+        self._session.get(
+            key,
+            zenoh.handlers.Callback(arrived, indirect=False),
+            payload=payload,
+            encoding=_encoding(schema),
+            attachment=_stamp(1),
+            consolidation=zenoh.ConsolidationMode.NONE,
+            timeout=ANSWERED_S,
+            **_URGENT,
+        )
+
     def get_ready(self, key: str, schema: str) -> None:
         """To ``put`` there, in half the time (0.1 ms, when it is seldom done)."""
         if key not in self._ready:
@@ -203,9 +252,14 @@ class PubSub:
         liveliness = self._session.liveliness()
         self._listen(key, handler, keep, lambda into: liveliness.declare_subscriber(key, into, history=True))
 
-    def poll(self, key: str, keep: int) -> Poll:
+    def poll(self, key: str, keep: int, questions: bool = False) -> Poll:
+        """``questions``: those that are asked there, too."""
         if key not in self._polls:
-            self._polls[key] = Poll(self._session.declare_subscriber(key, zenoh.handlers.RingChannel(keep)))
+            subscriber = self._session.declare_subscriber(key, zenoh.handlers.RingChannel(keep))
+            queryable = None
+            if questions:
+                queryable = self._session.declare_queryable(key, zenoh.handlers.RingChannel(keep))
+            self._polls[key] = Poll(subscriber, queryable)
         return self._polls[key]
 
     def _listen(
@@ -260,6 +314,17 @@ def _stamp(seq: int, time_ns: int = 0) -> bytes:
 
 def _encoding(schema: str) -> zenoh.Encoding:
     return zenoh.Encoding.APPLICATION_JSON.with_schema(schema)
+
+
+def _question(query: Any) -> Received:
+    payload, attachment = query.payload, query.attachment
+    return Received(
+        str(query.key_expr),
+        b"" if payload is None else payload.to_bytes(),
+        str(query.encoding or ""),
+        None if attachment is None else attachment.to_bytes(),
+        reply=Reply(query),
+    )
 
 
 def _received(sample: zenoh.Sample) -> Received:

@@ -29,6 +29,8 @@ from .permissions import Channel
 from .zenoh_session import Waker, closed, config, known_by, opened, unix_endpoint
 
 _WAKE_BATCH = 512
+_ANSWERED_S = 3600.0
+"""Longer no answer is waited for by zenoh; who asks has a deadline of its own."""
 _PUBLISHERS = 32
 """Kept ready; of more addresses than that (askers come and go) the oldest is declared anew when
 needed."""
@@ -58,6 +60,7 @@ class ZenohMesh:
         keys: anybody may listen there."""
         self._tokens: Any = None
         self._watched: set[str] = set()
+        self._private: set[str] = set()
         self._threads: ThreadAsks | None = None
         self._asked: dict[str, zenoh.Publisher] = {}
         self.node: Node
@@ -109,6 +112,11 @@ class ZenohMesh:
             tokens, zenoh.handlers.Callback(self._on_token, indirect=False), history=True
         )
 
+    def ask_privately(self, address: str) -> None:
+        """From now on what the node itself tells and asks there is a zenoh query: neither that nor
+        the answer is heard by anybody else, whoever listens. (What threads ask is not.)"""
+        self._private.add(address)
+
     def serve_threads(self) -> None:
         """From now on threads of this process may ``ask``."""
         threads = self._threads = ThreadAsks(f"{self.node.address}/threads")
@@ -148,6 +156,8 @@ class ZenohMesh:
         if self._pid != os.getpid():
             return False  # a fork has the session without its threads
         try:
+            if to in self._private:
+                return self._query(to, data)
             publisher = self._publisher(to, urgent)
             if to not in self._alive and not _is_heard(to, publisher):
                 return self._guests is not None and self._guests.send(to, data, descriptors, urgent)
@@ -156,6 +166,24 @@ class ZenohMesh:
                 _show(self._shown, data)
         except zenoh.ZError:
             return False  # no key at all (a peer names where its answer goes), or the session is closed
+        return True
+
+    def _query(self, to: str, data: bytes) -> bool:
+        if to not in self._alive:
+            return False
+
+        def answered(reply: zenoh.Reply) -> None:  # on zenoh's thread
+            if reply.ok is not None:
+                self._on_sample(reply.ok)
+
+        self._session.get(
+            to,
+            zenoh.handlers.Callback(answered, indirect=False),
+            payload=data,
+            congestion_control=zenoh.CongestionControl.BLOCK,
+            priority=zenoh.Priority.INTERACTIVE_HIGH,
+            timeout=_ANSWERED_S,
+        )
         return True
 
     def _publisher(self, to: str, urgent: bool) -> zenoh.Publisher:

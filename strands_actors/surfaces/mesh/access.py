@@ -23,9 +23,9 @@ from strands_actors.supervisors.mesh.schemas import (
 )
 
 TOPICS = (*(key("*", topic) for topic in (*TELEMETRY, camera_topic("*"))), EVENT_KEY)
+QUESTIONS = (key("*", "cmd"), key("*", "actor/gateway"))
 ORDERS = (
-    key("*", "cmd"),
-    key("*", "actor/gateway"),
+    *QUESTIONS,
     key("*", "actor/gateway/stop"),
     BROADCAST_KEY,
     ESTOP_KEY,
@@ -34,6 +34,7 @@ ORDERS = (
 TOKENS = (key("*", "alive"),)
 GATEWAYS = (key("*", "actor/gateway/**/alive"),)
 
+OPEN = "tcp"
 LOCAL = "unixsock-stream"
 """The user's own socket: its directory lets nobody else in."""
 
@@ -54,9 +55,22 @@ VIEW = (
 OPERATE = (
     Rule("orders", ("put",), "ingress", ORDERS),
     Rule("offer", ("declare_subscriber",), "egress", ORDERS),
+    Rule("questions", ("query",), "ingress", QUESTIONS),
+    Rule("replies", ("reply", "declare_queryable"), "egress", QUESTIONS),
     Rule("gateways", ("liveliness_token",), "egress", GATEWAYS),
     Rule("find", ("liveliness_query", "declare_liveliness_subscriber"), "ingress", GATEWAYS),
 )
+
+
+HERE = (
+    Rule("all topics", ("put",), "egress", (*TOPICS, key("*", "response/**"), key("node", "**"))),
+    Rule("listen", ("declare_subscriber",), "ingress", ("**",)),
+    Rule("look", ("liveliness_query", "declare_liveliness_subscriber"), "ingress", ("**",)),
+    Rule("all tokens", ("liveliness_token",), "egress", (*TOKENS, *GATEWAYS)),
+    *(rule for rule in OPERATE if rule.id in ("orders", "offer", "questions", "replies")),
+)
+"""Programs of this user. They may listen to everything, and are sent no command that another gives: there is
+a lease in it."""
 
 
 def own_prefix(name: str) -> str:
@@ -90,17 +104,22 @@ _Granted = tuple[str, dict[str, list[str]], Sequence[Rule]]
 """Who, by what that is known, and what for."""
 
 
-def access_control(viewers: Sequence[str], operators: Sequence[str]) -> dict[str, Any]:
-    """Of a robot. By common name of the certificate."""
-    rules = [*VIEW, *OPERATE]
+def access_control(
+    viewers: Sequence[str] = (), operators: Sequence[str] = (), anybody: bool = False
+) -> dict[str, Any]:
+    """Of a robot. By common name of the certificate. ``anybody``: who comes without one, too."""
+    rules = list({rule.id: rule for rule in (*VIEW, *OPERATE, *HERE)}.values())
     granted: list[_Granted] = [(f"viewer {name}", {"cert_common_names": [name]}, VIEW) for name in viewers]
     for name in operators:
         own = answers(name)
         rules += own
         granted.append((f"operator {name}", {"cert_common_names": [name]}, (*VIEW, *OPERATE, *own)))
-    everything = Rule("everything", EVERYTHING, "", ("**",))
-    granted.append(("local", {"link_protocols": [LOCAL]}, (everything,)))
-    return _control([*rules, everything], granted)
+    granted.append(("local", {"link_protocols": [LOCAL]}, HERE))
+    if anybody:
+        everything = Rule("everything", EVERYTHING, "", ("**",))
+        rules.append(everything)
+        granted.append(("anybody", {"link_protocols": [OPEN]}, (everything,)))
+    return _control(rules, granted)
 
 
 def only(robot: str) -> dict[str, Any]:

@@ -83,6 +83,7 @@ class MeshClient:
     ) -> None:
         user = re.sub(r"[^A-Za-z0-9_-]", "-", getpass.getuser())[:32] or "user"
         self.sender = f"{config.own_prefix or user + '-'}{os.getpid()}-{secrets.token_hex(3)}"
+        self._proof = secrets.token_hex(16)
         self.now_ns = now_ns
         self.sessions = Sessions(config, nursery, self._on_join)
         self._reaches_hosts = bool(config.connects)
@@ -136,14 +137,15 @@ class MeshClient:
         if isinstance(clock, Refused):
             return clock
         deadline_ns = clock.deadline(self.now_ns() + round(ANSWER_S * NS))
-        body = {"by": by, "clock": clock.name, "deadline_ns": deadline_ns}
-        return await self._ask(robot, mesh_json.RESUME_KEY, body, within_s)
+        return await self.request(
+            robot, mesh_json.Resume(clock=clock.name, deadline_ns=deadline_ns, by=by), within_s
+        )
 
     async def post(self, robot: str, command: Command) -> None:
         """Send one command that is not answered."""
         via = self.sessions.via.get(robot)
         if via is not None:
-            self._put(via, mesh_json.key(robot, "cmd"), robot, self._new_turn(), {"command": command})
+            self._send(via, mesh_json.key(robot, "cmd"), robot, self._new_turn(), {"command": command})
 
     async def dated(
         self,
@@ -193,7 +195,7 @@ class MeshClient:
             names = ", ".join(self.sessions.via) or "none"
             return Refused("unreachable", f"{robot} is not on the mesh", f"these are: {names}")
         with self._turn() as (turn, answers):
-            self._put(via, key, robot, turn, body)
+            self._send(via, key, robot, turn, body)
             with trio.move_on_after(within_s) as patience:
                 async for response in answers:
                     if response.final:
@@ -205,8 +207,14 @@ class MeshClient:
             "no_answer", f"{robot} gave no answer within {within_s:g} s", "is it frozen, or denied to you?"
         )
 
-    def _put(self, via: PubSub, key: str, robot: str, turn: str, body: dict[str, Any]) -> None:
-        via.put(key, self._enveloped(robot, turn, body), _COMMAND)
+    def _send(self, via: PubSub, key: str, robot: str, turn: str, body: dict[str, Any]) -> None:
+        """A command for one robot is a question: what it says and what it is answered, leases among
+        it, are heard by nobody else."""
+        if key != mesh_json.key(robot, "cmd"):
+            via.put(key, self._enveloped(robot, turn, body), _COMMAND)
+            return
+        envelope = self._enveloped(robot, turn, {"proof": self._proof, **body})
+        via.ask(key, envelope, _COMMAND, lambda received: self._on_answer(via, robot, received))
 
     def _enveloped(self, robot: str, turn: str, body: dict[str, Any]) -> bytes:
         envelope = {"sender_id": self.sender, "turn_id": turn, "target_id": robot, "timestamp": time.time(), **body}
@@ -230,12 +238,15 @@ class MeshClient:
         return turn, receive
 
     def _on_response(self, session: PubSub, received: Received) -> None:
+        self._on_answer(session, received.key.split("/")[3], received)
+
+    def _on_answer(self, session: PubSub, robot: str, received: Received) -> None:
         try:
             response = _decode_response(received.payload)
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
             return  # nobody waits for what cannot be read
         waiting = self._waiting.get(response.turn_id)
-        if waiting is None or response.responder_id != received.key.split("/")[3]:
+        if waiting is None or response.responder_id != robot:
             return
         if self.sessions.speaks_for(session, response.responder_id):
             with contextlib.suppress(trio.WouldBlock):

@@ -168,7 +168,7 @@ class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def robot_settings(self) -> dict[str, Any]:
         """As ``settings``, with the rules that a robot puts others under."""
         if self.tls is None:
-            return {}
+            return {"access_control": access_control(anybody=self.insecure)}
         rules = access_control(_list(self.access.viewers), _list(self.access.operators))
         return {**self.settings(), "access_control": rules}
 

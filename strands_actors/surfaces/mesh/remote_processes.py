@@ -67,6 +67,7 @@ class RemoteProcesses(Processes):
         except zenoh.ZError as error:
             raise NotConnected(f"{self.plan.at}: {short(error)}") from error
         session.attach(self.node, f"{addresses.of(self.robot).gateway}/**/alive")
+        session.ask_privately(addresses.of(self.robot).gateway)  # it is told a session there, and a lease
         session.serve_threads()
         self.gate = GatewayRef(self.node, self.robot, f"{self.node.address}/{self.robot}")
         self._scope = trio.CancelScope()
