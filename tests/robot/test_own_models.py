@@ -130,7 +130,7 @@ def test_a_model_that_cannot_be_read_is_refused(tmp_path: Path, file: str, text:
 
 
 def test_what_is_registered_is_checked(new: New, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"there is no file 'no-such\.xml'"):
+    with pytest.raises(FileNotFoundError, match=r"there is no file 'no-such\.xml'"):
         register_robot("crane", model_xml="no-such.xml")
     register_robot("crane", model_xml=write_mjcf(tmp_path))
     with pytest.raises(ValueError, match=r"keyframe is 'up'\. crane has folded"):
