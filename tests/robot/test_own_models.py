@@ -98,7 +98,7 @@ WRONG: list[tuple[dict[str, Any], type[Exception], str]] = [
     ({"orientation": [1, 0, 0, float("nan")]}, ValueError, "give finite numbers"),
     ({"keyframe": "folded"}, ValueError, "so101 has 'home'"),
     ({"backend": "bullet"}, ValueError, "use one of 'mujoco', 'newton', 'isaac'"),
-    ({"backend": "isaac"}, ImportError, r"pip install 'isaacsim\[all,extscache\]'.* this version has no loader"),
+    ({"backend": "isaac"}, ImportError, r"pip install 'isaacsim\[all,extscache\]>=5,<6'"),
     ({"mode": "real", "port": "x", "position": [0, 0, 1]}, TypeError, "position= are of a simulation"),
 ]
 
