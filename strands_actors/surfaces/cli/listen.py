@@ -35,9 +35,7 @@ def hz(what: str, mesh: Path | None, as_json: bool, seconds: float | None) -> No
     trio.run(_hz, what, mesh, as_json, seconds)
 
 
-async def _echo(
-    what: str, mesh: Path | None, as_json: bool, count: int | None, timeout_s: float | None
-) -> None:
+async def _echo(what: str, mesh: Path | None, as_json: bool, count: int | None, timeout_s: float | None) -> None:
     show = print_json if as_json else print_line
     seen, last_s = 0, time.monotonic()
     done = trio.Event()
