@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from .lean_mujoco import mujoco
-from .solver import Paced, without_dynamics
+from .paced_solver import Paced, without_dynamics
 
 ROBOT = "/World/robot"
 """Where it stands in the stage."""

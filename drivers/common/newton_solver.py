@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from .lean_mujoco import mujoco
-from .solver import Paced, without_dynamics
+from .paced_solver import Paced, without_dynamics
 
 CONTACTS, CONSTRAINTS = 128, 512
 """Room for what may touch later: it is fixed when a model is taken."""
