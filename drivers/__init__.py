@@ -227,8 +227,8 @@ def register_robot(
     """Make a robot known by name, for this process. ``hardware={"driver": ...}`` says who drives
     it, ``strands`` or ``lerobot``; its class is ``register_native_driver``'s business.
     ``model_xml``: an MJCF or URDF file; ``Robot(name)`` simulates it. Raise ``ValueError`` for a
-    name that is known in any spelling (unless ``overwrite``) or cannot be one, for other keys and
-    drivers, and for a file that is not there."""
+    name that is known in any spelling (unless ``overwrite``) or cannot be one, and for other keys and
+    drivers, ``FileNotFoundError`` for a file that is not there."""
     _load()
     given = dict(hardware or {})
     driver = given.pop("driver", None)
@@ -245,7 +245,9 @@ def register_robot(
     if known and not overwrite:
         raise ValueError(f"register_robot: {', '.join(known)} is known already. pass overwrite=True to replace it")
     if model_xml is not None and not os.path.isfile(os.path.expanduser(model_xml)):
-        raise ValueError(f"register_robot: there is no file {os.fspath(model_xml)!r}. give an MJCF or a URDF")
+        raise FileNotFoundError(
+            f"register_robot: there is no file {os.fspath(model_xml)!r}. give an MJCF or a URDF"
+        )
     robot = canonical_name(name)
     _robots[robot] = Registered(
         driver, None if model_xml is None else os.path.abspath(os.path.expanduser(model_xml))

@@ -100,12 +100,13 @@ class Jointed:
         """Take what was added to ``spec`` into the model. What moves goes on, and so do the servos:
         their gains are not the spec's. Raise ``ValueError``, with the model as it was."""
         before = self.model
-        self.model, self.data = self.spec.recompile(before, self.data)
+        model, data = self.spec.recompile(before, self.data)
         for name in ("actuator_gainprm", "actuator_biasprm", "actuator_forcerange", "eq_data"):
             kept = getattr(before, name)
-            getattr(self.model, name)[: len(kept)] = kept
+            getattr(model, name)[: len(kept)] = kept
+        self._solver = new_solver(self.spec, model, data)
+        self.model, self.data = model, data
         self._bind()
-        self._solver = new_solver(self.spec, self.model, self.data)
         mujoco.mj_forward(self.model, self.data)
 
     def set_clock_back(self, seconds: float) -> None:

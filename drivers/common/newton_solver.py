@@ -18,25 +18,22 @@ from typing import Any
 import numpy as np
 
 from .lean_mujoco import mujoco
-
-BUDGET_S = 0.1
-"""Of computing at a time: a simulation that is slower than the time it simulates runs late, and
-stays answerable."""
+from .paced_solver import Paced, without_dynamics
 
 CONTACTS, CONSTRAINTS = 128, 512
 """Room for what may touch later: it is fixed when a model is taken."""
 
-_FEW = 5
 _BY_MODEL = ("actuator_gainprm", "actuator_biasprm", "actuator_forcerange", "eq_data")
 """What bodies of ours change in a model while it runs."""
 _BY_STATE = ("qpos", "qvel", "eq_active", "qfrc_applied", "xfrc_applied", "qacc_warmstart")
 
 
-class NewtonSolver:
+class NewtonSolver(Paced):
     """Steps one model. Raise ``ImportError`` when Newton is not there, ``ValueError`` for a model
     that it does not take."""
 
     def __init__(self, spec: Any, model: Any, data: Any) -> None:
+        super().__init__()
         import newton
         import warp
 
@@ -50,7 +47,7 @@ class NewtonSolver:
         self._exchanged = np.flatnonzero(pid)
         self._slew = model.actuator_dynprm[self._limited, 1].copy()  # units a second
         self._state = [int(model.actuator_actadr[servo]) for servo in self._limited]
-        theirs = _without_limits(spec, self._exchanged)
+        theirs = without_dynamics(spec, self._exchanged).compile()
         self._ctrl = [int(at) for at in model.actuator_ctrladr]  # a pid has two inputs, a target and a speed
         started = mujoco.MjData(theirs)
         mujoco.mj_forward(theirs, started)
@@ -60,13 +57,7 @@ class NewtonSolver:
             raise ValueError(f"Newton's solver does not take this model: {error}") from None
         self._moving = self._warp_mujoco.put_data(theirs, started, nconmax=CONTACTS, njmax=CONSTRAINTS)
         self._sent: dict[str, Any] = {}
-        self._steps_per_s = float(_FEW) / BUDGET_S
         self._warp_mujoco.step(self._theirs, self._moving)  # compiles, unless that was done before
-
-    @property
-    def at_most(self) -> int:
-        """Steps that are worth asking for at once."""
-        return max(1, int(self._steps_per_s * BUDGET_S))
 
     def step(self, model: Any, data: Any, steps: int) -> None:
         self._send(model, data)
@@ -86,7 +77,7 @@ class NewtonSolver:
         data.qacc_warmstart[:] = moving.qacc_warmstart.numpy()[0]
         data.time += steps * step_s
         mujoco.mj_forward(model, data)  # what is felt: forces, sensors, where each body is
-        self._steps_per_s = steps / max(time.monotonic() - began_s, 1e-6)
+        self._took(steps, began_s)
 
     def _send(self, model: Any, data: Any) -> None:
         gains = {name: getattr(model, name).copy() for name in _BY_MODEL}
@@ -97,17 +88,6 @@ class NewtonSolver:
                 _assign(getattr(self._theirs, name), now)
         for name in _BY_STATE:
             _assign(getattr(self._moving, name), getattr(data, name))
-
-
-def _without_limits(spec: Any, servos: Any) -> Any:
-    """Return the model, these servos without their limits of speed."""
-    theirs = spec.copy()
-    for servo in (theirs.actuators[int(at)] for at in servos):
-        servo.dyntype = mujoco.mjtDyn.mjDYN_NONE
-        servo.gaintype = mujoco.mjtGain.mjGAIN_FIXED
-        servo.biastype = mujoco.mjtBias.mjBIAS_AFFINE
-        servo.dynprm = np.zeros_like(servo.dynprm)
-    return theirs.compile()
 
 
 def _assign(array: Any, values: Any) -> None:

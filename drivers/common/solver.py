@@ -1,5 +1,5 @@
-"""Who steps a model: MuJoCo itself, or Newton's solver on Warp. One for all bodies of a process: a
-twin's process is told once, before it makes its body."""
+"""Who steps a model: MuJoCo itself, Newton's solver on Warp, or Isaac Sim. One for all bodies of a
+process: a twin's process is told once, before it makes its body."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 from .lean_mujoco import mujoco
 
-NEWTON = "newton"
+NEWTON, ISAAC = "newton", "isaac"
 
 _chosen = ""
 
@@ -30,7 +30,7 @@ class MujocoSolver:
 
 
 def choose(backend: str) -> None:
-    """``newton``, or anything else for MuJoCo itself."""
+    """``newton``, ``isaac``, or anything else for MuJoCo itself."""
     global _chosen
     _chosen = backend
 
@@ -41,4 +41,8 @@ def new_solver(spec: Any, model: Any, data: Any) -> Solver:
         from .newton_solver import NewtonSolver  # with Warp, for who chose it
 
         return NewtonSolver(spec, model, data)
+    if _chosen == ISAAC:
+        from .isaac_solver import IsaacSolver
+
+        return IsaacSolver(spec, model, data)
     return MujocoSolver()

@@ -184,7 +184,7 @@ def status(
         "motors": dict(zip(driver.axes, driver.ids, strict=True)),
         "faults": {} if observation is None else dict(observation.faults),
         "sensors": {} if observation is None else sensors(observation),
-        "fallbacks": {str(reason): safe_state for reason, safe_state in driver.fallbacks.items()},
+        "fallbacks": {str(reason): str(safe_state) for reason, safe_state in driver.fallbacks.items()},
         "firmware_watchdog": driver.firmware_watchdog,
         "unit": driver.unit,
         **facts,

@@ -69,10 +69,9 @@ def Robot(  # a factory named as on the drivers page
     process of a named policy may use (``memory_mb``, ``cpu_s``, ``processors``, ``user``). Of a
     simulation: ``urdf_path``, an MJCF or URDF file that is simulated under this name; ``position``
     (metres) and ``orientation`` (quaternion w, x, y, z) of its base, and the ``keyframe`` of its
-    model in which it begins; ``backend``, ``"mujoco"``. ``arm=False``: connecting energises
-    nothing, and until ``resume()`` the robot may be moved by hand and read. ``options`` are the
-    driver's own. Raise
-    ``ValueError`` or ``TypeError`` with what would be accepted.
+    model in which it begins; ``backend``, ``"mujoco"``, ``"newton"`` or ``"isaac"``. ``arm=False``:
+    connecting energises nothing, and until ``resume()`` the robot may be moved by hand and read.
+    ``options`` are the driver's own. Raise ``ValueError`` or ``TypeError`` with what would be accepted.
     """
     wanted = plan(
         name,

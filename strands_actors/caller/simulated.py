@@ -15,11 +15,9 @@ from strands_actors.simulation.scene import placement
 BACKENDS = ("mujoco", "newton", "isaac")
 
 ISAAC = (
-    "Isaac Sim is not here. It needs Python 3.12 and an RTX graphics card: "
-    "pip install 'isaacsim[all,extscache]' --extra-index-url https://pypi.nvidia.com"
+    "Isaac Sim is not here. It needs Python 3.11 and an RTX graphics card: "
+    "pip install 'isaacsim[all,extscache]>=5,<6' --extra-index-url https://pypi.nvidia.com"
 )
-NOT_YET = "With it, too, this version has no loader: it simulates by backend='mujoco' or 'newton'"
-"""Said before somebody installs many gigabytes for nothing."""
 
 NEWTON = ("newton", "mujoco_warp")
 """What the extra brings."""
@@ -63,9 +61,8 @@ def check_backend(backend: object) -> None:
     """Raise ``ValueError`` for a word that is none, ``ImportError`` for one that is not there."""
     if backend not in BACKENDS:
         raise ValueError(f"Robot: backend is {backend!r}. use one of {', '.join(map(repr, BACKENDS))}")
-    if backend == "isaac":
-        missing = f"{ISAAC}. " if importlib.util.find_spec("isaacsim") is None else ""
-        raise ImportError(f"Robot: backend 'isaac': {missing}{NOT_YET}")
+    if backend == "isaac" and importlib.util.find_spec("isaacsim") is None:
+        raise ImportError(f"Robot: backend 'isaac': {ISAAC}")
     if backend == "newton" and (lacking := [name for name in NEWTON if importlib.util.find_spec(name) is None]):
         raise ImportError(
             f"Robot: backend 'newton' needs {' and '.join(lacking)}: pip install 'strands-actors[newton]'"

@@ -22,7 +22,7 @@ SIM = "sim"
 START_S = 60.0
 """For a machine that is busy with much else; a twin that ends is noticed at once."""
 COMPILES_S = 600.0
-"""Where Warp has to compile a solver first."""
+"""Where Warp has to compile a solver first, or Isaac Sim to start."""
 END_S = 1.0
 
 _numbers = itertools.count(1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import functools
 import secrets
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 import msgspec
 
@@ -145,17 +145,22 @@ NOT_HERE: Mapping[str, tuple[str, str]] = {
 """Actions of strands-robots that robots of ours do not have: why, and what to do instead."""
 
 
+def no_action(action: str, offered: Iterable[str] = tuple(ACTIONS)) -> Refused:
+    """Return what is told of an action that is none of those offered."""
+    action = action[:64]
+    if action in NOT_HERE and action not in ACTIONS:
+        why, remedy = NOT_HERE[action]
+        return Refused("not_here", f"{action!r} is not here: {why}", remedy, action)
+    return Refused("unknown_action", f"{action!r} is no action here", f"send {', '.join(offered)}", action)
+
+
 def read_command(envelope: Envelope, offered: tuple[str, ...] = tuple(ACTIONS)) -> Command | Refused:
     try:
         action = _decode_action(envelope.command).action
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         return Refused("malformed", f"the command cannot be read: {error}", 'send {"action": ...}')
     if action not in offered:
-        action = action[:64]
-        if action in NOT_HERE and action not in ACTIONS:
-            why, remedy = NOT_HERE[action]
-            return Refused("not_here", f"{action!r} is not here: {why}", remedy, action)
-        return Refused("unknown_action", f"{action!r} is no action here", f"send {', '.join(offered)}", action)
+        return no_action(action, offered)
     try:
         return _decoder(ACTIONS[action]).decode(envelope.command)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:

@@ -38,6 +38,16 @@ def test_what_a_robot_publishes_is_shown(cli: Command, robot: RobotProcess) -> N
         assert "nobody" in done.stderr and done.stderr.count("\n") == 1
 
 
+def test_a_topic_that_nobody_publishes_is_told_and_waited_on_no_longer_than_is_wanted(
+    cli: Command, robot: RobotProcess
+) -> None:
+    done = cli.run("echo", "strands/so101/nothing", "--timeout", "3.5")
+    assert (done.returncode, done.stdout) == (2, "")
+    waiting, ended = done.stderr.splitlines()
+    assert waiting.startswith("nobody publishes strands/so101/nothing so far") and waiting.endswith("so101")
+    assert "nothing came of strands/so101/nothing for 3.5 s" in ended
+
+
 def test_a_target_is_sent_once_the_script_has_given_the_lease_up(cli: Command, robot: RobotProcess) -> None:
     done = cli.run("send", "so101", "shoulder_pan=5")
     assert (done.returncode, done.stdout) == (1, "")

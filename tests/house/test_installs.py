@@ -102,7 +102,10 @@ def declared(lines: Iterable[str]) -> set[str]:
     return {canonicalize_name(Requirement(line).name) for line in lines}
 
 
-BROUGHT = {"rclpy": "on the robot", "draccus": "by lerobot", "warp": "by newton"}
+BROUGHT = {
+    "rclpy": "on the robot", "draccus": "by lerobot", "warp": "by newton",
+    "isaacsim": "by who has a card for it", "omni": "by isaacsim",
+}  # fmt: skip
 """Modules that are declared by whoever brings them."""
 
 

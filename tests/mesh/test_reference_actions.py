@@ -285,6 +285,8 @@ def test_who_is_there_and_asking_all() -> None:
             broadcast({"action": "execute", "instruction": "wave"})
         with pytest.raises(PermissionError, match="'dance' is no action"):
             broadcast("dance")
+        with pytest.raises(PermissionError, match=r"'call' is not here: .* describe_tool shows the tool"):
+            broadcast({"action": "call", "function": "render"})
         with pytest.raises(PermissionError, match="nemo is not on the mesh"):
             tell("nemo", "wave", policy_provider="mock")
     assert get_peers() == []

@@ -76,6 +76,6 @@ def test_a_robot_takes_actions_and_steps(tmp_path: Path) -> None:
     with Robot("chain_on_newton", backend="newton") as sim:
         assert sim.send_action({"a": 0.6})["status"] == "success"
         before_s = time.monotonic()
-        while sim.get_observation()["a"] < 0.05:
+        while sim.get_observation().get("a", 0.0) < 0.05:  # none, while a busy processor is late
             sim.step(20)
             assert time.monotonic() < before_s + 240.0

@@ -25,6 +25,8 @@ from strands_actors.drivers import (
     resolve_driver,
 )
 
+from .own_models import write_mjcf
+
 ARM = {"mode": "real", "port": "/dev/ttyACM0"}
 GRIPPER = {"mode": "real", "port": "192.0.2.20"}
 UR = {"mode": "real", "port": "192.0.2.30"}
@@ -171,6 +173,34 @@ def test_what_would_be_ignored_or_cannot_be_is_refused_by_name(
 ) -> None:
     with pytest.raises((ValueError, TypeError), match=says):
         Robot(robot, **keywords)
+
+
+def test_any_name_is_simulated_by_a_file_and_a_keyframe_is_kept(tmp_path: Path) -> None:
+    """By its name or its number, and with the command that keeps it."""
+    file = write_mjcf(tmp_path)
+    folded = pytest.approx({"turn": 1.2, "reach": -0.05}, abs=0.02)
+    for keyframe in ("folded", 0):
+        assert "brand_new" in repr(Robot("brand_new", urdf_path=file, keyframe=keyframe))
+    with Robot("brand_new", urdf_path=file, keyframe=0) as sim:
+        sim.step(1000)
+        assert sim.get_observation() == folded
+    for name in (None, 42, ["so100"]):
+        with pytest.raises(TypeError, match="give the name of a robot as text"):
+            Robot(name, urdf_path=file)  # type: ignore[arg-type]
+
+
+def test_a_calibration_of_another_arm_is_refused() -> None:
+    joints = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper", "spare")
+    of_all = {
+        joint: {"id": index, "drive_mode": 0, "homing_offset": 0, "range_min": 0, "range_max": 4095}
+        for index, joint in enumerate(joints, 1)
+    }
+    with pytest.raises(ValueError, match="has unknown spare"):
+        Robot("so101", **ARM, calibration=of_all)
+    del of_all["spare"]
+    Robot("so101", **ARM, calibration=of_all)
+    with pytest.raises(ValueError, match="Give a path, a dict or None"):
+        Robot("so101", **ARM, calibration=3)
 
 
 @pytest.mark.parametrize("port", ["", "  ", "\n", None])

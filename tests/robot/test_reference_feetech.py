@@ -95,6 +95,7 @@ def test_what_is_commanded_is_told_in_its_unit(
         ({"gripper": [1.0]}, "finite number"),
         ({"gripper": True}, "gripper is True"),
         ({"gripper": "wide"}, "finite number"),
+        ({"shoulder_pan": 1.0, "shoulder_pan.pos": 2.0}, "shoulder_pan and shoulder_pan.pos are both given"),
     ],
 )
 def test_what_it_cannot_honour_is_refused_whole(
@@ -105,6 +106,11 @@ def test_what_it_cannot_honour_is_refused_whole(
     since_ns = time.monotonic_ns()
     assert says in why(bench.send_action(action))
     assert all(goals(entry) == stands for entry in twin_process.log.host("setpoint", since_ns))
+
+
+def test_what_was_read_may_be_sent_back_as_it_is(bench: RealRobot) -> None:
+    read = bench.get_observation()
+    assert json_of(bench.send_action(read))["commanded"] == read
 
 
 @pytest.mark.parametrize(

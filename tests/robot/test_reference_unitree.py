@@ -138,6 +138,10 @@ def test_until_it_is_released_a_go2_is_moved_by_no_verb(go2: Bench) -> None:
     ):
         assert "sport mode" in why(answer) and "release_sport_mode" in why(answer)
     assert go2.robot.start_task("walk")["status"] == "error"
+    for attempts in (0, -1, True, "3"):  # the robot is not asked
+        told = go2.robot.release_sport_mode(attempts=attempts)  # type: ignore[attr-defined]
+        assert f"attempts is {attempts!r}" in why(told)
+    assert status(go2.robot)["sport_mode_released"] is False
     go2.released()
 
 

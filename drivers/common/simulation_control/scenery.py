@@ -171,7 +171,7 @@ class Scenery:
         except ValueError as error:
             for element in reversed(added):
                 self._jointed.spec.delete(element)
-            raise Refused(f"MuJoCo does not take it: {' '.join(str(error).split())}") from None
+            raise Refused(f"the model does not take it: {' '.join(str(error).split())}") from None
         self.changed()
 
 

@@ -144,11 +144,12 @@ def echo(
     mesh: Mesh = None,
     json: Json = False,
     count: Annotated[int | None, typer.Option(min=1, help="End after so many samples.")] = None,
+    timeout: Annotated[float | None, typer.Option(min=0.1, help="End when nothing comes for so long.")] = None,
 ) -> None:
     """Show what a robot publishes."""
     from .listen import echo as run
 
-    run(what, mesh, as_json=json, count=count)
+    run(what, mesh, as_json=json, count=count, timeout_s=timeout)
 
 
 @app.command()

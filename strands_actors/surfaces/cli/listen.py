@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -20,34 +21,50 @@ from .errors import Problem
 from .orders import configuration
 
 WINDOW_S = 1.0
+SILENT_S = 3.0
+"""Of a topic that nobody publishes: then it is said. The slowest telemetry comes every two seconds."""
+LOOK_S = 0.1
 
 
-def echo(what: str, mesh: Path | None, as_json: bool, count: int | None) -> None:
-    trio.run(_echo, what, mesh, as_json, count)
+def echo(what: str, mesh: Path | None, as_json: bool, count: int | None, timeout_s: float | None) -> None:
+    """Raise ``Problem`` when nothing comes for ``timeout_s``; without one it is said, and waited on."""
+    trio.run(_echo, what, mesh, as_json, count, timeout_s)
 
 
 def hz(what: str, mesh: Path | None, as_json: bool, seconds: float | None) -> None:
     trio.run(_hz, what, mesh, as_json, seconds)
 
 
-async def _echo(what: str, mesh: Path | None, as_json: bool, count: int | None) -> None:
+async def _echo(what: str, mesh: Path | None, as_json: bool, count: int | None, timeout_s: float | None) -> None:
     show = print_json if as_json else print_line
-    left = count
+    seen, last_s = 0, time.monotonic()
     done = trio.Event()
 
     def on_sample(received: Received) -> None:
-        nonlocal left
+        nonlocal seen, last_s
         if done.is_set():
             return
         show(received)
-        if left is not None:
-            left -= 1
-            if left <= 0:
-                done.set()
+        seen, last_s = seen + 1, time.monotonic()
+        if seen == count:
+            done.set()
 
     async with open_mesh(configuration(mesh)) as client:
         await _subscribe(client, what, on_sample)
-        await done.wait()
+        told = False
+        while not done.is_set():
+            with trio.move_on_after(LOOK_S):
+                await done.wait()
+            silent_s = time.monotonic() - last_s
+            if timeout_s is not None and silent_s >= timeout_s and not done.is_set():
+                raise Problem(f"nothing came of {what} for {timeout_s:g} s. {_who(client)}")
+            if not (seen or told) and silent_s >= SILENT_S:
+                told = True
+                print(f"nobody publishes {what} so far; waiting, Ctrl-C ends it. {_who(client)}", file=sys.stderr)
+
+
+def _who(client: MeshClient) -> str:
+    return f"on the mesh are {', '.join(client.robots) or 'no robots'}"
 
 
 async def _hz(what: str, mesh: Path | None, as_json: bool, seconds: float | None) -> None:

@@ -13,6 +13,7 @@ import trio
 from strands_actors.kernel.channels.pubsub import Received
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.mesh import schemas as mesh_json
+from strands_actors.supervisors.mesh.command_rules import no_action
 
 from .client import ANSWER_S, BEGIN_S, PRESENCE_S, MeshClient
 from .outcome import Outcome
@@ -96,10 +97,7 @@ def _read(command: Command) -> tuple[dict[str, Any], type[mesh_json.Command] | R
     given = {"action": command} if isinstance(command, str) else {"action": "status", **command}
     action = str(given["action"])
     kind = mesh_json.ACTIONS.get(action)
-    if kind is not None:
-        return given, kind
-    shown, known = action[:40], ", ".join(mesh_json.ACTIONS)
-    return given, Refused("unknown_action", f"{shown!r} is no action", f"send {known}", shown, known)
+    return given, kind or no_action(action)
 
 
 def _by(given: Mapping[str, Any]) -> str:

@@ -1,0 +1,186 @@
+"""Physics by Isaac Sim (PhysX), which needs an RTX graphics card. Twins with ``backend="isaac"`` only.
+
+Nobody has seen this run on Isaac Sim: the names are those of the documentation of Isaac Sim 5, and
+the tests know a stand-in of it.
+
+As with Newton the model and its state stay MuJoCo's, so that everything that looks at a body, and
+the verbs and pictures of a simulation, are the same. The model goes to Isaac Sim as an MJCF, once.
+For a step its joints get their gains, targets and torques, and where they are comes back; what is
+felt beside that (forces, sensors) MuJoCo computes from it.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .lean_mujoco import mujoco
+from .paced_solver import Paced, without_dynamics
+
+ROBOT = "/World/robot"
+"""Where it stands in the stage."""
+
+_app: Any = None
+"""Isaac Sim runs once in a process, and has to run before anything else of it is imported."""
+
+
+class IsaacSolver(Paced):
+    """Steps one model. Raise ``ImportError`` when Isaac Sim is not there, ``ValueError`` for a model
+    that is not a robot with joints of one axis on a fixed base, each with a servo or motor of its
+    own."""
+
+    def __init__(self, spec: Any, model: Any, data: Any) -> None:
+        super().__init__()
+        _check(model)
+        _start()
+        import isaacsim.core.api
+        import isaacsim.core.prims
+        import isaacsim.core.utils.stage
+        import isaacsim.core.utils.types
+
+        isaacsim.core.api.World.clear_instance()
+        isaacsim.core.utils.stage.create_new_stage()
+        step_s = float(model.opt.timestep)
+        self._world = isaacsim.core.api.World(physics_dt=step_s, rendering_dt=step_s, stage_units_in_meters=1.0)
+        self._world.get_physics_context().set_gravity(float(model.opt.gravity[2]))
+        with tempfile.TemporaryDirectory(prefix="strands-actors-") as folder:
+            _import(_written(spec, Path(folder)))
+        self._robot = self._world.scene.add(isaacsim.core.prims.SingleArticulation(prim_path=ROBOT, name="robot"))
+        self._world.reset()
+        self._action = isaacsim.core.utils.types.ArticulationAction
+        self._to_theirs(model)
+        self._sent: tuple[Any, ...] = ()
+        self._seen = np.full(model.nq + model.nv, np.nan)  # nothing: where the joints are is sent first
+
+    def _to_theirs(self, model: Any) -> None:
+        """Find the joints by their names: their order is Isaac Sim's own. Raise ``ValueError``."""
+        names = list(self._robot.dof_names)
+        ours = [model.joint(joint).name for joint in range(model.njnt)]
+        if sorted(names) != sorted(ours):
+            raise ValueError(f"Isaac Sim's importer made {', '.join(names)} of the joints {', '.join(ours)}")
+        self._dof = np.array([names.index(name) for name in ours])
+        self._joint = np.array([int(at) for at in model.actuator_trnid[:, 0]])
+        self._ctrl = np.array([int(at) for at in model.actuator_ctrladr])
+        self._gear = model.actuator_gear[:, 0].copy()
+        self._slewed = np.flatnonzero(np.asarray(model.actuator_actadr) >= 0)
+        self._act = np.array([int(model.actuator_actadr[servo]) for servo in self._slewed], dtype=int)
+        self._slew = model.actuator_dynprm[self._slewed, 1].copy()  # units a second
+
+    def step(self, model: Any, data: Any, steps: int) -> None:
+        began_s, step_s = time.monotonic(), float(model.opt.timestep)
+        if not np.array_equal(self._seen, np.concatenate((data.qpos, data.qvel))):
+            self._put(np.arange(model.njnt), data.qpos, data.qvel)
+        kp = self._send_gains(model)
+        jammed = np.flatnonzero(data.eq_active)
+        stuck = np.array([int(model.eq_obj1id[at]) for at in jammed], dtype=int)
+        for _ in range(steps):
+            away = data.ctrl[self._ctrl[self._slewed]] - data.act[self._act]
+            data.act[self._act] += np.clip(away, -self._slew * step_s, self._slew * step_s)
+            self._drive(model, data, kp)
+            self._world.step(render=False)
+            if len(stuck):
+                self._put(stuck, model.qpos0[stuck] + model.eq_data[jammed, 0], np.zeros(len(stuck)))
+        data.qpos[:] = self._robot.get_joint_positions()[self._dof]
+        data.qvel[:] = self._robot.get_joint_velocities()[self._dof]
+        self._seen = np.concatenate((data.qpos, data.qvel))
+        data.time += steps * step_s
+        mujoco.mj_forward(model, data)
+        self._took(steps, began_s)
+
+    def _put(self, joints: Any, positions: Any, velocities: Any) -> None:
+        """Bring joints somewhere at once: they were reset, set by hand or are stuck."""
+        self._robot.set_joint_positions(np.asarray(positions), joint_indices=self._dof[joints])
+        self._robot.set_joint_velocities(np.asarray(velocities), joint_indices=self._dof[joints])
+
+    def _send_gains(self, model: Any) -> Any:
+        """Return the stiffness of each servo, at its joint. Gains change when torque comes or goes."""
+        squared = self._gear**2
+        kp = -model.actuator_biasprm[:, 1] * squared
+        limit = model.actuator_forcerange[:, 1] * np.abs(self._gear)
+        limited = np.flatnonzero(model.actuator_forcelimited)
+        stiffness, damping = np.zeros(model.nv), model.dof_damping.copy()
+        stiffness[self._joint] = kp
+        damping[self._joint] -= model.actuator_biasprm[:, 2] * squared
+        now = (stiffness, damping, limit[limited])
+        if not self._sent or not all(map(np.array_equal, self._sent, now)):
+            self._sent = now
+            controller = self._robot.get_articulation_controller()
+            controller.set_gains(kps=self._theirs(stiffness), kds=self._theirs(damping))
+            if len(limited):
+                controller.set_max_efforts(limit[limited], joint_indices=self._dof[self._joint[limited]])
+        return kp
+
+    def _drive(self, model: Any, data: Any, kp: Any) -> None:
+        """Where there is stiffness a servo goes to its target, else its motor gives a torque."""
+        asked = model.actuator_gainprm[:, 0] * data.ctrl[self._ctrl] + model.actuator_biasprm[:, 0]
+        asked[self._slewed] = -model.actuator_biasprm[self._slewed, 1] * data.act[self._act]
+        asked *= self._gear
+        target, effort = data.qpos.copy(), data.qfrc_applied.copy()
+        stiff = kp > 0
+        target[self._joint[stiff]] = asked[stiff] / kp[stiff]
+        effort[self._joint[~stiff]] += asked[~stiff]
+        self._robot.apply_action(
+            self._action(joint_positions=self._theirs(target), joint_efforts=self._theirs(effort))
+        )
+
+    def _theirs(self, values: Any) -> Any:
+        """Return values of our joints in their order."""
+        ordered = np.empty(len(values))
+        ordered[self._dof] = values
+        return ordered
+
+
+def _check(model: Any) -> None:
+    """Raise ``ValueError``."""
+    turning = [int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)]
+    if not np.isin(model.jnt_type, turning).all():
+        raise ValueError("backend 'isaac' takes no free bodies: robots on a fixed base, and static objects")
+    driven = [int(joint) for joint in model.actuator_trnid[:, 0]]
+    of_joints = np.isin(model.actuator_trntype, int(mujoco.mjtTrn.mjTRN_JOINT)).all()
+    jams = np.isin(model.eq_type, int(mujoco.mjtEq.mjEQ_JOINT)) & (np.asarray(model.eq_obj2id) < 0)
+    if not of_joints or len(set(driven)) < len(driven) or not jams.all():
+        raise ValueError("backend 'isaac' takes no tendons and no coupled joints: one servo or motor for a joint")
+
+
+def _start() -> None:
+    """Raise ``ImportError``."""
+    global _app
+    if _app is None:
+        import isaacsim
+
+        _app = isaacsim.SimulationApp({"headless": True})
+
+
+def _written(spec: Any, folder: Path) -> str:
+    """Return the file of a model that its importer reads: with its meshes beside it, without what
+    only MuJoCo has."""
+    theirs = without_dynamics(spec, range(len(spec.actuators)))
+    for equality in list(theirs.equalities):
+        theirs.delete(equality)
+    for name, content in spec.assets.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(content)
+    theirs.meshdir = str(folder if spec.assets else Path(spec.modelfiledir, spec.meshdir).resolve())
+    theirs.compile()
+    file = folder / "robot.xml"
+    file.write_text(theirs.to_xml())
+    return str(file)
+
+
+def _import(file: str) -> None:
+    """Raise ``ValueError``."""
+    import isaacsim.core.utils.extensions
+
+    isaacsim.core.utils.extensions.enable_extension("isaacsim.asset.importer.mjcf")
+    import omni.kit.commands
+
+    _, config = omni.kit.commands.execute("MJCFCreateImportConfig")
+    config.set_fix_base(True)
+    config.set_import_inertia_tensor(True)
+    done, _ = omni.kit.commands.execute("MJCFCreateAsset", mjcf_path=file, import_config=config, prim_path=ROBOT)
+    if not done:
+        raise ValueError("Isaac Sim's importer does not take this model: it says why above")

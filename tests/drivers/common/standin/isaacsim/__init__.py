@@ -1,0 +1,25 @@
+"""A stand-in of Isaac Sim 5: of what it is asked by name, and of the order in which that is allowed.
+Its physics is a first-order lag toward each target; a joint without stiffness turns with its torque.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from typing import Any
+
+calls: list[tuple[str, Any]] = []
+running: list[Any] = []
+imported: dict[str, list[str]] = {}
+"""Joints by the path of the prim that a file was imported to: in the importer's order, not the file's."""
+
+
+class SimulationApp:
+    def __init__(self, launch_config: dict[str, Any]) -> None:
+        assert not running, "one in a process"
+        calls.append(("app", launch_config))
+        running.append(self)
+
+
+def take(path: str, file: str) -> None:
+    joints = [joint.attrib["name"] for joint in ElementTree.parse(file).iter("joint") if "name" in joint.attrib]
+    imported[path] = sorted(set(joints), reverse=True)
