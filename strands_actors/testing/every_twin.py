@@ -3,10 +3,11 @@ from one that has it does not load every driver to find its own, a quarter of a 
 
 from __future__ import annotations
 
+import contextlib
 from importlib import import_module
 
-from strands_actors.contract.loading import load
-from strands_actors.drivers import LEADERS, WIRES
+from .every_driver import CLASSES
 
-for _where in (*WIRES.values(), *LEADERS.values()):
-    import_module(load(_where).TWIN.partition(":")[0])
+for _class in CLASSES:
+    with contextlib.suppress(ImportError):  # of an extra that is not installed: who wants this twin is told
+        import_module(_class.TWIN.partition(":")[0])
