@@ -1,5 +1,6 @@
-"""Import this, and everything is imported that the drivers of this package import, with their wires
-and stop channels: what is forked from a process that has it does not import its own."""
+"""Import this, and everything is imported that the drivers of this package import, and their stop
+channels: a root that is forked from a process that has it does not import its own. Wires are left
+out: some bring an SDK, which no root has."""
 
 from __future__ import annotations
 
@@ -12,7 +13,6 @@ from strands_actors.drivers import LEADERS, WIRES
 CLASSES: tuple[type[Driver], ...] = tuple(load(where) for where in (*WIRES.values(), *LEADERS.values()))
 
 for _class in CLASSES:
-    for _where in (_class.STOP_CHANNEL, _class.WIRE):
-        if _where:
-            with contextlib.suppress(ImportError):  # of an SDK that is not installed: who wants this robot is told
-                load(_where)
+    if _class.STOP_CHANNEL:
+        with contextlib.suppress(ImportError):  # of an SDK that is not installed: who wants this robot is told
+            load(_class.STOP_CHANNEL)
