@@ -38,6 +38,7 @@ _OF_TWINS = (
     "strands_actors.drivers.common.jointed",  # with numpy and MuJoCo
     "strands_actors.drivers.common.twin.process",
     "strands_actors.surfaces.cli.robots",
+    "strands_actors.testing.every_twin",
     "strands_actors.testing.twin",
 )
 _PROGRAM = "import sys; from strands_actors.testing.fork_server import main; main(int(sys.argv[1]), sys.argv[2:])"

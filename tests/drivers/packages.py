@@ -1,7 +1,7 @@
 """Clients of others that cannot be installed beside ours: their module has the name of another's,
 or they want versions of their own.
 
-Each is fetched once by pip, checked against a hash, and kept beside the interpreter; a program that
+Each is fetched once, checked against a hash, and kept beside the interpreter; a program that
 uses it runs in a process whose path begins there.
 """
 
@@ -78,8 +78,9 @@ def _directory(packages: Mapping[str, str]) -> Path:
     with tempfile.TemporaryDirectory(dir=kept.parent) as directory:
         wanted, new = Path(directory) / "requirements.txt", Path(directory) / "packages"
         wanted.write_text("".join(f"{release} --hash={hashed}\n" for release, hashed in packages.items()))
-        command = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--require-hashes"]
-        done = subprocess.run([*command, "--target", str(new), "-r", str(wanted)], capture_output=True, text=True)
+        install = [sys.executable, "-m", "uv", "--quiet", "--no-config", "pip", "install", "--no-deps"]
+        command = [*install, "--require-hashes", "--target", str(new), "-r", str(wanted)]
+        done = subprocess.run(command, capture_output=True, text=True)
         if done.returncode:
             raise RuntimeError(f"cannot fetch {', '.join(packages)}, clients of others: {done.stderr.strip()}")
         try:

@@ -4,7 +4,6 @@ it names. The package index is asked; a part without a wheel fails here, not on 
 from __future__ import annotations
 
 import ast
-import json
 import subprocess
 import sys
 import tomllib
@@ -12,7 +11,6 @@ from collections.abc import Iterable, Iterator
 from importlib import metadata
 
 import pytest
-from packaging.markers import default_environment
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
@@ -24,9 +22,8 @@ from .test_imports import MODULES, PACKAGE, ROOT
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 PYTHONS = ("3.11", "3.12", "3.13")
 MACHINES = ("x86_64", "aarch64")
-GLIBC = range(17, 29)
-"""manylinux_2_17 to 2_28: what Raspberry Pi OS 12 (2.36), JetPack 6 (2.35) and Debian 11 (2.31)
-take."""
+GLIBC = "manylinux_2_28"
+"""At most: what Raspberry Pi OS 12 (2.36), JetPack 6 (2.35) and Debian 11 (2.31) take."""
 
 RESOLVE_S = 240.0
 FOR_OTHERS = ("test", "bench", "lerobot", "newton")
@@ -34,45 +31,32 @@ FOR_OTHERS = ("test", "bench", "lerobot", "newton")
 2.34 on aarch64."""
 
 
-def wanted(python: str, machine: str, extras: Iterable[str]) -> list[str]:
-    """Return what pip is asked for on such a machine. Our own markers are decided here: pip decides
-    them for the machine it runs on."""
+def wanted(extras: Iterable[str]) -> list[str]:
+    """Return what the package and these extras need of others."""
     lines = [*PROJECT["dependencies"]]
     for extra in extras:
         lines += PROJECT["optional-dependencies"][extra]
-    there = {**default_environment(), "python_version": python, "platform_machine": machine, "extra": ""}
-    found = (Requirement(line) for line in lines)
-    return [
-        f"{one.name}{_extras(one)}{one.specifier}"
-        for one in found
-        if one.name != PROJECT["name"] and (one.marker is None or one.marker.evaluate(there))
-    ]
+    return [line for line in lines if Requirement(line).name != PROJECT["name"]]
 
 
-def _extras(requirement: Requirement) -> str:
-    return f"[{','.join(sorted(requirement.extras))}]" if requirement.extras else ""
-
-
-def resolve(python: str, machine: str, requirements: list[str]) -> list[str]:
-    """Return the files that pip would install. What has no wheel fails, with pip's own words."""
-    command = [sys.executable, "-m", "pip", "install", "--dry-run", "--ignore-installed", "--quiet"]
-    command += ["--report", "-", "--only-binary", ":all:", "--target", "nowhere", "--no-input"]
-    command += ["--implementation", "cp", "--python-version", python]
-    for minor in GLIBC:
-        command += ["--platform", f"manylinux_2_{minor}_{machine}"]
-    command += ["--platform", f"manylinux2014_{machine}", *requirements]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=RESOLVE_S, check=False)
+def resolve(python: str, machine: str, requirements: list[str]) -> set[str]:
+    """Return the names of what would be installed there. What has no wheel fails, with uv's own
+    words: it decides markers for that machine, and takes a tenth of the time that pip does."""
+    command = [sys.executable, "-m", "uv", "pip", "compile", "-", "--quiet", "--no-config", "--no-annotate"]
+    command += ["--only-binary", ":all:", "--python", sys.executable, "--python-version", python]
+    command += ["--python-platform", f"{machine}-{GLIBC}", "--no-header"]
+    done = subprocess.run(
+        command, input="\n".join(requirements), capture_output=True, text=True, timeout=RESOLVE_S, check=False
+    )
     assert done.returncode == 0, f"Python {python} on {machine}:\n{done.stderr}"
-    return [one["download_info"]["url"].rpartition("/")[2] for one in json.loads(done.stdout)["install"]]
+    return {canonicalize_name(Requirement(line).name) for line in done.stdout.splitlines()}
 
 
 @pytest.mark.parametrize("machine", MACHINES)
 @pytest.mark.parametrize("python", PYTHONS)
 def test_everything_that_a_robot_needs_has_a_wheel(python: str, machine: str) -> None:
     extras = [name for name in PROJECT["optional-dependencies"] if name not in FOR_OTHERS]
-    files = resolve(python, machine, wanted(python, machine, extras))
-    assert [name for name in files if not name.endswith(".whl")] == []
-    names = {name.partition("-")[0].lower().replace("_", "-") for name in files}
+    names = resolve(python, machine, wanted(extras))
     assert {"trio", "eclipse-zenoh", "mujoco-core", "textual"} <= names
     assert ("ur-rtde" in names) == (machine == "x86_64" and python != "3.13")
 

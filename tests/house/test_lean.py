@@ -14,6 +14,7 @@ from strands_actors.caller.portal import portal
 from strands_actors.kernel.messages import Message
 from strands_actors.supervisors.root.messages import Describe, TreeReport
 from strands_actors.supervisors.root.process import Root
+from tests.forked import execute_what_is_started_here
 
 HEAVY = ("numpy", "mujoco", "rich", "typer", "matplotlib", "textual", "mcap", "zstandard")
 MAX_MB = 60.0
@@ -73,7 +74,9 @@ def shared_objects(pid: int) -> set[str]:
     return {parts[5] for parts in (line.split(maxsplit=5) for line in lines) if len(parts) == 6}
 
 
-def test_the_processes_of_a_live_robot_are_small() -> None:
+def test_the_processes_of_a_live_robot_are_small(monkeypatch: pytest.MonkeyPatch) -> None:
+    execute_what_is_started_here(monkeypatch)
+
     async def describe() -> Message | None:
         return await portal().node.ref("strands/so101/actor/root", Root).ask(Describe(), 5.0)
 

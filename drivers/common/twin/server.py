@@ -71,13 +71,19 @@ class Frost:
     async def every(self, period_s: float, step: Callable[[], None]) -> None:
         """Call ``step`` once a period while the robot is not frozen, until cancelled. A period that was
         missed is made up for at once, more are not."""
-        due_s = trio.current_time()
-        while True:
-            await self.thawed()
-            await trio.lowlevel.checkpoint()  # what was woken together with us first reads what has come
-            step()
-            due_s = max(due_s + period_s, trio.current_time() - period_s)
-            await trio.sleep_until(due_s)
+        period_ns = round(period_s * NS)
+        due_ns = time.monotonic_ns()
+        alarm = new_alarm()  # trio's own sleep costs as much as a step of an arm
+        try:
+            while True:
+                await self.thawed()
+                await trio.lowlevel.checkpoint()  # what was woken together with us first reads what has come
+                step()
+                due_ns = max(due_ns + period_ns, time.monotonic_ns() - period_ns)
+                alarm.set(due_ns)
+                await alarm.ring()
+        finally:
+            alarm.close()
 
 
 class _Departure(NamedTuple):

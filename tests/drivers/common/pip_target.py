@@ -1,4 +1,4 @@
-"""Packages that a test brings with it: installed once by pip into a folder of their own, kept in the
+"""Packages that a test brings with it: installed once into a folder of their own, kept in the
 user's cache, and put on the path of a child process. Ours stays as it is."""
 
 from __future__ import annotations
@@ -17,10 +17,8 @@ def installed(name: str, packages: Sequence[str]) -> Path:
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "strands-actors-tests"
     target = cache / f"{name}-{'-'.join(packages).replace('==', '-')}-{sys.version_info[1]}"
     if not (target / "made").exists():
-        pip = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-        subprocess.run(
-            [*pip, "--no-deps", "--upgrade", "--target", str(target), *packages], check=True, timeout=MADE_S
-        )
+        install = [sys.executable, "-m", "uv", "--quiet", "--no-config", "pip", "install", "--no-deps"]
+        subprocess.run([*install, "--target", str(target), *packages], check=True, timeout=MADE_S)
         (target / "made").touch()
     return target
 

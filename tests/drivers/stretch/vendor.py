@@ -25,10 +25,11 @@ def environment() -> Path:
     root = cache / "strands-actors-tests" / f"{CLIENT.replace('==', '-')}-{sys.version_info[1]}"
     python = root / "bin" / "python"
     if not (root / "made").exists():
-        subprocess.run([sys.executable, "-m", "venv", "--clear", str(root)], check=True, timeout=MADE_S)
-        pip = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-        subprocess.run([*pip, "--no-deps", CLIENT], check=True, timeout=MADE_S)
-        subprocess.run([*pip, *NEEDS], check=True, timeout=MADE_S)
+        uv = [sys.executable, "-m", "uv", "--quiet", "--no-config"]
+        subprocess.run([*uv, "venv", "--clear", "--python", sys.executable, str(root)], check=True, timeout=MADE_S)
+        install = [*uv, "pip", "install", "--python", str(python)]
+        subprocess.run([*install, "--no-deps", CLIENT], check=True, timeout=MADE_S)
+        subprocess.run([*install, *NEEDS], check=True, timeout=MADE_S)
         (site,) = root.glob("lib/python*/site-packages")
         for name in NOT_THERE:
             (site / f"{name}.py").write_text("")
