@@ -31,8 +31,8 @@ CAMERA: dict[str, dict[str, Any]] = {"front": {"type": "scene", "fps": 10, "widt
 SMALL_ACT = (
     "--policy.type=act", "--policy.dim_model=32", "--policy.n_heads=2", "--policy.dim_feedforward=64",
     "--policy.n_encoder_layers=1", "--policy.n_vae_encoder_layers=1", "--policy.latent_dim=8",
-    "--policy.chunk_size=30", "--policy.n_action_steps=30",
 )  # fmt: skip
+"""LeRobot's chunk of 100 actions is 3.3 s: on a busy machine an inference may take half of them."""
 HZ, RUNS_S = 30, 4.0
 
 
