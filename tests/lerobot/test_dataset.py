@@ -118,6 +118,7 @@ def at_its_rate(asked: Mapping[str, Any], hz: int = HZ) -> None:
     """A checkpoint drives the twin."""
     with looking() as arm:
         given = {"policy_provider": "lerobot_local", "units": "degrees", "control_frequency": hz, **asked}
+        until(lambda: arm.connect_eagerly() is None, "it connects", LONG_S)
         json_of(arm.start_task("swing", duration=LONG_S, **given))
         until(lambda: task(arm)["steps"] or not task(arm)["running"], "it moves", LONG_S)
         began_s, steps = time.monotonic(), task(arm)["steps"]
