@@ -10,6 +10,7 @@ with the state it was given, ``step`` added to it once per planned action, and k
 from __future__ import annotations
 
 import json
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -121,6 +122,16 @@ def prepare_observation_for_inference(observation, device, task=None, robot_type
 """,
 }
 
+TORCH = """
+threads = [64]
+
+def get_num_threads():
+    return threads[-1]
+
+def set_num_threads(count):
+    threads.append(count)
+"""
+
 Save = Callable[..., Path]
 
 
@@ -134,9 +145,10 @@ def lerobot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         path.write_text(source)
     for package in ("", "configs", "policies", "policies/rtc"):
         (root / "lerobot" / package / "__init__.py").touch()
+    (root / "torch.py").write_text(TORCH)
     monkeypatch.syspath_prepend(str(root))
     yield root
-    for name in [name for name in sys.modules if name.partition(".")[0] == "lerobot"]:
+    for name in [name for name in sys.modules if name.partition(".")[0] in ("lerobot", "torch")]:
         del sys.modules[name]
 
 
@@ -195,6 +207,15 @@ def test_the_checkpoint_is_loaded_whole_and_where_it_is_to_run(save: Save) -> No
     load(save(), device="cuda")
     assert ("weights", "cuda", True) in calls()
     assert ("processors", {"device_processor": {"device": "cuda"}}) in calls()
+
+
+@pytest.mark.parametrize(("processors", "threads"), [(1, 1), (2, 1), (8, 7), (128, 64)])
+def test_torch_leaves_a_processor_to_the_robot(
+    save: Save, monkeypatch: pytest.MonkeyPatch, processors: int, threads: int
+) -> None:
+    monkeypatch.setattr(os, "cpu_count", lambda: processors)
+    load(save())
+    assert sys.modules["torch"].get_num_threads() == threads
 
 
 def test_a_policy_that_remembers_sees_every_observation(save: Save) -> None:

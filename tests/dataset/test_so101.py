@@ -117,8 +117,8 @@ def test_a_script_records_episodes_and_what_was_asked_stands_beside_what_was_don
     rows = rows_of(root)
     assert len({tuple(row["action"]) for row in rows}) > 5
     last = rows[-1]
-    assert last["action.requested"][0] == 400.0 and abs(last["action"][0]) <= 10.0
-    assert all(0.0 <= row["observation.age_ms"] < 5000 for row in rows)
+    assert last["requested_action"][0] == 400.0 and abs(last["action"][0]) <= 10.0
+    assert all(0.0 <= row["age_ms"] < 5000 for row in rows)
     assert all(abs(row["observation.state"][0]) <= 15 for row in rows)
 
 
@@ -167,7 +167,7 @@ def test_saf_003_a_recorder_that_freezes_and_dies_costs_the_arm_nothing_and_its_
     pictures = decoded(root / "videos/observation.images.front/chunk-000/file-000.mp4")
     assert [at_s for at_s, _ in pictures] == [number / 30 for number in range(len(rows_of(root)))]
     assert len({picture.tobytes() for _, picture in pictures}) > len(pictures) / 4, "the scene changes"
-    assert info_of(root)["features"]["observation.age_ms"]["names"] == ["state", "front"]
+    assert info_of(root)["features"]["age_ms"]["names"] == ["state", "front"]
     assert Index(root).episodes[0].marks.repaired
 
 

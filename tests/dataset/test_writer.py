@@ -61,12 +61,22 @@ def test_what_was_given_is_what_is_read(root: Path) -> None:
         for name, values in (
             ("observation.state", given.state),
             ("action", given.action),
-            ("action.requested", given.requested),
-            ("observation.age_ms", given.age_ms),
+            ("requested_action", given.requested),
+            ("age_ms", given.age_ms),
         ):
             assert each[name] == [np.float32(value) for value in values]
     assert table.schema.field("action").type == pa.list_(pa.float32(), 3)
-    assert info_of(root)["features"]["observation.age_ms"]["names"] == ["state", "front", "wrist"]
+    assert info_of(root)["features"]["age_ms"]["names"] == ["state", "front", "wrist"]
+
+
+def test_a_policy_trained_on_it_wants_what_a_robot_has_and_gives_an_action(root: Path) -> None:
+    """LeRobot makes an input of a policy of each feature that begins with ``observation``, and an
+    output of each that begins with ``action``: no robot has an ``observation.age_ms``."""
+    add_episode(Dataset(root), 3)
+    names = info_of(root)["features"]
+    inputs = {name for name in names if name.startswith("observation")}
+    assert inputs == {"observation.state", "observation.images.front", "observation.images.wrist"}
+    assert {name for name in names if name.startswith("action")} == {"action"}
 
 
 def test_no_time_drifts_however_long_a_dataset_becomes(root: Path) -> None:
@@ -91,7 +101,7 @@ def test_a_robot_with_one_axis_and_no_camera_has_numbers_for_vectors(root: Path)
     dataset.commit(episode.folder)
     table = pq.read_table(root / "data/chunk-000/file-000.parquet")
     assert table.schema.field("action").type == pa.float32()
-    assert table.schema.field("observation.age_ms").type == pa.float32()
+    assert table.schema.field("age_ms").type == pa.float32()
     assert table["action"].to_pylist() == [0, 1, 2, 3, 4]
     assert check(root) == 1
 

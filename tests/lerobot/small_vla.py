@@ -3,6 +3,7 @@ here, so nothing is downloaded."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,9 @@ SIZE = 64
 """Of a picture, in pixels, as the model sees it."""
 
 
-def save(folder: Path, picture: tuple[int, int, int], axes: int, chunk: int) -> Path:
-    """Write a checkpoint whose actions are about 0, with a spread of 1; return where it is.
-    ``picture``: colours, height and width of the camera ``front``."""
+def save(folder: Path, picture: tuple[int, int, int], about: Sequence[float], chunk: int) -> Path:
+    """Write a checkpoint whose actions are ``about`` these positions, with a spread of 1; return
+    where it is. ``picture``: colours, height and width of the camera ``front``."""
     import torch
     from lerobot.configs.types import FeatureType, PolicyFeature
     from lerobot.policies.factory import make_pre_post_processors
@@ -22,6 +23,7 @@ def save(folder: Path, picture: tuple[int, int, int], axes: int, chunk: int) -> 
 
     _save_vlm(folder / "vlm")
     torch.manual_seed(0)
+    axes = len(about)
     config = SmolVLAConfig(
         input_features={
             "observation.state": PolicyFeature(FeatureType.STATE, (axes,)),
@@ -42,8 +44,9 @@ def save(folder: Path, picture: tuple[int, int, int], axes: int, chunk: int) -> 
     )
     checkpoint = folder / "checkpoint"
     SmolVLAPolicy(config).save_pretrained(checkpoint)
-    one = {"mean": torch.zeros(axes), "std": torch.ones(axes)}
-    for processor in make_pre_post_processors(config, dataset_stats={"observation.state": one, "action": one}):
+    figures = {"mean": torch.tensor(about), "std": torch.ones(axes)}
+    stats = {"observation.state": figures, "action": figures}
+    for processor in make_pre_post_processors(config, dataset_stats=stats):
         processor.save_pretrained(checkpoint)
     return checkpoint
 

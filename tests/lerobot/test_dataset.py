@@ -31,8 +31,8 @@ CAMERA: dict[str, dict[str, Any]] = {"front": {"type": "scene", "fps": 10, "widt
 SMALL_ACT = (
     "--policy.type=act", "--policy.dim_model=32", "--policy.n_heads=2", "--policy.dim_feedforward=64",
     "--policy.n_encoder_layers=1", "--policy.n_vae_encoder_layers=1", "--policy.latent_dim=8",
-    "--policy.chunk_size=30", "--policy.n_action_steps=30",
 )  # fmt: skip
+"""LeRobot's chunk of 100 actions is 3.3 s: on a busy machine an inference may take half of them."""
 HZ, RUNS_S = 30, 4.0
 
 
@@ -62,7 +62,7 @@ def test_every_frame_is_loaded_and_decoded(tmp_path: Path, form: Callable[[Path,
             assert frame["timestamp"].item() == np.float32(number / FPS)
             assert frame["observation.state"].tolist() == pytest.approx(given.state)
             assert frame["action"].tolist() == pytest.approx(given.action)
-            assert frame["action.requested"].tolist() == pytest.approx(given.requested)
+            assert frame["requested_action"].tolist() == pytest.approx(given.requested)
             for camera in LAYOUT.cameras:
                 picture = frame[f"observation.images.{camera.name}"]
                 assert tuple(picture.shape) == (3, camera.height, camera.width)
@@ -92,7 +92,9 @@ def test_what_a_twin_recorded_is_trained_on_and_drives_it_at_its_rate(
     assert code == 0, said
     checkpoint = tmp_path / "trained" / "checkpoints" / "last" / "pretrained_model"
     config = json.loads((checkpoint / "config.json").read_text())
-    assert config["type"] == "act" and "observation.images.front" in config["input_features"]
+    assert config["type"] == "act"
+    assert set(config["input_features"]) == {"observation.state", "observation.images.front"}
+    assert set(config["output_features"]) == {"action"}
     at_its_rate({"pretrained_name_or_path": str(checkpoint)})
 
 
@@ -112,18 +114,19 @@ def recorded(root: Path) -> None:
                     time.sleep(0.02)
 
 
-def at_its_rate(asked: Mapping[str, Any]) -> None:
+def at_its_rate(asked: Mapping[str, Any], hz: int = HZ) -> None:
     """A checkpoint drives the twin."""
     with looking() as arm:
-        given = {"policy_provider": "lerobot_local", "units": "degrees", "control_frequency": HZ, **asked}
+        given = {"policy_provider": "lerobot_local", "units": "degrees", "control_frequency": hz, **asked}
+        until(lambda: arm.connect_eagerly() is None, "it connects", LONG_S)
         json_of(arm.start_task("swing", duration=LONG_S, **given))
         until(lambda: task(arm)["steps"] or not task(arm)["running"], "it moves", LONG_S)
         began_s, steps = time.monotonic(), task(arm)["steps"]
         time.sleep(RUNS_S)
         told = task(arm)
-        assert told["running"], told
-        hz = (told["steps"] - steps) / (time.monotonic() - began_s)
-        print(f"{hz:.1f} steps/s of {HZ}")
-        assert hz > HZ / 4, told  # the machine may be busy
+        assert told["running"], (told["exit_detail"], told)
+        seen_hz = (told["steps"] - steps) / (time.monotonic() - began_s)
+        print(f"{seen_hz:.1f} steps/s of {hz}")
+        assert seen_hz > hz / 4, told  # the machine may be busy
         json_of(arm.stop_task())
         assert task_ended(arm)["exit_reason"] == "stopped"

@@ -17,18 +17,24 @@ from .test_dataset import CAMERA, at_its_rate, looking
 
 PICTURE = (3, CAMERA["front"]["height"], CAMERA["front"]["width"])
 CHUNK, HORIZON, LEFT = 30, 10, 4
-STATE = dict.fromkeys(MOTORS, 0.5)
+ABOUT = dict.fromkeys(MOTORS, 0.0) | {"gripper": 10.0}
+"""Where the twin is when it begins; a gripper knows no less than 0 percent, and the gate refuses that."""
+STATE = {axis: at + 0.5 for axis, at in ABOUT.items()}
+HZ = 5
+"""The ten actions of a chunk last two seconds then. An inference takes a good part of one, and one
+that is late ends the rollout, as it has to."""
 
 
 def test_what_is_still_to_be_executed_is_what_the_next_chunk_begins_with_and_it_drives_the_twin(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("HF_HUB_OFFLINE", "1")
-    checkpoint = save(tmp_path / "vla", PICTURE, len(MOTORS), CHUNK)
+    checkpoint = save(tmp_path / "vla", PICTURE, list(ABOUT.values()), CHUNK)
     with looking() as arm:
         until(lambda: json_of(arm.get_status())["cameras"]["front"]["state"] == "streaming", "it sees")
         _blends(checkpoint, arm.name)
-    at_its_rate({"pretrained_name_or_path": str(checkpoint), "rtc": True, "execution_horizon": HORIZON})
+    asked = {"pretrained_name_or_path": str(checkpoint), "rtc": True, "execution_horizon": HORIZON}
+    at_its_rate(asked, HZ)
 
 
 def _blends(checkpoint: Path, robot: str) -> None:

@@ -20,10 +20,12 @@ CHUNK_FILES = 1000
 DATA_MB = 100
 VIDEO_MB = 200
 
+# Of each name that begins with ``observation`` LeRobot makes an input of a policy, and an output of
+# each that begins with ``action``.
 STATE = "observation.state"
-AGE = "observation.age_ms"
 ACTION = "action"
-REQUESTED = "action.requested"
+REQUESTED = "requested_action"
+AGE = "age_ms"
 COUNTERS = ("frame_index", "episode_index", "index", "task_index")
 VECTORS = (STATE, AGE, ACTION, REQUESTED)
 
