@@ -280,11 +280,15 @@ session = zenoh.open(config)
 time.sleep(0.5)
 move = {"action": "move", "targets": {"shoulder_pan": 60.0}, "lease": 1, "epoch": 2, "clock": "c", "deadline_ns": 1}
 payload = json.dumps({"sender_id": "forger", "turn_id": "1", "command": move}).encode()
+nobody = zenoh.handlers.Callback(lambda reply: None, indirect=False)
 print("begins", flush=True)
 began, sent = time.monotonic(), 0
 while (passed := time.monotonic() - began) < seconds:
     while sent < passed * rate:
-        session.put("strands/so101/cmd", payload)
+        if sys.argv[5] == "put":
+            session.put("strands/so101/cmd", payload)
+        else:
+            session.get("strands/so101/cmd", nobody, payload=payload, timeout=5.0)
         sent += 1
     time.sleep(0.001)
 print(sent, flush=True)
@@ -305,9 +309,9 @@ def stop_s(robot: RealRobot, twin: Twin) -> float:
     return twin.log.safe_within(began_ns, 10.0)
 
 
-@pytest.mark.parametrize("who", ["viewer", "operator"])
+@pytest.mark.parametrize(("who", "verb"), [("viewer", "put"), ("operator", "put"), ("operator", "get")])
 def test_saf_006_a_flood_of_forged_commands_moves_nothing_and_delays_no_stop(
-    who: str, keys: Path, port: int, twin: Twin
+    who: str, verb: str, keys: Path, port: int, twin: Twin
 ) -> None:
     """Of a viewer, who may send none of them, and of an operator, who may: they are forged all the
     same."""
@@ -330,6 +334,7 @@ def test_saf_006_a_flood_of_forged_commands_moves_nothing_and_delays_no_stop(
                 json.dumps(settings),
                 str(seconds),
                 "20000",
+                verb,
             ],
             stdout=subprocess.PIPE,
             text=True,
@@ -346,7 +351,7 @@ def test_saf_006_a_flood_of_forged_commands_moves_nothing_and_delays_no_stop(
         took.sort()
         figures = ", ".join(f"{1e3 * each:.1f}" for each in (calm_s, took[len(took) // 2], took[-1]))
         print(
-            f"{who}: {sent / seconds:.0f} commands/s for {seconds:g} s; ms to the safe frame: "
+            f"{who}, {verb}: {sent / seconds:.0f} commands/s for {seconds:g} s; ms to the safe frame: "
             f"calm, median, worst of {len(took)}: {figures}"
         )
         assert twin.log.host("setpoint", began_ns) == []
