@@ -22,7 +22,8 @@ import msgspec
 import trio
 
 from strands_actors.kernel.clock import Clock, MonotonicClock
-from strands_actors.kernel.processes.identity import take_name
+from strands_actors.kernel.health.realtime import STANDBY_PRIORITY, run_first
+from strands_actors.kernel.processes.identity import be_taken_last, take_name
 from strands_actors.kernel.processes.process import ChildProcess, start
 
 from .driver import MotorReport, StopChannel, WireDown
@@ -230,6 +231,8 @@ def main(args: dict[str, Any], sock: socket.socket) -> None:
     take_name(args["channel"].rpartition(":")[2], "stop")
     config = msgspec.convert(args["config"], load(args["config_class"]))
     channel: StopChannel = load(args["channel"])(config, args["descriptors"], MonotonicClock())
+    be_taken_last()
+    run_first(STANDBY_PRIORITY)  # it is what makes the robot safe when the wire cannot
     trio.run(_answer, channel, _Frames(sock))
 
 

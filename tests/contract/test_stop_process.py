@@ -16,6 +16,7 @@ import trio
 
 from strands_actors.contract import MotorReport, OwnProcess, WireDown
 from strands_actors.kernel.clock import MonotonicClock
+from strands_actors.kernel.health.realtime import may_run_first
 from tests.contract.vendor import VendorConfig
 
 AXES = ("a", "b")
@@ -94,6 +95,19 @@ def test_what_the_sdk_reports_is_the_answer_and_the_sdk_stays_out_of_the_root(tm
 
     with_channel(tmp_path, test, (writing,))
     os.close(reading)
+
+
+def test_saf_003_it_runs_before_other_programs_where_that_is_granted(tmp_path: Path) -> None:
+    """It is what makes the robot safe when the wire cannot: on a busy machine, too."""
+
+    async def test(channel: Channel, folder: Folder) -> None:
+        await channel.make_safe("stop")
+        (pid,) = folder.notes("began")
+        assert (os.sched_getscheduler(pid) == os.SCHED_FIFO) == (
+            may_run_first() and len(os.sched_getaffinity(0)) > 1
+        )
+
+    with_channel(tmp_path, test)
 
 
 @pytest.mark.parametrize("trouble", ["hang", "spin", "crash"])
