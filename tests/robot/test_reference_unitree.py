@@ -191,17 +191,15 @@ def test_a_budget_that_bounds_nothing_starts_nothing(bench: Bench) -> None:
 
 
 def test_a_rollout_ends_by_name_in_a_soft_stop(bench: Bench) -> None:
-    for policy, budget, reason, says in (
-        (Stand(bench.other), {"n_steps": 5}, "n_steps", "5 steps"),
-        (Stand(bench.other), {"duration": 0.05}, "duration", "0.05 s"),
-        (lambda seen: None, {}, "policy", "not an action"),
-        (lambda seen: 1 / 0, {}, "policy", "division by zero"),
-        (lambda seen: {"typo": 1.0}, {}, "gate", "typo is not a joint"),
+    for make, budget, reason, says in (
+        (lambda: Stand(bench.other), {"n_steps": 5}, "n_steps", "5 steps"),
+        (lambda: Stand(bench.other), {"duration": 0.05}, "duration", "0.05 s"),
+        (lambda: lambda seen: None, {}, "policy", "not an action"),
+        (lambda: lambda seen: 1 / 0, {}, "policy", "division by zero"),
+        (lambda: lambda seen: {"typo": 1.0}, {}, "gate", "typo is not a joint"),
     ):
-        until(
-            lambda policy=policy, budget=budget, reason=reason: (
-                bench.runs(policy, **budget)["exit_reason"] == reason
-            ),
+        until(  # by a policy of its own each time: let go, the joint has fallen since
+            lambda make=make, budget=budget, reason=reason: bench.runs(make(), **budget)["exit_reason"] == reason,
             f"it ends by {reason}",  # a busy machine ends it by another
         )
         ended = task(bench.robot)
