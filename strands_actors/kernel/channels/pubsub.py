@@ -17,7 +17,7 @@ import msgspec
 import trio
 import zenoh
 
-from .zenoh_session import Waker, closed, config, opened
+from .zenoh_session import ANSWERED_S, Waker, closed, config, opened
 
 JSON = "application/json"
 
@@ -25,8 +25,6 @@ AWAY_S = 0.003
 """For what was done at once to be over: who hears of it meanwhile takes a processor from it. An
 e-stop of two robots on two processors took 2.1 to 2.6 ms when their roots were woken with it, and
 1.6 since."""
-ANSWERED_S = 3600.0
-"""Longer no answer is waited for by zenoh; who asks has a deadline of its own."""
 _REPLIES = "answers"
 """Where answers to questions wait: no key."""
 _WAKE_BATCH = 128

@@ -26,11 +26,9 @@ from strands_actors.kernel.node import PREFIX, Node
 from strands_actors.kernel.thread_asks import ThreadAsks
 
 from .permissions import Channel
-from .zenoh_session import Waker, closed, config, known_by, opened, unix_endpoint
+from .zenoh_session import ANSWERED_S, Waker, closed, config, known_by, opened, unix_endpoint
 
 _WAKE_BATCH = 512
-_ANSWERED_S = 3600.0
-"""Longer no answer is waited for by zenoh; who asks has a deadline of its own."""
 _PUBLISHERS = 32
 """Kept ready; of more addresses than that (askers come and go) the oldest is declared anew when
 needed."""
@@ -182,7 +180,7 @@ class ZenohMesh:
             payload=data,
             congestion_control=zenoh.CongestionControl.BLOCK,
             priority=zenoh.Priority.INTERACTIVE_HIGH,
-            timeout=_ANSWERED_S,
+            timeout=ANSWERED_S,
         )
         return True
 

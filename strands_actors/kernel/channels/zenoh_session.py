@@ -20,6 +20,8 @@ import zenoh
 
 LEASE_MS = 1000
 """Of the transport: a frozen peer is dropped after this long (zenoh's default is 10 s)."""
+ANSWERED_S = 3600.0
+"""No answer to a query comes later; who asks has a deadline of its own."""
 
 
 def config(

@@ -52,11 +52,14 @@ VIEW = (
     Rule("tokens", ("liveliness_token",), "egress", TOKENS),
     Rule("watch", ("liveliness_query", "declare_liveliness_subscriber"), "ingress", TOKENS),
 )
-OPERATE = (
+COMMAND = (
     Rule("orders", ("put",), "ingress", ORDERS),
     Rule("offer", ("declare_subscriber",), "egress", ORDERS),
     Rule("questions", ("query",), "ingress", QUESTIONS),
     Rule("replies", ("reply", "declare_queryable"), "egress", QUESTIONS),
+)
+OPERATE = (
+    *COMMAND,
     Rule("gateways", ("liveliness_token",), "egress", GATEWAYS),
     Rule("find", ("liveliness_query", "declare_liveliness_subscriber"), "ingress", GATEWAYS),
 )
@@ -67,7 +70,7 @@ HERE = (
     Rule("listen", ("declare_subscriber",), "ingress", ("**",)),
     Rule("look", ("liveliness_query", "declare_liveliness_subscriber"), "ingress", ("**",)),
     Rule("all tokens", ("liveliness_token",), "egress", (*TOKENS, *GATEWAYS)),
-    *(rule for rule in OPERATE if rule.id in ("orders", "offer", "questions", "replies")),
+    *COMMAND,
 )
 """Programs of this user. They may listen to everything, and are sent no command that another gives: there is
 a lease in it."""
