@@ -13,7 +13,9 @@ from strands_actors import Robot
 from strands_actors.caller.run_directory import notes
 from strands_actors.kernel.channels.pubsub import PubSub, Received
 from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.gate.messages import Accepted
 from strands_actors.supervisors.mesh import schemas as mesh_json
+from strands_actors.supervisors.mesh.gateway_messages import Synced
 from strands_actors.surfaces.mesh import MeshConfig, control
 from strands_actors.surfaces.mesh.reach import reach
 from strands_actors.testing import Twin
@@ -80,9 +82,13 @@ def test_saf_009_nor_what_a_program_is_told_that_reaches_it_by_name(tmp_path: Pa
                 assert not isinstance(answer, Refused), answer
                 moved = await arm.send_action({"wrist_roll": 0.0})
                 assert not isinstance(moved, Refused), moved
+                assert isinstance(await trio.to_thread.run_sync(gate._sync_here, 10.0), Synced)
+                moved = await trio.to_thread.run_sync(arm.send_action_here, {"wrist_roll": 0.0})
+                assert isinstance(moved, Accepted), moved
             before = len(other.topics("state"))
             await until(lambda: len(other.topics("state")) > before + 1, "what was said before has arrived")
             assert not other.topics("gateway")
+            assert not other.topics("threads"), "what is told to a thread of it"
             assert not other.knows(gate._session)
             nursery.cancel_scope.cancel()
 

@@ -96,15 +96,17 @@ class Poll:
     newest ``keep`` remain of each."""
 
     def __init__(self, subscriber: Any, queryable: Any = None) -> None:
-        self._subscriber = subscriber
-        self._queryable = queryable
+        self._rings: list[tuple[Any, Callable[[Any], Received]]] = [(subscriber, _received)]
+        if queryable is not None:
+            self._rings.append((queryable, _question))
 
     def take(self) -> Received | None:
-        sample = self._subscriber.try_recv()
-        if sample is not None:
-            return _received(sample)
-        query = None if self._queryable is None else self._queryable.try_recv()
-        return None if query is None else _question(query)
+        for ring, read in self._rings:
+            waiting = ring.try_recv()
+            if waiting is not None:
+                self._rings.reverse()  # a flood of the one keeps none of the other
+                return read(waiting)
+        return None
 
 
 class PubSub:

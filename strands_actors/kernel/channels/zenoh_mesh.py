@@ -111,18 +111,15 @@ class ZenohMesh:
         )
 
     def ask_privately(self, address: str) -> None:
-        """From now on what the node itself tells and asks there is a zenoh query: neither that nor
-        the answer is heard by anybody else, whoever listens. (What threads ask is not.)"""
+        """From now on what is told and asked there, by threads too, is a zenoh query: neither that
+        nor the answer is heard by anybody else, whoever listens."""
         self._private.add(address)
 
     def serve_threads(self) -> None:
         """From now on threads of this process may ``ask``."""
         threads = self._threads = ThreadAsks(f"{self.node.address}/threads")
 
-        def on_answer(sample: zenoh.Sample) -> None:  # on zenoh's thread
-            threads.take(sample.payload.to_bytes())
-
-        self._subscribers[threads.reply_to] = (self._subscribe(threads.reply_to, on_answer),)
+        self._subscribers[threads.reply_to] = (self._subscribe(threads.reply_to, self._on_answer),)
 
     async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         """Carry frames from zenoh's thread into the node's loop."""
@@ -155,7 +152,7 @@ class ZenohMesh:
             return False  # a fork has the session without its threads
         try:
             if to in self._private:
-                return self._query(to, data)
+                return self._query(to, data, self._on_sample)
             publisher = self._publisher(to, urgent)
             if to not in self._alive and not _is_heard(to, publisher):
                 return self._guests is not None and self._guests.send(to, data, descriptors, urgent)
@@ -166,13 +163,13 @@ class ZenohMesh:
             return False  # no key at all (a peer names where its answer goes), or the session is closed
         return True
 
-    def _query(self, to: str, data: bytes) -> bool:
+    def _query(self, to: str, data: bytes, on_answer: Callable[[zenoh.Sample], None]) -> bool:
         if to not in self._alive:
             return False
 
         def answered(reply: zenoh.Reply) -> None:  # on zenoh's thread
             if reply.ok is not None:
-                self._on_sample(reply.ok)
+                on_answer(reply.ok)
 
         self._session.get(
             to,
@@ -233,6 +230,8 @@ class ZenohMesh:
 
     def _put_question(self, to: str, data: bytes) -> bool:
         try:
+            if to in self._private:
+                return self._query(to, data, self._on_answer)
             if to not in self._alive:
                 return False
             publisher = self._asked.get(to)
@@ -263,6 +262,11 @@ class ZenohMesh:
     def _on_sample(self, sample: zenoh.Sample) -> None:
         (self._urgent if sample.priority == _URGENT else self._inbox).append((self, sample.payload.to_bytes()))
         self._waker.wake()
+
+    def _on_answer(self, sample: zenoh.Sample) -> None:
+        """To a thread that has asked."""
+        if self._threads is not None:
+            self._threads.take(sample.payload.to_bytes())
 
     def _on_token(self, sample: zenoh.Sample) -> None:
         address = str(sample.key_expr).removesuffix("/alive")
