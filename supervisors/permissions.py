@@ -120,8 +120,12 @@ def _inside(robot: str) -> dict[str, Told]:
     return {f"{PREFIX}/{path}": None for path in paths}
 
 
-def of_elsewhere(robot: str) -> Channel:
-    """Whoever reaches the gateway from another host, under any name."""
-    at = addresses.of(robot)
+def of_elsewhere(robot: str, who: str) -> Channel:
+    """Return the channel of one question to the gateway, asked by the node ``who``."""
     asks: frozenset[type[Message]] = frozenset({Sync, Dated, GetObservation, GetStatus, Describe})
-    return Channel(tells={at.gateway: asks, at.gateway_stop: frozenset({Stop})})
+    return Channel(who, frozenset(), f"{PREFIX}/node/{who}", {addresses.of(robot).gateway: asks})
+
+
+def of_stops_elsewhere(robot: str) -> Channel:
+    """Whoever stops the robot from another host, under any name."""
+    return Channel(tells={addresses.of(robot).gateway_stop: frozenset({Stop})})

@@ -31,15 +31,18 @@ async def open_node(
     settings: Mapping[str, Any] | None = None,
     tokens: str = EVERYBODY,
     secret: str = "",
+    private: Sequence[str] = (),
 ) -> AsyncIterator[tuple[Node, trio.Nursery]]:
     """As long as the block runs; what runs in the nursery ends with it. Threads may ask by it,
-    too. ``secret``: see ``known_by``."""
+    too. ``secret``: see ``known_by``. ``private``: addresses, see ``ask_privately``."""
     node = Node(name, MonotonicClock())
     mesh = await ZenohMesh.open(listen, connect, settings, secret)
     try:
         async with open_background() as nursery:
             await nursery.start(node.run)
             mesh.attach(node, tokens)
+            for address in private:
+                mesh.ask_privately(address)
             mesh.serve_threads()
             await nursery.start(mesh.run)
             yield node, nursery

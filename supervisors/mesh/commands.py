@@ -32,7 +32,7 @@ from strands_actors.supervisors.root.messages import TaskStatus
 
 from . import schemas as mesh_json
 from .answers import Answers
-from .command_rules import Limit, Shared, read_command, read_envelope, refuse_stale
+from .command_rules import Limit, Shared, read_command, read_envelope, refuse_stale, to_be_asked
 from .lease_rules import refuse_by_mode
 from .motion import NOBODY_TO_ASK, Motion, holder_of, no_answer, task_json
 from .readings import TELEOP, features, state_of, tool_of
@@ -75,7 +75,7 @@ class Commands(Actor):
         self._task = task
         self._robot = robot
         self._driver = driver
-        self._ring = pubsub.poll(mesh_json.key(robot, "cmd"), RING, questions=True)
+        self._ring = pubsub.poll(RING, mesh_json.key(robot, "cmd"), mesh_json.asked_key(robot, "*"))
         self._answers = answers
         self._shared = shared
         self._what = "what is no command"
@@ -116,12 +116,21 @@ class Commands(Actor):
             turn = self._turn(sender.turn_id, received) if sender else ""
             self._refuse(sender.sender_id if sender else "", turn, refused)
             return
-        if received.reply is not None:
-            who = mesh_json.proven(envelope.sender_id, envelope.proof)
+        asked = received.reply is not None
+        if asked:
+            who = mesh_json.proven(received.key.rpartition("/")[2], envelope.proof)
             envelope = msgspec.structs.replace(
                 envelope, sender_id=who, turn_id=self._turn(envelope.turn_id, received)
             )
         command = read_command(envelope)
+        if isinstance(command, Command):
+            if asked and not mesh_json.is_name(plain(envelope.sender_id)):
+                command = Refused(
+                    "malformed", "the key of the question ends with no name", to_be_asked(self._robot)
+                )
+            elif not asked and not isinstance(command, mesh_json.PUT):
+                why = f"{command.action}: who puts a command is not known, and who listens hears its answer"
+                command = Refused("put", why, to_be_asked(self._robot), command.action)
         self._what = type(command).__name__.lower() if isinstance(command, Command) else "what is no command"
         refused_now = command if isinstance(command, Refused) else self._check(envelope.sender_id, command, now_ns)
         if refused_now is not None:

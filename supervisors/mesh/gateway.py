@@ -21,6 +21,7 @@ from strands_actors.contract.driver import Driver, Observation, Reason
 from strands_actors.kernel.actor import Actor, Deferred
 from strands_actors.kernel.channels.permissions import Channel
 from strands_actors.kernel.channels.pubsub import PubSub, Received, Reply
+from strands_actors.kernel.channels.zenoh_mesh import asked_key
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import PREFIX, AskTimeout, Ref, Unreachable
@@ -78,10 +79,11 @@ class FromOutside:
 
     def __init__(self, node: Router, pubsub: PubSub, robot: str) -> None:
         at = addresses.of(robot)
-        self.channel: Channel | None = channels.of_elsewhere(robot)
+        self.channel: Channel | None = channels.of_stops_elsewhere(robot)
         self._node = node
         self._pubsub = pubsub
-        self._ring = pubsub.poll(at.gateway, RING, questions=True)
+        self._ring = pubsub.poll(RING, questions=asked_key(at.gateway, "*"))
+        self._robot = robot
         pubsub.subscribe(at.gateway_stop, self._on_stop)
         for address in (at.gateway, at.gateway_stop):
             pubsub.declare_token(f"{address}/alive")
@@ -93,8 +95,8 @@ class FromOutside:
                 received = self._ring.take()
                 if received is None:
                     return count
-                way = self if received.reply is None else _Question(self.channel, received.reply)
-                self._node.receive_frame(received.payload, way)
+                channel = channels.of_elsewhere(self._robot, received.key.rpartition("/")[2])
+                self._node.receive_frame(received.payload, _Question(channel, received.reply))
         return TAKEN_AT_ONCE
 
     def _on_stop(self, received: Received) -> None:
@@ -117,8 +119,8 @@ class FromOutside:
 class _Question:
     """The way of one frame that was asked, and of its answer: to who asked, and to nobody else."""
 
-    def __init__(self, channel: Channel | None, reply: Reply) -> None:
-        self.channel = channel
+    def __init__(self, channel: Channel, reply: Reply) -> None:
+        self.channel: Channel | None = channel
         self._reply = reply
 
     def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = (), urgent: bool = False) -> bool:
@@ -181,14 +183,14 @@ class Gateway(Actor):
             refused = self._refuse(message, now_ns)
             if refused is not None:
                 what = type(message.message).__name__.lower()
-                self._shared.audit("a caller elsewhere", what, f"refused: {refused.text}", "another host")
+                self._shared.audit(message.channel, what, f"refused: {refused.text}", "another host")
             return refused or self._obey(message)
         refusal = self._refuse_rate(self._readings, READINGS_PER_S, now_ns)
         if refusal is not None:
             return refusal
         match message:
             case Sync():
-                session = self._shared.sessions.sync(message.session, now_ns)
+                session = self._shared.sessions.sync(message.session, message.channel, now_ns)
                 return Synced(session, self.context.clock.now_ns(), self._kind, tuple(self._driver.axes))
             case Describe():
                 return self._soon(lambda: self._root.ask(message, TREE_S))
@@ -198,7 +200,7 @@ class Gateway(Actor):
 
     def _refuse(self, dated: Dated, now_ns: int) -> Refused | None:
         message, sessions = dated.message, self._shared.sessions
-        refusal = sessions.refuse(dated.session, dated.deadline_ns, now_ns)
+        refusal = sessions.refuse(dated.session, dated.channel, dated.deadline_ns, now_ns)
         if refusal is not None:
             return refusal
         if isinstance(message, Setpoint | Beat | Release | Perform):
@@ -227,7 +229,7 @@ class Gateway(Actor):
             return None
         match message:
             case Acquire():
-                return self._soon(lambda: self._acquire(dated.session, message))
+                return self._soon(lambda: self._acquire(dated.session, dated.channel, message))
             case Release():
                 return self._soon(lambda: self._release(message))
             case Resume():
@@ -238,7 +240,7 @@ class Gateway(Actor):
                 return self._soon(lambda: self._gate.ask(message, within_s))
         return self._soon(lambda: self._gate.ask(message, ASK_S))
 
-    async def _acquire(self, session: str, message: Acquire) -> Message | None:
+    async def _acquire(self, session: str, who: str, message: Acquire) -> Message | None:
         """A rollout writes under a lease that its caller has been given here."""
         status = await self._gate.ask(GetStatus(), ASK_S)
         if not isinstance(status, Status):
@@ -248,7 +250,7 @@ class Gateway(Actor):
             return refusal
         # One that was not given in this session is no proof of anything.
         again = 0 if self._shared.sessions.refuse_lease(session, message.again) else message.again
-        holder = f"{message.holder} (another host)"
+        holder = f"{message.holder} ({who})"
         elsewhere = msgspec.structs.replace(message, holder=holder, pid=0, again=again)
         lease = await self._gate.ask(elsewhere, ASK_S)
         if isinstance(lease, Lease):

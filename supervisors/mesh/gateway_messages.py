@@ -19,6 +19,7 @@ class Sync(Message, frozen=True):
     none yet."""
 
     session: str = ""
+    channel: str = ""  # who asks, by the key on which it does
 
 
 class Synced(Message, frozen=True):
@@ -38,3 +39,4 @@ class Dated(Message, frozen=True):
     session: str
     deadline_ns: int
     message: Datable
+    channel: str = ""  # who asks, by the key on which it does

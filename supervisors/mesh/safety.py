@@ -172,18 +172,9 @@ class Safety(Actor):
 
     def _on_resume(self, payload: bytes) -> None:
         order = _order(payload)
-        if not (is_name(order.sender_id) and is_name(order.turn_id)):
-            self._refuse("", "", Refused("malformed", "resume: nobody is named who could be told"))
-        elif order.target_id in ("", "*"):
-            refused = Refused("no_target", "resume: no robot is named", "resume one robot at a time: target_id")
-            self._refuse(order.sender_id, order.turn_id, refused)
-        elif order.target_id == self._robot:
-            now_ns = self.context.clock.now_ns()
-            stale = self._shared.clocks.refuse(order.sender_id, order.clock, order.deadline_ns, now_ns)
-            if stale is not None:
-                self._refuse(order.sender_id, order.turn_id, stale)
-            else:
-                self._resume(ResumeOrder(order.by or order.sender_id, order.sender_id, order.turn_id))
+        if self._is_meant(order):
+            named = is_name(order.sender_id) and is_name(order.turn_id)
+            self._refuse(*((order.sender_id, order.turn_id) if named else ("", "")), _RESUME)
 
     def _refuse(self, sender: str, turn: str, refused: Refused) -> None:
         admitted = self._refusals.admits(self.context.clock.now_ns())
@@ -262,6 +253,13 @@ class Safety(Actor):
         else:
             refused = answer if isinstance(answer, Refused) else Refused("no_answer", "resume: no answer")
             self._answers.refuse(order.sender, order.turn, refused)
+
+
+_RESUME = Refused(
+    "put",
+    "resume: who puts it is not known",
+    "ask: the command resume, by a zenoh query (get) on strands/<robot>/cmd/<your name>",
+)
 
 
 def _unconfirmed(detail: str) -> dict[str, Any]:

@@ -45,6 +45,12 @@ def key(robot: str, topic: str) -> str:
     return f"{PREFIX}/{robot}/{topic}"
 
 
+def asked_key(robot: str, sender: str) -> str:
+    """Return the key on which a sender asks a robot. Who asks is known by it: access rules let nobody
+    ask in another's name."""
+    return key(robot, f"cmd/{sender}")
+
+
 def camera_topic(camera: str) -> str:
     """Its pictures, as JPEG. ``*``: of all cameras."""
     return f"camera/{camera}"
@@ -68,19 +74,19 @@ somebody gives has it."""
 
 
 def proven(sender: str, proof: str) -> str:
-    """Return the name of who asks so that nobody else hears it: another's without its proof is
-    another."""
+    """Return whose leases are meant: of programs that ask by one name, each has its own."""
     return f"{sender}{PRIVATE}{hashlib.sha256(proof.encode()).hexdigest()[:16]}"
 
 
 def plain(sender: str) -> str:
-    """Return what a sender calls itself."""
+    """Return a sender's name as others know it."""
     return sender.partition(PRIVATE)[0]
 
 
 class Envelope(msgspec.Struct, frozen=True):
-    """Around each command. Fields that are not named here are ignored. ``proof``: of a question, a
-    secret of who asks; a name counts with the proof that came with it."""
+    """Around each command. Fields that are not named here are ignored. ``sender_id``: of what is put,
+    under which name it is answered; who asks is known by the key. ``proof``: of a question, a
+    secret of the program that asks."""
 
     sender_id: Name
     turn_id: Name
@@ -98,6 +104,10 @@ class Sender(msgspec.Struct, frozen=True):
 
 class Command(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="action", tag=str.lower):
     """``{"action": <class name in lower case>, ...}``."""
+
+    @property
+    def action(self) -> str:
+        return str(type(self).__struct_config__.tag)
 
 
 class Dated(Command, frozen=True):
@@ -177,10 +187,6 @@ class TeleopStatus(Command, frozen=True, tag="teleop_status"):
 class Motion(Dated, frozen=True):
     """What moves the robot for longer than the message lives."""
 
-    @property
-    def action(self) -> str:
-        return str(type(self).__struct_config__.tag)
-
 
 class Start(Motion, frozen=True):
     """Run a policy that is installed on the robot's host. Answered when it has begun."""
@@ -235,20 +241,21 @@ READING: tuple[type[Command], ...] = (Status, Observe, Ping, State, Features, De
 WRITING: tuple[type[Command], ...] = (Acquire, Beat, Release, Move, Start, Execute, SetJoints, Step, Reset)
 ORDERS: tuple[type[Command], ...] = (Stop, Estop, Resume)
 
+PUT: tuple[type[Command], ...] = (*READING, Stop, Estop)
+"""What may be put: who put it is not known, and everybody may hear the answer."""
+
 _KINDS: tuple[type[Command], ...] = (Sync,) + READING + WRITING + ORDERS  # noqa: RUF005  # typed so
 ACTIONS: dict[str, type[Command]] = {str(kind.__struct_config__.tag): kind for kind in _KINDS}
 
 
 class SafetyOrder(msgspec.Struct, frozen=True):
     """On ``strands/safety/estop`` and ``resume``. An e-stop needs none of it, and is for all unless
-    it names one robot; a resume names one, and is dated as a command is."""
+    it names one robot; a resume is refused to who put it."""
 
     sender_id: str = ""
     turn_id: str = ""
     target_id: str = ""
     by: Text = ""
-    clock: str = ""
-    deadline_ns: int = 0
 
 
 # -- answers

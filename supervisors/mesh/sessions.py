@@ -22,6 +22,7 @@ good."""
 
 
 class Session(msgspec.Struct):
+    who: str
     expires_ns: int
     leases: list[int] = []
 
@@ -32,21 +33,23 @@ class Sessions:
     def __init__(self) -> None:
         self._sessions: dict[str, Session] = {}
 
-    def sync(self, name: str, now_ns: int) -> str:
-        """The clock has just been read, in the session ``name`` if there is one. Its name."""
-        session = self._sessions.pop(name, None)
-        if session is None or session.expires_ns <= now_ns:
-            name, session = secrets.token_hex(16), Session(0)
+    def sync(self, name: str, who: str, now_ns: int) -> str:
+        """``who`` has just read the clock, in the session ``name`` if that is one of its own. Its name."""
+        session = self._sessions.get(name)
+        if session is None or session.who != who or session.expires_ns <= now_ns:
+            name, session = secrets.token_hex(16), Session(who, 0)
+        self._sessions.pop(name, None)
         if len(self._sessions) >= _MAX_SESSIONS:
             del self._sessions[next(iter(self._sessions))]
         session.expires_ns = now_ns + round(CLOCK_TTL_S * NS)
         self._sessions[name] = session
         return name
 
-    def refuse(self, name: str, deadline_ns: int, now_ns: int) -> Refused | None:
-        """None when it is dated by our clock, and its time has neither passed nor is far away."""
+    def refuse(self, name: str, who: str, deadline_ns: int, now_ns: int) -> Refused | None:
+        """None when it is dated by our clock, in a session of ``who`` asks, and its time has neither passed
+        nor is far away."""
         session = self._sessions.get(name)
-        if session is None or session.expires_ns <= now_ns:
+        if session is None or session.who != who or session.expires_ns <= now_ns:
             why = f"you have not read this robot's clock in the last {CLOCK_TTL_S:g} s"
             return Refused("clock", why, "send Sync first")
         return refuse_by_deadline(deadline_ns, now_ns)

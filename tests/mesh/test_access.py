@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -15,16 +16,22 @@ import trio
 import zenoh
 
 from strands_actors import Robot
+from strands_actors.caller.nodes import open_node
 from strands_actors.caller.robot import RealRobot
+from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh
 from strands_actors.kernel.channels.zenoh_session import config
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.node import AskTimeout
+from strands_actors.supervisors import addresses
+from strands_actors.supervisors.mesh.gateway import Gateway
+from strands_actors.supervisors.mesh.gateway_messages import Sync, Synced
 from strands_actors.surfaces.mesh import TLS, Access, MeshConfig, control, open_mesh
 from strands_actors.surfaces.mesh.keys import make
 from strands_actors.surfaces.mesh.outcome import outcome_of
 from strands_actors.testing import FakeHardware, Twin
 
 from .proxy import free_port
-from .world import Samples, robot_on_mesh, run, tls, until
+from .world import Samples, code, robot_on_mesh, run, tls, until
 
 
 @pytest.fixture(scope="module")
@@ -260,10 +267,41 @@ def test_saf_017_one_operator_speaks_for_no_other_and_overhears_none(
                     for clock in ("", "0" * 32):
                         move = {"action": "move", "targets": {"a": 3.0}, "lease": arm._lease, "epoch": epoch}
                         await bob.post(robot, {**move, "clock": clock or "x", "deadline_ns": 1 << 60})  # type: ignore[arg-type]
+                    for asked in ("ping", "sync", "status"):  # never heard: not even what needs no lease
+                        assert code(await bob.request(robot, {"action": asked}, 0.3)) == "no_answer"
                     resumed = bob.request(robot, {"action": "resume", "clock": "x", "deadline_ns": 1 << 60}, 0.3)
                     assert isinstance(await resumed, Refused)
                     assert {written.values for written in hardware.of("setpoint")} == {(1.0, 0.0)}
                 assert not [key for key in overheard if "/response/" in key]
+
+    run(test)
+
+
+def test_saf_017_nor_at_the_gateway(keys: Path, port: int, run_dir: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A node's name begins with its certificate's; what is asked under another is not heard."""
+
+    async def test() -> None:
+        here = served(keys, port, Access(operators=["alice", "bob"]))
+        async with robot_on_mesh(config=here) as (robot, _, _):
+            away(run_dir, monkeypatch)
+            gateway, at = addresses.of(robot).gateway, [f"tls/localhost:{port}"]
+            for certificate, name, heard in (
+                ("alice", "alice.caller.1", True),
+                ("bob", "alice.caller.1", False),
+                ("bob", "bob.caller.1", True),
+                ("bob", "bob", False),
+            ):
+                settings = MeshConfig(tls=tls(keys / "ours", certificate)).settings()
+                tokens = f"{gateway}/**/alive"
+                async with open_node(name, [], at, settings, tokens, private=[gateway]) as (node, _):
+                    mesh = node.mesh
+                    assert isinstance(mesh, ZenohMesh)
+                    await until(partial(mesh._alive.__contains__, gateway), "the gateway is there")
+                    try:
+                        answer = await node.ref(gateway, Gateway).ask(Sync(), 2.0 if heard else 0.3)
+                    except AskTimeout:
+                        answer = None
+                    assert isinstance(answer, Synced) is heard, (certificate, name)
 
     run(test)
 
@@ -288,7 +326,7 @@ while (passed := time.monotonic() - began) < seconds:
         if sys.argv[5] == "put":
             session.put("strands/so101/cmd", payload)
         else:
-            session.get("strands/so101/cmd", nobody, payload=payload, timeout=5.0)
+            session.get("strands/so101/cmd/operator.x", nobody, payload=payload, timeout=5.0)
         sent += 1
     time.sleep(0.001)
 print(sent, flush=True)

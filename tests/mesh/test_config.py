@@ -175,10 +175,18 @@ def test_a_viewer_may_put_nothing() -> None:
 def test_an_operator_may_put_orders_and_nothing_else() -> None:
     (orders,) = [rule for rule in granted("operator") if "put" in rule["messages"] and "ingress" in rule["flows"]]
     assert sorted(orders["key_exprs"]) == [
-        "strands/*/actor/gateway",
         "strands/*/actor/gateway/stop",
         "strands/*/cmd",
         "strands/broadcast",
         "strands/safety/estop",
         "strands/safety/resume",
     ]
+
+
+def test_an_operator_asks_under_its_own_name_alone() -> None:
+    (questions,) = [rule for rule in granted("operator") if "query" in rule["messages"]]
+    assert sorted(questions["key_exprs"]) == [
+        "strands/*/actor/gateway/from/operator.$*",
+        "strands/*/cmd/operator.$*",
+    ]
+    assert not [rule for rule in granted("viewer") if "query" in rule["messages"]]

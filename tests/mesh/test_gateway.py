@@ -7,18 +7,19 @@ import contextlib
 import dataclasses
 import time
 from collections.abc import AsyncIterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 import pytest
 import trio
+import zenoh
 
 from strands_actors.caller.nodes import open_node
 from strands_actors.caller.run_directory import notes
 from strands_actors.contract.axis import Axis, AxisMode
 from strands_actors.contract.driver import Reason
 from strands_actors.kernel.actor import Actor
-from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh
+from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh, asked_key
 from strands_actors.kernel.frames import TELL, frame
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import Node, Unreachable
@@ -96,7 +97,9 @@ async def world() -> AsyncIterator[World]:
         (note,) = notes()
         callers: list[Caller] = []
         for name in ("one", "two"):
-            node, _ = await stack.enter_async_context(open_node(f"caller.{name}", connect=note.mesh))
+            gateway = addresses.of(robot).gateway
+            opened = open_node(f"caller.{name}", connect=note.mesh, private=[gateway])
+            node, _ = await stack.enter_async_context(opened)
             synced = await Caller(robot, node, "").ask(Sync())
             assert isinstance(synced, Synced)
             assert synced.axes == tuple(tree.driver.axes)
@@ -126,7 +129,7 @@ def test_a_caller_of_another_host_writes_stops_and_resumes() -> None:
             assert code(await one.dated(Acquire("me"))) == "disarmed"
             assert isinstance(await one.dated(Resume("me")), Resumed)
             assert isinstance(await one.dated(target(await one.acquire(), a=2.0)), Accepted)
-            assert (await tree.status()).holder == "me (another host)"
+            assert (await tree.status()).holder == "me (caller.one)"
 
     run(test)
 
@@ -178,10 +181,42 @@ def test_saf_017_a_lease_is_good_for_the_caller_that_was_given_it_alone() -> Non
             for command in (target(lease, a=1.0), Release(lease.id), over, Perform(lease.id, lease.epoch, "x", {})):
                 assert code(await two.dated(command)) == "lease"
             for theirs in (Acquire("other"), Acquire("me"), Acquire("me", again=lease.id)):
-                assert "me (another host)" in str(await two.dated(theirs)), "neither its name nor its number"
+                assert "me (caller.one)" in str(await two.dated(theirs)), "neither its name nor its number"
             assert isinstance(await one.dated(over), Lease)
             assert not hardware.of("setpoint")
             assert (await tree.status()).mode == "armed"
+
+    run(test)
+
+
+def test_saf_017_a_session_counts_for_the_name_that_opened_it() -> None:
+    """Whoever comes to know the session of another asks under a name of its own, all the same."""
+
+    async def test() -> None:
+        async with world() as (hardware, _, one, two):
+            lease = await one.acquire()
+            assert code(await two.dated(target(lease, a=1.0), session=one.session)) == "clock"
+            again = await two.ask(Sync(one.session))
+            assert isinstance(again, Synced) and again.session != one.session
+            assert isinstance(await one.dated(target(lease, a=0.5)), Accepted), "it has lost nothing"
+            await until(lambda: hardware.of("setpoint"), "it is written")
+            assert {each.values[0] for each in hardware.of("setpoint")} == {0.5}
+
+    run(test)
+
+
+def test_saf_017_what_is_put_to_the_gateway_is_not_heard() -> None:
+    async def test() -> None:
+        async with world() as (hardware, tree, one, _):
+            mesh, lease = one.node.mesh, await one.acquire()
+            assert isinstance(mesh, ZenohMesh)
+            gateway = addresses.of(one.robot).gateway
+            dated = Dated(one.session, time.monotonic_ns() + 5000 * MS, target(lease, a=1.0))
+            for key in (gateway, asked_key(gateway, "caller.one")):
+                mesh._session.put(key, frame(gateway, TELL, 0, "", one.node.address, dated))
+            assert isinstance(await one.ask(GetStatus()), Status)
+            await trio.sleep(0.1)
+            assert not hardware.of("setpoint") and (await tree.status()).mode == "armed"
 
     run(test)
 
@@ -277,13 +312,15 @@ def test_saf_006_a_stop_waits_for_no_flood_of_commands() -> None:
         async with world() as (_, tree, one, _):
             mesh, over = one.node.mesh, trio.Event()
             assert isinstance(mesh, ZenohMesh)
-            key = addresses.of(one.robot).gateway
-            junk = frame(key, TELL, 0, "x", one.node.address, Sync())
+            gateway = addresses.of(one.robot).gateway
+            key = asked_key(gateway, "caller.one")
+            junk = frame(gateway, TELL, 0, "x", one.node.address, Sync())
+            nobody: Any = zenoh.handlers.Callback(lambda reply: None, indirect=False)
 
             async def flood() -> None:
                 while not over.is_set():
                     for _ in range(100):
-                        mesh._session.put(key, junk)
+                        mesh._session.get(key, nobody, payload=junk, timeout=5.0)
                     await trio.sleep(0.002)
 
             async with trio.open_nursery() as nursery:
@@ -293,6 +330,8 @@ def test_saf_006_a_stop_waits_for_no_flood_of_commands() -> None:
                 assert isinstance(report, StopReport) and report.confirmed
                 over.set()
             assert (await tree.status()).mode == "disarmed"
+
+    run(test)
 
 
 def test_a_caller_that_asks_too_often_is_told_so() -> None:
@@ -304,7 +343,5 @@ def test_a_caller_that_asks_too_often_is_told_so() -> None:
                 one.lease = answer.id if isinstance(answer, Lease) else one.lease
                 codes.append(answer.code if isinstance(answer, Refused) else "")
             assert "" in codes and "rate" in codes
-
-    run(test)
 
     run(test)

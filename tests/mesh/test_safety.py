@@ -111,24 +111,28 @@ def test_an_estop_for_one_robot_leaves_the_others() -> None:
     run(test)
 
 
-def test_saf_007_a_resume_names_one_robot_and_is_dated() -> None:
+def test_saf_007_a_resume_is_asked_and_dated() -> None:
     async def test() -> None:
         async with robot_on_mesh() as (robot, tree, _), mesh() as client:
             await client.estop(within_s=5.0)
             clock = await client.clock(robot)
             assert isinstance(clock, Reading)
-            synced = Samples(client, f"strands/{client.sender}/response/{robot}/sync")
-            sync = {"sender_id": client.sender, "turn_id": "sync", "command": {"action": "sync"}}
-            await raw(client, robot, json.dumps(sync).encode())
-            name = (await synced.wait())[0]["result"]["clock"]
             answers = Samples(client, f"strands/{client.sender}/response/{robot}/x")
-            dated = {"clock": name, "deadline_ns": clock.deadline(time.monotonic_ns() + 10**9)}
-            late = {"clock": name, "deadline_ns": clock.deadline(time.monotonic_ns() - 10**6)}
-            for target, date in (("", dated), ("*", dated), (robot, late), (robot, {}), ("another", dated)):
-                order = {"sender_id": client.sender, "turn_id": "x", "target_id": target, **date}
-                await raw(client, robot, json.dumps(order).encode(), mesh_json.RESUME_KEY)
-            told = await answers.wait(4)
-            assert [answer["refused"]["code"] for answer in told] == ["no_target", "no_target", "expired", "clock"]
+            order = {"sender_id": client.sender, "turn_id": "x"}
+            ahead = {"clock": clock.name, "deadline_ns": clock.deadline(time.monotonic_ns() + 10**10)}
+            command = {"action": "resume", **ahead}
+            for key, body in (
+                (mesh_json.RESUME_KEY, ahead),
+                (mesh_json.RESUME_KEY, {**ahead, "target_id": robot}),
+                (mesh_json.RESUME_KEY, {**ahead, "target_id": "another"}),
+                ("cmd", {"command": command}),
+            ):
+                await raw(client, robot, json.dumps({**order, **body}).encode(), key)
+            told = await answers.wait(3)
+            assert [answer["refused"]["code"] for answer in told] == ["put", "put", "put"]
+            assert all("(get)" in answer["refused"]["remedy"] for answer in told)
+            late = mesh_json.Resume(clock=clock.name, deadline_ns=clock.deadline(time.monotonic_ns() - 10**6))
+            assert code(await client.request(robot, late)) == "expired"
             status = await tree.status()
             assert (status.mode, bool(status.locked_by)) == ("disarmed", True)
             assert not isinstance(await client.resume(robot), Refused)

@@ -8,6 +8,7 @@ from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.mesh.sessions import CLOCK_TTL_S, Sessions
 
 SECOND = 10**9
+ONE = "caller.one"
 
 
 def code(answer: Refused | None) -> str:
@@ -28,40 +29,48 @@ def test_saf_001_a_command_is_dated_by_a_reading_and_comes_in_time(
     deadline_s: float, now_s: float, expected: str
 ) -> None:
     sessions = Sessions()
-    name = sessions.sync("", 0)
-    assert code(sessions.refuse(name, round(deadline_s * SECOND), round(now_s * SECOND))) == expected
+    name = sessions.sync("", ONE, 0)
+    assert code(sessions.refuse(name, ONE, round(deadline_s * SECOND), round(now_s * SECOND))) == expected
 
 
 @pytest.mark.parametrize("name", ["", "0" * 32, "operator"])
 def test_nothing_is_accepted_from_who_has_not_read_the_clock(name: str) -> None:
     sessions = Sessions()
-    sessions.sync("", 0)
-    assert code(sessions.refuse(name, SECOND, 0)) == "clock"
+    sessions.sync("", ONE, 0)
+    assert code(sessions.refuse(name, ONE, SECOND, 0)) == "clock"
 
 
 def test_a_session_goes_on_as_long_as_its_owner_reads() -> None:
     sessions, name = Sessions(), ""
     for at_s in (0, 20, 40):
-        again = sessions.sync(name, at_s * SECOND)
+        again = sessions.sync(name, ONE, at_s * SECOND)
         assert name in ("", again)
         name = again
     late_ns = round((40 + CLOCK_TTL_S) * SECOND)
-    assert sessions.sync(name, late_ns) != name
+    assert sessions.sync(name, ONE, late_ns) != name
 
 
 def test_a_name_that_nobody_was_given_names_nobody() -> None:
     """Else who guesses one could choose it."""
     sessions = Sessions()
-    assert sessions.sync("mine", 0) != "mine"
+    assert sessions.sync("mine", ONE, 0) != "mine"
+
+
+def test_saf_017_a_session_is_of_the_name_that_opened_it() -> None:
+    sessions = Sessions()
+    name = sessions.sync("", ONE, 0)
+    assert code(sessions.refuse(name, "caller.two", SECOND, 0)) == "clock"
+    assert sessions.sync(name, "caller.two", 1) != name
+    assert code(sessions.refuse(name, ONE, SECOND, 0)) == "", "it is not taken from who has it"
 
 
 def test_saf_017_a_lease_is_of_the_session_that_was_given_it() -> None:
     sessions = Sessions()
-    one, two = sessions.sync("", 0), sessions.sync("", 0)
+    one, two = sessions.sync("", ONE, 0), sessions.sync("", ONE, 0)
     sessions.grant(one, 7)
     assert code(sessions.refuse_lease(one, 7)) == ""
     assert code(sessions.refuse_lease(two, 7)) == code(sessions.refuse_lease("", 7)) == "lease"
-    sessions.sync(one, 1)
+    sessions.sync(one, ONE, 1)
     assert code(sessions.refuse_lease(one, 7)) == "", "and stays its own"
     for lease in range(8, 40):
         sessions.grant(one, lease)
@@ -71,6 +80,6 @@ def test_saf_017_a_lease_is_of_the_session_that_was_given_it() -> None:
 
 def test_they_are_bounded_and_the_one_that_was_silent_longest_goes() -> None:
     sessions = Sessions()
-    first, *others = [sessions.sync("", 0) for _ in range(200)]
-    assert code(sessions.refuse(first, SECOND, 0)) == "clock"
-    assert code(sessions.refuse(others[-1], SECOND, 0)) == ""
+    first, *others = [sessions.sync("", ONE, 0) for _ in range(200)]
+    assert code(sessions.refuse(first, ONE, SECOND, 0)) == "clock"
+    assert code(sessions.refuse(others[-1], ONE, SECOND, 0)) == ""

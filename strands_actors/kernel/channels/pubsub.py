@@ -95,10 +95,9 @@ class Poll:
     """Samples and questions that wait below the interpreter until they are taken; of a flood the
     newest ``keep`` remain of each."""
 
-    def __init__(self, subscriber: Any, queryable: Any = None) -> None:
-        self._rings: list[tuple[Any, Callable[[Any], Received]]] = [(subscriber, _received)]
-        if queryable is not None:
-            self._rings.append((queryable, _question))
+    def __init__(self, subscriber: Any, queryable: Any) -> None:
+        both = ((subscriber, _received), (queryable, _question))
+        self._rings: list[tuple[Any, Callable[[Any], Received]]] = [(ring, read) for ring, read in both if ring]
 
     def take(self) -> Received | None:
         for ring, read in self._rings:
@@ -119,7 +118,7 @@ class PubSub:
         self._inboxes: dict[str, _Inbox] = {}
         self._topics: dict[str, Topic] = {}
         self._ready: dict[str, zenoh.Publisher] = {}
-        self._polls: dict[str, Poll] = {}
+        self._polls: dict[tuple[str, str], Poll] = {}
         self._tokens: dict[str, Any] = {}
         opened(self)
 
@@ -252,15 +251,16 @@ class PubSub:
         liveliness = self._session.liveliness()
         self._listen(key, handler, keep, lambda into: liveliness.declare_subscriber(key, into, history=True))
 
-    def poll(self, key: str, keep: int, questions: bool = False) -> Poll:
-        """``questions``: those that are asked there, too."""
-        if key not in self._polls:
-            subscriber = self._session.declare_subscriber(key, zenoh.handlers.RingChannel(keep))
-            queryable = None
-            if questions:
-                queryable = self._session.declare_queryable(key, zenoh.handlers.RingChannel(keep))
-            self._polls[key] = Poll(subscriber, queryable)
-        return self._polls[key]
+    def poll(self, keep: int, samples: str = "", questions: str = "") -> Poll:
+        """Of the samples that are put on one key, and the questions that are asked on another."""
+        keys = samples, questions
+        if keys not in self._polls:
+            ring = zenoh.handlers.RingChannel
+            self._polls[keys] = Poll(
+                self._session.declare_subscriber(samples, ring(keep)) if samples else None,
+                self._session.declare_queryable(questions, ring(keep)) if questions else None,
+            )
+        return self._polls[keys]
 
     def _listen(
         self,

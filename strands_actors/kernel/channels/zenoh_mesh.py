@@ -111,8 +111,9 @@ class ZenohMesh:
         )
 
     def ask_privately(self, address: str) -> None:
-        """From now on what is told and asked there, by threads too, is a zenoh query: neither that
-        nor the answer is heard by anybody else, whoever listens."""
+        """From now on what is told and asked there, by threads too, is a zenoh query, on a key that ends
+        with this node's name: neither that nor the answer is heard by anybody else, whoever
+        listens."""
         self._private.add(address)
 
     def serve_threads(self) -> None:
@@ -172,7 +173,7 @@ class ZenohMesh:
                 on_answer(reply.ok)
 
         self._session.get(
-            to,
+            asked_key(to, self.node.address.rpartition("/")[2]),
             zenoh.handlers.Callback(answered, indirect=False),
             payload=data,
             congestion_control=zenoh.CongestionControl.BLOCK,
@@ -308,4 +309,9 @@ def _is_heard(address: str, publisher: zenoh.Publisher) -> bool:
     return bool(status.matching)
 
 
-__all__ = ["PREFIX", "ZenohMesh", "config", "unix_endpoint"]
+def asked_key(address: str, who: str) -> str:
+    """Return the key on which ``who`` asks the actor there. Access rules let nobody ask in another's name."""
+    return f"{address}/from/{who}"
+
+
+__all__ = ["PREFIX", "ZenohMesh", "asked_key", "config", "unix_endpoint"]

@@ -2,9 +2,9 @@
 allowed is denied below the interpreter: a flood of forged commands costs the robot next to
 nothing.
 
-Zenoh tells a robot nothing of who has put a sample. So each operator hears answers to its own name
-alone, and what it says counts by what such an answer has told it: the robot's clock under a name
-that cannot be guessed, a session, a lease. Who speaks for another cannot know these.
+Zenoh tells a robot nothing of who has put a sample or asks a question. So what moves a robot is asked, on
+a key that ends with the name of who asks, and each operator may ask under its own name alone. What
+is put can stop and read, and each operator hears the answers to its own name alone.
 """
 
 from __future__ import annotations
@@ -18,20 +18,21 @@ from strands_actors.supervisors.mesh.schemas import (
     EVENT_KEY,
     RESUME_KEY,
     TELEMETRY,
+    asked_key,
     camera_topic,
     key,
 )
 
 TOPICS = (*(key("*", topic) for topic in (*TELEMETRY, camera_topic("*"))), EVENT_KEY)
-QUESTIONS = (key("*", "cmd"), key("*", "actor/gateway"))
 ORDERS = (
-    *QUESTIONS,
+    key("*", "cmd"),
     key("*", "actor/gateway/stop"),
     BROADCAST_KEY,
     ESTOP_KEY,
     RESUME_KEY,
 )
 TOKENS = (key("*", "alive"),)
+QUESTIONS = (asked_key("*", "*"), key("*", "actor/gateway/from/*"))
 GATEWAYS = (key("*", "actor/gateway/**/alive"),)
 
 OPEN = "tcp"
@@ -55,7 +56,6 @@ VIEW = (
 COMMAND = (
     Rule("orders", ("put",), "ingress", ORDERS),
     Rule("offer", ("declare_subscriber",), "egress", ORDERS),
-    Rule("questions", ("query",), "ingress", QUESTIONS),
     Rule("replies", ("reply", "declare_queryable"), "egress", QUESTIONS),
 )
 OPERATE = (
@@ -71,6 +71,7 @@ HERE = (
     Rule("look", ("liveliness_query", "declare_liveliness_subscriber"), "ingress", ("**",)),
     Rule("all tokens", ("liveliness_token",), "egress", (*TOKENS, *GATEWAYS)),
     *COMMAND,
+    Rule("questions", ("query",), "ingress", QUESTIONS),
 )
 """Programs of this user. They may listen to everything, and are sent no command that another gives: there is
 a lease in it."""
@@ -82,9 +83,16 @@ def own_prefix(name: str) -> str:
 
 
 def answers(name: str) -> tuple[Rule, ...]:
-    """Return what one operator is answered."""
-    keys = (key(f"{own_prefix(name)}$*", "response/**"), key("node", f"{own_prefix(name)}$*/**"))
+    """Return what one operator asks, and is answered."""
+    own = f"{own_prefix(name)}$*"
+    keys = (key(own, "response/**"), key("node", f"{own}/**"))
     return (
+        Rule(
+            f"questions of {name}",
+            ("query",),
+            "ingress",
+            (asked_key("*", own), key("*", f"actor/gateway/from/{own}")),
+        ),
         Rule(f"answers to {name}", ("put",), "egress", keys),
         Rule(f"asked by {name}", ("declare_subscriber",), "ingress", keys),
     )

@@ -54,7 +54,8 @@ async def _ask(robot: str, endpoint: str, config: MeshConfig, within_s: float) -
     name = f"{config.own_prefix}visitor.{os.getpid()}.{secrets.token_hex(4)}"
     gateway = addresses.of(robot).gateway
     tokens = f"{gateway}/**/alive"
-    async with open_node(name, connect=[endpoint], settings=config.settings_for(robot), tokens=tokens) as (node, _):
+    settings = config.settings_for(robot)
+    async with open_node(name, [], [endpoint], settings, tokens, private=[gateway]) as (node, _):
         with trio.move_on_after(within_s):
             while True:
                 try:
