@@ -108,7 +108,7 @@ async def ours(short: bool) -> Figures:
 
     async def take(topics: PubSub) -> None:
         nonlocal taken
-        poll = topics.poll("bench/state", 1)
+        poll = topics.poll(1, "bench/state")
         async for _ in MonotonicClock().ticks(0.001):
             if poll.take() is not None:
                 taken += 1

@@ -65,6 +65,8 @@ RECORDER_S = 3.0
 """A recorder that has told nothing for so long is gone."""
 
 KEY, GRIPPER = "key", "gripper"
+MOVED = 0.2
+"""Degrees, or percent of a gripper: two counts of a servo's 4096, of which one is noise."""
 OVER = ("disarmed", "faulted", "locked_out", "stopped", "ended", "no_drill")
 """Refusals after which only the robot's operator can go on: the teleoperation has ended."""
 FRAME_REFUSED = ("too_fast", "past_travel")
@@ -96,6 +98,7 @@ class Teleoperation(Actor):
         self._lease: Lease | None = None
         self._turn = trio.Lock()
         self._newest = Frame(0, False, {})
+        self._read_last: Mapping[str, float] = {}
         self._steps = 0
         self._leader = "connecting"
         self._position: dict[str, float] = {}
@@ -183,13 +186,24 @@ class Teleoperation(Actor):
         return shown
 
     async def _read(self, source: Source) -> None:
-        next_s = trio.current_time()
+        """Take up a reading each period, and at once one between that tells of a move."""
+        period_s = self._rollout.period_s
+        next_s = due_s = trio.current_time()
         while self._ended is None:
             reading = await source.read()
-            if reading.t_ns:
+            is_due = trio.current_time() >= due_s
+            if reading.t_ns and (is_due or self._has_moved(reading)):
+                self._read_last = reading.values
                 await self._take(self._frame(reading))
-            next_s = max(next_s + self._rollout.period_s, trio.current_time())
+            now_s = trio.current_time()
+            if is_due:
+                due_s = max(due_s + period_s, now_s)
+            next_s = max(next_s + period_s / source.READINGS, now_s)
             await trio.sleep_until(next_s)
+
+    def _has_moved(self, reading: Reading) -> bool:
+        before = self._read_last
+        return any(abs(value - before.get(key, value)) > MOVED for key, value in reading.values.items())
 
     def _frame(self, reading: Reading) -> Frame:
         values = reading.values if self._map is None else dict(self._map(reading.values))

@@ -29,7 +29,9 @@ class Reading(NamedTuple):
 
 
 class Source(Protocol):
-    """Calls never overlap."""
+    """Calls never overlap. ``READINGS``: how often it is read in a period."""
+
+    READINGS: int
 
     async def open(self) -> None:
         """Raise ``WireDown``."""
@@ -41,7 +43,10 @@ class Source(Protocol):
 
 
 class Arm:
-    """A leader arm on its bus: opened, made limp, and read. Its wire energises nothing."""
+    """A leader arm on its bus: opened, made limp, and read. Its wire energises nothing. It is read
+    twice in a period (1 to 3 ms of its bus): a change waits for 5 ms at most at 100 Hz, not 10."""
+
+    READINGS = 2
 
     def __init__(self, description: Mapping[str, Any], clock: Clock) -> None:
         self._driver = load_driver(dict(description))
@@ -77,6 +82,8 @@ class Arm:
 class Asked:
     """An object with ``get_action()``, as lerobot's teleoperators have it: positions by joint,
     ``x`` or ``x.pos``. It is made and asked in threads: it may block."""
+
+    READINGS = 1
 
     def __init__(self, make: Callable[[], Any], clock: Clock) -> None:
         self._make = make
@@ -117,6 +124,8 @@ def _plain(value: Any) -> Any:
 
 class Operator:
     """What somebody does at a keyboard or on a page: rates by axis, and a dead-man."""
+
+    READINGS = 1
 
     def __init__(self, axes: tuple[str, ...], clock: Clock) -> None:
         self._rest = dict.fromkeys(axes, 0.0)
