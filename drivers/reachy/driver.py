@@ -65,6 +65,7 @@ class Reachy(Driver):
         place("head_xyz_m", rpy="head_rpy_rad", frame="base", quat="quaternion_wxyz"),
         Sensor("battery", {"pct": "battery_pct"}),
     )
+    CAMERAS: ClassVar[Mapping[str, str]] = {"head": "strands_actors.drivers.reachy.cameras:open_camera"}
     SERVICES: ClassVar[Mapping[str, Service]] = verbs.SERVICES
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = verbs.TOOL_VERBS
 

@@ -10,6 +10,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "demo": ("matplotlib",),
     "mcp": ("mcp",),
     "pictures": ("OpenGL", "glfw"),
+    "reachy": ("aiortc",),
     "record": ("mcap", "zstandard"),
     "top": ("textual",),
 }

@@ -30,6 +30,7 @@ from strands_actors.drivers.reachy import protocol as p
 from strands_actors.testing import Twin
 from tests.answers import json_of, state, status, until, why
 from tests.drivers.plain.rig import pid_of
+from tests.drivers.reachy.test_cameras import Media
 from tests.drivers.yahboom.rig import judge_client
 
 HERE = Path(__file__).parent
@@ -39,16 +40,20 @@ LONG_S = 300.0
 """For a daemon to begin, on a busy machine."""
 
 
+def vendors_python() -> str:
+    try:
+        return peers.python("reachy")
+    except peers.Missing:
+        peers.make("reachy")
+        return peers.python("reachy")
+
+
 class Daemon:
     """Reachy Mini's, as a process."""
 
     def __init__(self, kind: str, directory: Path) -> None:
         self.has_torque_for_ever = kind == "--sim"  # it says yes to another mode, and has none
-        try:
-            python = peers.python("reachy")
-        except peers.Missing:
-            peers.make("reachy")
-            python = peers.python("reachy")
+        python = vendors_python()
         port = free_port()
         self.address = f"127.0.0.1:{port}"
         self._log = (directory / "daemon.log").open("wb")
@@ -254,6 +259,24 @@ def test_saf_007_an_estop_takes_the_torque(reachy: RealRobot, daemon: Daemon) ->
     assert outcome.outcome == "safe", outcome
     until(lambda: daemon.get(p.MOTORS)["mode"] == "disabled", "the torque is off")
     assert daemon.get(p.RUNNING) == []
+
+
+def test_the_vendors_client_finds_the_stream_of_our_media_server() -> None:
+    """The one by which Reachy's camera is tested (``tests/drivers/reachy/test_cameras.py``)."""
+    told = "import sys; from reachy_mini.media.webrtc_utils import get_producer_list as told; "
+    script = f"{told}print(told('127.0.0.1', int(sys.argv[1])))"
+    media = Media()
+    try:
+        done = subprocess.run(
+            [vendors_python(), "-c", script, str(media.port)],
+            env={**os.environ, "PYTHONPATH": str(HERE / "stubs")},
+            capture_output=True,
+            text=True,
+            timeout=LONG_S,
+        )
+    finally:
+        media.close()
+    assert "{'name': 'reachymini'}" in done.stdout, done.stderr
 
 
 def test_roslib_of_npm_drives_reads_and_is_told_what_is_wrong(tmp_path: Path) -> None:

@@ -1,0 +1,31 @@
+"""Pictures of the robot's camera, streamed by its daemon over WebRTC (``cameras={"head": {}}``). They come
+past the robot's tree, to a camera's process."""
+
+from __future__ import annotations
+
+from strands_actors.contract.cameras import CameraSettings
+from strands_actors.contract.driver import WireDown
+from strands_actors.contract.extras import missing
+from strands_actors.drivers.common.webrtc import WebRtcVideo
+
+from .driver import Reachy
+
+PRODUCER = "reachymini"
+"""As the daemon's media server calls itself (1.13.0)."""
+
+
+async def open_camera(settings: CameraSettings) -> WebRtcVideo:
+    """Open the stream of the first place where there is one. Raise ``WireDown`` with what every place said."""
+    if why := missing("reachy", "a picture of the robot's camera"):
+        raise WireDown(why)
+    config = Reachy(settings.robot, settings.port, settings.options).config
+    problems = []
+    for host, _ in config.addresses():
+        video = WebRtcVideo(f"ws://{f'[{host}]' if ':' in host else host}:{config.media_port}", PRODUCER)
+        try:
+            await video.open()
+        except WireDown as down:
+            problems.append(str(down))
+        else:
+            return video
+    raise WireDown("; ".join(problems))

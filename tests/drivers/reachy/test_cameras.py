@@ -1,0 +1,232 @@
+"""Pictures of Reachy's camera over WebRTC, from a media server that stands in for the daemon's: aiortc at
+both ends, and the signalling of GStreamer between them."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy
+import pytest
+import trio
+
+from strands_actors import Robot
+from strands_actors.caller.robot import RealRobot
+from strands_actors.contract.driver import WireDown
+from strands_actors.drivers.common.webrtc import LATE_S, Stamps, WebRtcVideo
+from strands_actors.surfaces.cameras import Frame, StaleFrame
+from strands_actors.testing import Twin
+from tests.answers import status
+from tests.cameras.looking import until
+
+from .media import HEIGHT, WIDTH
+
+ROOT = Path(__file__).parents[3]
+RED, BLUE = (200, 30, 30), (30, 30, 200)
+NEAR = 20
+"""Of a colour that went through an encoder."""
+
+
+class Media:
+    def __init__(self, name: str = "reachymini") -> None:
+        command = [sys.executable, "-m", "tests.drivers.reachy.media", name]
+        self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=ROOT)
+        assert self.process.stdout is not None
+        self.port = int(self.process.stdout.readline())
+
+    def order(self, line: str) -> None:
+        assert self.process.stdin is not None
+        print(line, file=self.process.stdin, flush=True)
+
+    def close(self) -> None:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(self.process.pid, signal.SIGCONT)
+        self.process.kill()
+        self.process.communicate()
+
+
+@pytest.fixture
+def media() -> Iterator[Media]:
+    started = Media()
+    yield started
+    started.close()
+
+
+@pytest.fixture
+def reachy(media: Media, tmp_path: Path) -> Iterator[RealRobot]:
+    with Twin("reachy_mini", tmp_path) as twin:
+        robot = Robot("reachy_mini", mode="real", port=twin.port, media_port=media.port, cameras={"head": {}})
+        try:
+            until(lambda: robot.connect_eagerly() is None, "it is connected")
+            yield robot
+        finally:
+            robot.cleanup()
+
+
+def is_of(colour: tuple[int, int, int], frame: Frame) -> bool:
+    assert frame.image.shape == (HEIGHT, WIDTH, 3)
+    return bool(numpy.abs(frame.image.mean((0, 1)) - colour).max() < NEAR)
+
+
+def sees(robot: RealRobot, colour: tuple[int, int, int]) -> bool:
+    try:
+        return is_of(colour, robot.read_camera("head"))
+    except StaleFrame:
+        return False
+
+
+def told(robot: RealRobot) -> tuple[str, str]:
+    camera = status(robot)["cameras"]["head"]
+    return camera["state"], camera["why"] or ""
+
+
+def opened(robot: RealRobot) -> int:
+    return int(status(robot)["cameras"]["head"]["opened"])
+
+
+def test_the_robots_camera_is_a_camera_like_any_other(reachy: RealRobot, media: Media) -> None:
+    until(lambda: sees(reachy, RED), "a picture")
+    first = reachy.read_camera("head")
+    media.order("colour 30 30 200")
+    until(lambda: sees(reachy, BLUE), "the next one")
+    newest = reachy.read_camera("head")
+    assert newest.sequence > first.sequence and newest.captured_ns > first.captured_ns
+    assert told(reachy) == ("streaming", "")
+    assert isinstance(reachy.get_observation(images=True)["head"], Frame)
+
+
+def test_a_stream_that_ends_is_opened_again(reachy: RealRobot, media: Media) -> None:
+    until(lambda: sees(reachy, RED), "a picture")
+    media.order("end")
+    until(lambda: opened(reachy) > 1 and sees(reachy, RED), "it is opened again")
+    media.order("leave")
+    media.order("end")
+    until(lambda: "no reachymini streams there: there are" in told(reachy)[1], "it is told who streams")
+    with pytest.raises(StaleFrame):
+        reachy.read_camera("head")
+    media.close()
+    until(lambda: "no reachymini" not in told(reachy)[1] and told(reachy)[0] == "unavailable", "nobody is there")
+
+
+def open_and_close(port: int, colour: tuple[int, int, int] | None = RED) -> None:
+    async def use() -> None:
+        video = WebRtcVideo(f"ws://127.0.0.1:{port}", "reachymini")
+        await video.open()
+        picture = await video.read()
+        assert colour is None or numpy.abs(picture.image.mean((0, 1)) - colour).max() < NEAR
+        await video.aclose()
+        assert not video._thread.is_alive()
+
+    trio.run(use)
+
+
+def test_a_stream_is_left_in_order(media: Media) -> None:
+    for _ in range(2):
+        open_and_close(media.port)
+
+
+@pytest.mark.parametrize(
+    ("order", "why"),
+    [
+        ("end", "has ended the stream|connection has closed|no video"),  # whichever is heard first
+        ("mute", "no picture of reachymini within 2 s"),
+        ("freeze", "no picture of reachymini within 2 s"),
+        ("kill", "gone|no video|connection has|no picture"),
+    ],
+)
+def test_what_ends_the_stream_is_told(media: Media, order: str, why: str) -> None:
+    async def use() -> None:
+        video = WebRtcVideo(f"ws://127.0.0.1:{media.port}", "reachymini")
+        await video.open()
+        match order:
+            case "freeze":
+                os.kill(media.process.pid, signal.SIGSTOP)
+            case "kill":
+                media.process.kill()
+            case _:
+                media.order(order)
+        with trio.fail_after(30), pytest.raises(WireDown, match=why):
+            while True:
+                await video.read()
+        await video.aclose()
+        video._thread.join(5.0)
+        assert not video._thread.is_alive()
+
+    trio.run(use)
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("{", "no message of a signalling server"),
+        ("[" * 20_000, "no message of a signalling server"),
+        ('{"type": "error", "details": "out of order"}', "says: out of order"),
+        ('{"type": "peer", "sessionId": "another", "sdp": {"type": "offer", "sdp": "v"}}', ""),
+        ('{"type": "peerStatusChanged", "roles": ["producer"], "peerId": "x", "meta": null}', ""),
+    ],
+)
+def test_nonsense_ends_the_stream_or_is_passed_over(media: Media, text: str, why: str) -> None:
+    async def use() -> None:
+        video = WebRtcVideo(f"ws://127.0.0.1:{media.port}", "reachymini")
+        await video.open()
+        media.order(f"say {text}")
+        try:
+            with trio.fail_after(20):
+                if why:
+                    with pytest.raises(WireDown, match=why):
+                        while True:
+                            await video.read()
+                for _ in range(0 if why else 20):
+                    await video.read()
+        finally:
+            await video.aclose()
+
+    trio.run(use)
+
+
+def test_nobody_there_is_told() -> None:
+    with pytest.raises(WireDown, match=r"ws://127\.0\.0\.1:9"):
+        open_and_close(9)
+
+
+# -- when a picture was taken
+
+
+def test_what_waited_is_as_old_as_it_is() -> None:
+    stamps = Stamps()
+    taken = [stamps.taken(at, 1000.0 + at) for at in (5.0, 5.1, 5.2)]
+    assert taken == pytest.approx([1005.0, 1005.1, 1005.2], abs=1e-3)
+    assert stamps.taken(5.3, 1000.0 + 9.3) == pytest.approx(1005.3, abs=2e-3), "four seconds late"
+    assert stamps.taken(9.2, 1000.0 + 9.4) == pytest.approx(1009.2, abs=2e-3)
+
+
+def test_a_faster_one_shows_that_those_before_were_late() -> None:
+    stamps = Stamps()
+    assert stamps.taken(0.0, 100.5) == 100.5
+    assert stamps.taken(1.0, 101.2) == pytest.approx(101.2)
+    assert stamps.taken(2.0, 102.5) == pytest.approx(102.2, abs=1e-3)
+
+
+def test_a_clock_that_goes_slower_is_followed() -> None:
+    """By 100 parts in a million, for an hour: the picture is not late for it."""
+    stamps = Stamps()
+    late_s = [now_s - stamps.taken(now_s * (1 - 1e-4), 500.0 + now_s) + 500.0 for now_s in range(3600)]
+    assert max(late_s) < 0.01
+
+
+def test_stamps_that_go_back_begin_anew() -> None:
+    stamps = Stamps()
+    stamps.taken(50.0, 150.0)
+    assert stamps.taken(0.0, 150.5) == pytest.approx(150.5)
+    assert stamps.taken(0.1, 150.0 + 0.6 + LATE_S) == pytest.approx(150.6, abs=2e-3)
+
+
+def test_each_is_later_than_the_one_before() -> None:
+    stamps = Stamps()
+    first = stamps.taken(0.0, 100.5)
+    assert stamps.taken(0.1, 100.1) > first
