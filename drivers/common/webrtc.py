@@ -143,7 +143,9 @@ class WebRtcVideo:
             with contextlib.suppress(asyncio.CancelledError):
                 await talk  # raises why it has ended
         finally:
-            await connection.close()
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(CLOSE_S):
+                    await connection.close()
 
 
 class _Session:
