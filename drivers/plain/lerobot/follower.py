@@ -11,6 +11,7 @@ import contextlib
 import dataclasses
 import functools
 import importlib
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from inspect import signature
 from typing import Any, ClassVar
@@ -19,6 +20,8 @@ from .types import TYPES, Type
 
 GOAL, PRESENT, TORQUE = "Goal_Position", "Present_Position", "Torque_Enable"
 """LeRobot's names of the registers."""
+LOOKS, LOOK_S = 4, 0.03
+"""How often the torque is read back, and how long answers have to be late in between."""
 TRIES = 2
 """Of one that answers badly; a deadline is behind them all."""
 
@@ -119,7 +122,12 @@ class Follower:
         # LeRobot asks motor by motor, and ends at the first that does not answer. This is one frame
         # a bus, for all, which no answer is waited for.
         at_once = [functools.partial(_torque_off, bus) for bus in buses]
-        failure = self._each([*at_once, *calls, *(functools.partial(_limp, bus) for bus in buses)])
+        failure = self._each([*at_once, *calls])
+        # A bus on which something failed may be out of step: one look is no proof then.
+        energised = self._each([functools.partial(_limp, bus, 2 if failure else 1) for bus in buses])
+        if buses and not energised:
+            return None
+        failure = "; ".join(filter(None, (failure, energised)))
         return {"status": "error", "content": [{"text": failure}]} if failure else None
 
     def _called(self, path: str) -> None:
@@ -159,7 +167,15 @@ def _without_torque(bus: Any) -> Iterator[None]:
         del bus.enable_torque
 
 
+def _forget(bus: Any) -> None:
+    """Throw away what has come in: LeRobot would take an answer that was late for the next one."""
+    serial = getattr(getattr(bus, "port_handler", None), "ser", None)
+    if serial is not None:
+        serial.reset_input_buffer()
+
+
 def _torque_off(bus: Any) -> None:
+    _forget(bus)
     bus.sync_write(TORQUE, dict.fromkeys(bus.motors, 0), normalize=False)
 
 
@@ -174,10 +190,24 @@ def _read(bus: Any, register: str, motors: Sequence[str] | None = None) -> dict[
     return found
 
 
-def _limp(bus: Any) -> None:
-    energised = [motor for motor, value in _read(bus, TORQUE).items() if value]
-    if energised:
-        raise ConnectionError(f"{', '.join(energised)} still has torque")
+def _limp(bus: Any, agreeing: int = 1) -> None:
+    """Raise ``ConnectionError`` unless all motors say, ``agreeing`` times in a row, that they have no
+    torque."""
+    seen, why = 0, ""
+    for look in range(LOOKS):
+        if look:
+            time.sleep(LOOK_S)
+        _forget(bus)
+        try:
+            energised = [motor for motor, value in _read(bus, TORQUE).items() if value]
+        except ConnectionError as error:
+            energised, why = list(bus.motors), str(error)
+        else:
+            why = f"{', '.join(energised)} still has torque"
+        seen = 0 if energised else seen + 1
+        if seen == agreeing:
+            return
+    raise ConnectionError(why)
 
 
 def _at(thing: Any, path: str) -> Any:
