@@ -134,11 +134,11 @@ class WebRtcVideo:
                 session = _Session(connection, ws, lambda picture: self._put(picture))
                 closed = asyncio.ensure_future(self._closed.wait())
                 talk = asyncio.ensure_future(session.talk(self._producer))
-                await asyncio.wait((closed, talk, session.over), return_when=asyncio.FIRST_COMPLETED)
+                done, _ = await asyncio.wait((closed, talk, session.over), return_when=asyncio.FIRST_COMPLETED)
                 for task in (closed, talk):
                     task.cancel()
                 await session.leave()
-            if session.over.done():
+            if session.over in done and talk not in done:
                 raise WireDown(session.over.result())
             with contextlib.suppress(asyncio.CancelledError):
                 await talk  # raises why it has ended
