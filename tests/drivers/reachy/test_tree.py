@@ -92,6 +92,7 @@ def ask(twin: Twin, target: str) -> Any:
 
 
 def stands(reachy: RealRobot) -> None:
+    time.sleep(0.1)  # it comes to where it was last told to be, and what is read is of a moment before
     before = reachy.get_observation()
     time.sleep(0.3)
     assert reachy.get_observation() == pytest.approx(before, abs=0.2)
