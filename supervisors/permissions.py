@@ -9,6 +9,8 @@ tree report to each other counts over their own link alone.
 
 from __future__ import annotations
 
+import functools
+
 from strands_actors.kernel.channels.permissions import Channel, Told
 from strands_actors.kernel.messages import Message
 from strands_actors.kernel.node import PREFIX
@@ -120,8 +122,9 @@ def _inside(robot: str) -> dict[str, Told]:
     return {f"{PREFIX}/{path}": None for path in paths}
 
 
+@functools.lru_cache(maxsize=64)  # asked for with each setpoint
 def of_elsewhere(robot: str, who: str) -> Channel:
-    """Return the channel of one question to the gateway, asked by the node ``who``."""
+    """Return the channel of questions to the gateway, asked by the node ``who``."""
     asks: frozenset[type[Message]] = frozenset({Sync, Dated, GetObservation, GetStatus, Describe})
     return Channel(who, frozenset(), f"{PREFIX}/node/{who}", {addresses.of(robot).gateway: asks})
 

@@ -118,7 +118,7 @@ class Commands(Actor):
             return
         asked = received.reply is not None
         if asked:
-            who = mesh_json.proven(received.key.rpartition("/")[2], envelope.proof)
+            who = mesh_json.proven(received.asker, envelope.proof)
             envelope = msgspec.structs.replace(
                 envelope, sender_id=who, turn_id=self._turn(envelope.turn_id, received)
             )

@@ -95,7 +95,7 @@ class FromOutside:
                 received = self._ring.take()
                 if received is None:
                     return count
-                channel = channels.of_elsewhere(self._robot, received.key.rpartition("/")[2])
+                channel = channels.of_elsewhere(self._robot, received.asker)
                 self._node.receive_frame(received.payload, _Question(channel, received.reply))
         return TAKEN_AT_ONCE
 

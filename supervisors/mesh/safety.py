@@ -31,7 +31,7 @@ from strands_actors.supervisors.root.messages import StateIs
 from strands_actors.supervisors.root.stopping import make_safe
 
 from .answers import Answers, told
-from .command_rules import Limit, Shared, read_command, read_envelope
+from .command_rules import Limit, Shared, read_command, read_envelope, to_be_asked
 from .schemas import (
     BROADCAST_KEY,
     ESTOP_ANSWER_S,
@@ -151,9 +151,7 @@ class Safety(Actor):
         order = _order(payload)
         if not self._is_meant(order):
             return
-        named = is_name(order.sender_id) and is_name(order.turn_id)
-        sender, turn = (order.sender_id, order.turn_id) if named else ("", "")
-        self._stop(StopOrder(True, _by(order), sender, turn, sent))
+        self._stop(StopOrder(True, _by(order), *_whom(order), sent))
 
     def _on_broadcast(self, payload: bytes) -> None:
         envelope = read_envelope(payload, MAX_SAFETY_BYTES)
@@ -173,8 +171,8 @@ class Safety(Actor):
     def _on_resume(self, payload: bytes) -> None:
         order = _order(payload)
         if self._is_meant(order):
-            named = is_name(order.sender_id) and is_name(order.turn_id)
-            self._refuse(*((order.sender_id, order.turn_id) if named else ("", "")), _RESUME)
+            refused = Refused("put", "resume: who puts it is not known", to_be_asked(self._robot))
+            self._refuse(*_whom(order), refused)
 
     def _refuse(self, sender: str, turn: str, refused: Refused) -> None:
         admitted = self._refusals.admits(self.context.clock.now_ns())
@@ -255,19 +253,18 @@ class Safety(Actor):
             self._answers.refuse(order.sender, order.turn, refused)
 
 
-_RESUME = Refused(
-    "put",
-    "resume: who puts it is not known",
-    "ask: the command resume, by a zenoh query (get) on strands/<robot>/cmd/<your name>",
-)
-
-
 def _unconfirmed(detail: str) -> dict[str, Any]:
     return {"outcome": "unconfirmed", "detail": detail}
 
 
 def _by(order: SafetyOrder) -> str:
     return order.by or order.sender_id or "an unnamed sender on the mesh"
+
+
+def _whom(order: SafetyOrder) -> tuple[str, str]:
+    """Return sender and turn; empty when nobody can be told."""
+    named = is_name(order.sender_id) and is_name(order.turn_id)
+    return (order.sender_id, order.turn_id) if named else ("", "")
 
 
 def _order(payload: bytes) -> SafetyOrder:

@@ -28,7 +28,7 @@ class Session(msgspec.Struct):
 
 
 class Sessions:
-    """By a name that is told to its owner alone: whoever knows it is that owner."""
+    """By a name that is told to its owner alone, and counts for that owner alone."""
 
     def __init__(self) -> None:
         self._sessions: dict[str, Session] = {}

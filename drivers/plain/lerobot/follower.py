@@ -203,7 +203,8 @@ def _limp(bus: Any, agreeing: int = 1) -> None:
         except ConnectionError as error:
             energised, why = list(bus.motors), str(error)
         else:
-            why = f"{', '.join(energised)} still has torque"
+            if energised:
+                why = f"{', '.join(energised)} still has torque"
         seen = 0 if energised else seen + 1
         if seen == agreeing:
             return

@@ -52,6 +52,11 @@ class Received(msgspec.Struct, frozen=True):
     sent_s: float = 0.0  # by the sender's wall clock, where it says so
     reply: Any = None  # of a question: takes an answer, and whether it is the last
 
+    @property
+    def asker(self) -> str:
+        """Return who asks, of a question: with what its key ends."""
+        return self.key.rpartition("/")[2]
+
 
 class Reply:
     """Answers one question. Who asked hears it, and nobody else, whoever listens."""

@@ -24,6 +24,14 @@ from strands_actors.supervisors.mesh.schemas import (
 )
 
 TOPICS = (*(key("*", topic) for topic in (*TELEMETRY, camera_topic("*"))), EVENT_KEY)
+
+
+def questions(who: str) -> tuple[str, ...]:
+    """Return the keys on which ``who`` asks: commands, and the gateway."""
+    return asked_key("*", who), key("*", f"actor/gateway/from/{who}")
+
+
+QUESTIONS = questions("*")
 ORDERS = (
     key("*", "cmd"),
     key("*", "actor/gateway/stop"),
@@ -32,7 +40,6 @@ ORDERS = (
     RESUME_KEY,
 )
 TOKENS = (key("*", "alive"),)
-QUESTIONS = (asked_key("*", "*"), key("*", "actor/gateway/from/*"))
 GATEWAYS = (key("*", "actor/gateway/**/alive"),)
 
 OPEN = "tcp"
@@ -91,7 +98,7 @@ def answers(name: str) -> tuple[Rule, ...]:
             f"questions of {name}",
             ("query",),
             "ingress",
-            (asked_key("*", own), key("*", f"actor/gateway/from/{own}")),
+            questions(own),
         ),
         Rule(f"answers to {name}", ("put",), "egress", keys),
         Rule(f"asked by {name}", ("declare_subscriber",), "ingress", keys),

@@ -113,12 +113,12 @@ def test_a_stream_that_ends_is_opened_again(reachy: RealRobot, media: Media) -> 
     until(lambda: "no reachymini" not in told(reachy)[1] and told(reachy)[0] == "unavailable", "nobody is there")
 
 
-def open_and_close(port: int, colour: tuple[int, int, int] | None = RED) -> None:
+def open_and_close(port: int) -> None:
     async def use() -> None:
         video = WebRtcVideo(f"ws://127.0.0.1:{port}", "reachymini")
         await video.open()
         picture = await video.read()
-        assert colour is None or numpy.abs(picture.image.mean((0, 1)) - colour).max() < NEAR
+        assert numpy.abs(picture.image.mean((0, 1)) - RED).max() < NEAR
         await video.aclose()
         assert not video._thread.is_alive()
 
