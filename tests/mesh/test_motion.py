@@ -16,7 +16,7 @@ from strands_actors.surfaces.mesh.words import send
 from strands_actors.testing import FakeHardware
 from strands_actors.testing.fake import FakeDriver
 
-from .world import code, mesh, robot_on_mesh, run
+from .world import code, mesh, robot_on_mesh, run, until
 
 POSE = {"action": "set_joints", "target_joints": {"a": 5.0}, "duration": 0.5}
 
@@ -45,7 +45,7 @@ def test_saf_001_what_had_to_wait_until_it_was_late_is_not_done() -> None:
             assert code(answers[0]) == "expired" and "set_joints: " in answers[0].reason
             assert hardware.of("setpoint") == []
             assert not isinstance(await client.dated(robot, make, 0.5, 5.0), Refused)
-            assert hardware.of("setpoint")
+            await until(lambda: hardware.of("setpoint"), "it is written")  # it was accepted first
 
     run(test)
 

@@ -8,7 +8,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 
 import numpy
@@ -113,13 +113,21 @@ def test_a_stream_that_ends_is_opened_again(reachy: RealRobot, media: Media) -> 
     until(lambda: "no reachymini" not in told(reachy)[1] and told(reachy)[0] == "unavailable", "nobody is there")
 
 
+@contextlib.asynccontextmanager
+async def stream(port: int) -> AsyncIterator[WebRtcVideo]:
+    video = WebRtcVideo(f"ws://127.0.0.1:{port}", "reachymini")
+    await video.open()
+    try:
+        yield video
+    finally:
+        await video.aclose()
+
+
 def open_and_close(port: int) -> None:
     async def use() -> None:
-        video = WebRtcVideo(f"ws://127.0.0.1:{port}", "reachymini")
-        await video.open()
-        picture = await video.read()
-        assert numpy.abs(picture.image.mean((0, 1)) - RED).max() < NEAR
-        await video.aclose()
+        async with stream(port) as video:
+            picture = await video.read()
+            assert numpy.abs(picture.image.mean((0, 1)) - RED).max() < NEAR
         assert not video._thread.is_alive()
 
     trio.run(use)
@@ -141,19 +149,17 @@ def test_a_stream_is_left_in_order(media: Media) -> None:
 )
 def test_what_ends_the_stream_is_told(media: Media, order: str, why: str) -> None:
     async def use() -> None:
-        video = WebRtcVideo(f"ws://127.0.0.1:{media.port}", "reachymini")
-        await video.open()
-        match order:
-            case "freeze":
-                os.kill(media.process.pid, signal.SIGSTOP)
-            case "kill":
-                media.process.kill()
-            case _:
-                media.order(order)
-        with trio.fail_after(30), pytest.raises(WireDown, match=why):
-            while True:
-                await video.read()
-        await video.aclose()
+        async with stream(media.port) as video:
+            match order:
+                case "freeze":
+                    os.kill(media.process.pid, signal.SIGSTOP)
+                case "kill":
+                    media.process.kill()
+                case _:
+                    media.order(order)
+            with trio.fail_after(30), pytest.raises(WireDown, match=why):
+                while True:
+                    await video.read()
         video._thread.join(5.0)
         assert not video._thread.is_alive()
 
@@ -172,10 +178,8 @@ def test_what_ends_the_stream_is_told(media: Media, order: str, why: str) -> Non
 )
 def test_nonsense_ends_the_stream_or_is_passed_over(media: Media, text: str, why: str) -> None:
     async def use() -> None:
-        video = WebRtcVideo(f"ws://127.0.0.1:{media.port}", "reachymini")
-        await video.open()
-        media.order(f"say {text}")
-        try:
+        async with stream(media.port) as video:
+            media.order(f"say {text}")
             with trio.fail_after(20):
                 if why:
                     with pytest.raises(WireDown, match=why):
@@ -183,8 +187,6 @@ def test_nonsense_ends_the_stream_or_is_passed_over(media: Media, text: str, why
                             await video.read()
                 for _ in range(0 if why else 20):
                     await video.read()
-        finally:
-            await video.aclose()
 
     trio.run(use)
 
