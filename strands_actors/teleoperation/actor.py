@@ -97,6 +97,8 @@ class Teleoperation(Actor):
         self._squeezes: Squeezes | None = None
         self._lease: Lease | None = None
         self._turn = trio.Lock()
+        self._fresh: Frame | None = None  # read, and not taken up yet
+        self._idle_writer = trio.lowlevel.ParkingLot()
         self._newest = Frame(0, False, {})
         self._read_last: Mapping[str, float] = {}
         self._steps = 0
@@ -114,6 +116,7 @@ class Teleoperation(Actor):
         self._operator = Operator(tuple(axis.key for axis in self._axes), context.clock)
         self._began_ns = context.clock.now_ns()
         context.start_soon(self._lead)
+        context.start_soon(self._write)
         context.start_soon(self._look)
         context.start_soon(self._ask_robot)
         self._tell()
@@ -186,7 +189,7 @@ class Teleoperation(Actor):
         return shown
 
     async def _read(self, source: Source) -> None:
-        """Take up a reading each period, and at once one between that tells of a move."""
+        """Hand on a reading each period, and at once one between that tells of a move."""
         period_s = self._rollout.period_s
         next_s = due_s = trio.current_time()
         while self._ended is None:
@@ -194,7 +197,8 @@ class Teleoperation(Actor):
             is_due = trio.current_time() >= due_s
             if reading.t_ns and (is_due or self._has_moved(reading)):
                 self._read_last = reading.values
-                await self._take(self._frame(reading))
+                self._fresh = self._frame(reading)
+                self._idle_writer.unpark()
             now_s = trio.current_time()
             if is_due:
                 due_s = max(due_s + period_s, now_s)
@@ -221,6 +225,16 @@ class Teleoperation(Actor):
         return self._squeezes.take(reading.values[self._source_told["gripper"][0]], reading.t_ns)
 
     # -- writing
+
+    async def _write(self) -> None:
+        """Take up the newest frame, again and again. The leader is read on while the gate is asked: its
+        answer takes as long as a reading."""
+        while self._ended is None:
+            frame, self._fresh = self._fresh, None
+            if frame is None:
+                await self._idle_writer.park()
+            else:
+                await self._take(frame)
 
     async def _take(self, frame: Frame) -> None:
         async with self._turn:
@@ -292,6 +306,7 @@ class Teleoperation(Actor):
 
     async def _leave(self, why: str) -> None:
         async with self._turn:
+            self._fresh = None
             await self._do(self._machine.idle(why), self._newest)
             self._machine.not_engaged(why)
 

@@ -44,9 +44,10 @@ class Source(Protocol):
 
 class Arm:
     """A leader arm on its bus: opened, made limp, and read. Its wire energises nothing. It is read
-    twice in a period (1 to 3 ms of its bus): a change waits for 5 ms at most at 100 Hz, not 10."""
+    three times in a period (1 to 3 ms of its bus each): a change waits for 4 ms at most at 100 Hz, not
+    for 10."""
 
-    READINGS = 2
+    READINGS = 3
 
     def __init__(self, description: Mapping[str, Any], clock: Clock) -> None:
         self._driver = load_driver(dict(description))

@@ -245,16 +245,13 @@ def _measured(seconds: float, leader: Twin, follower: Twin) -> Seen:
 def _seen(told: Sequence[tuple[int, int]], goals: Sequence[tuple[int, int]]) -> Seen:
     """``told``: when the leader said where its first joint is; ``goals``: when the follower was told
     where to go. A reading that was passed over for a newer one counts with that."""
-    change, reply, missed, begin = [], [], 0, 0
+    change, reply, missed = [], [], 0
     since_ns = told[0][0]  # of the first change that the follower has not been told
-    for (_, before), (at_ns, counts) in itertools.pairwise(told):
-        while begin < len(goals) and goals[begin][0] < at_ns:
-            begin += 1
+    replies = _replies(told, goals)
+    for ((_, before), (at_ns, counts)), goal_ns in zip(itertools.pairwise(told), replies[1:], strict=True):
         if abs(counts - before) < APART:
             since_ns = at_ns
             continue
-        near = (ns for ns, goal in goals[begin:] if ns > at_ns + LATEST_NS or abs(goal - counts) <= SAME)
-        goal_ns = next(near, None)
         if goal_ns is None or goal_ns > at_ns + LATEST_NS:
             missed += 1
             continue
@@ -263,6 +260,20 @@ def _seen(told: Sequence[tuple[int, int]], goals: Sequence[tuple[int, int]]) -> 
         since_ns = at_ns
     gaps = [(late - soon) / 1e6 for (soon, _), (late, _) in itertools.pairwise(goals)]
     return Seen(change, reply, gaps, missed)
+
+
+def _replies(told: Sequence[tuple[int, int]], goals: Sequence[tuple[int, int]]) -> list[int | None]:
+    """Return for each reading when the follower was first told to go where it, or a newer one, says."""
+    replies: list[int | None] = [None] * len(told)
+    answered = newest = 0
+    for goal_ns, goal in goals:
+        while newest < len(told) and told[newest][0] < goal_ns:
+            newest += 1
+        near = (at for at in range(newest - 1, answered - 1, -1) if abs(told[at][1] - goal) <= SAME)
+        source = next(near, answered - 1)
+        replies[answered : source + 1] = [goal_ns] * (source + 1 - answered)
+        answered = max(answered, source + 1)
+    return replies
 
 
 def _told(entries: Iterable[Entry]) -> Iterator[tuple[int, int]]:

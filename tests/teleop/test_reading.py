@@ -3,26 +3,32 @@
 from __future__ import annotations
 
 import itertools
-from typing import Any
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Any, NamedTuple
 
 import msgspec
+import pytest
 import trio
 
 from strands_actors.contract.axis import Axis
 from strands_actors.kernel.clock import Clock
+from strands_actors.kernel.ref import Ref
 from strands_actors.supervisors import addresses
-from strands_actors.supervisors.gate.messages import Acquire
+from strands_actors.supervisors.gate.messages import Setpoint
 from strands_actors.supervisors.root.messages import Operate, Rollout, TaskStatus
 from strands_actors.teleoperation.actor import MOVED, Teleoperation
 from strands_actors.teleoperation.sources import Reading
-from strands_actors.testing import open_inline_tree, run_virtual
+from strands_actors.testing import InlineTree, open_inline_tree, run_virtual
+from strands_actors.testing.fake import Written
 from tests.tree.writer import armed
 
-from .test_engaging import LosesAnswers
+from .test_engaging import CHANNEL
 
 PERIOD_NS = 10_000_000
 HALF_NS = PERIOD_NS // 2
 ROOM_NS = 1_000_000
+ANSWERS_NS = 17_000_000
 
 
 class Leader:
@@ -34,14 +40,15 @@ class Leader:
         self._values = dict.fromkeys(axes, 0.0)
         self._clock = clock
         self.step = 0.0
-        self.read_ns: list[int] = []
+        self.told: list[tuple[int, float]] = []
+        """When it was read, and where its first joint was."""
 
     async def open(self) -> None: ...
 
     async def read(self) -> Reading:
         first = next(iter(self._values))
         self._values = {**self._values, first: self._values[first] + self.step}
-        self.read_ns.append(self._clock.now_ns())
+        self.told.append((self._clock.now_ns(), self._values[first]))
         return Reading(self._clock.now_ns(), self._values)
 
     def close(self) -> None: ...
@@ -53,45 +60,98 @@ class Led(Teleoperation):
         return self.leader
 
 
+class Slow:
+    """The gate as a policy process reaches it. A setpoint is answered after ``answers_s``."""
+
+    def __init__(self, gate: Ref) -> None:
+        self._gate = gate
+        self.answers_s = 0.0
+
+    async def ask(self, message: Any, deadline_s: float) -> Any:
+        if "channel" in message.__struct_fields__:
+            message = msgspec.structs.replace(message, channel=CHANNEL)
+        answer = await self._gate.ask(message, deadline_s)
+        if isinstance(message, Setpoint):
+            await trio.sleep(self.answers_s)
+        return answer
+
+
+class Engaged(NamedTuple):
+    tree: InlineTree
+    leader: Leader
+    gate: Slow
+
+    async def sent(self) -> list[Written]:
+        """Return the setpoints of a tenth of a second."""
+        await trio.sleep(0.03)
+        since_ns = self.tree.node.clock.now_ns()
+        await trio.sleep(0.1)
+        return self.tree.hardware.of("setpoint", since_ns)
+
+    async def sent_ns(self) -> list[int]:
+        return [each.t_ns for each in await self.sent()]
+
+    def reads(self) -> list[int]:
+        return _gaps([at_ns for at_ns, _ in self.leader.told[-20:]])
+
+
+def _gaps(times_ns: list[int]) -> list[int]:
+    return [late - soon for soon, late in itertools.pairwise(times_ns)]
+
+
+@asynccontextmanager
+async def engaged() -> AsyncIterator[Engaged]:
+    async with open_inline_tree() as tree, trio.open_nursery() as nursery:
+        writer = await armed(tree)
+        robot = tree.gate.address.split("/")[1]
+        rollout = Rollout(robot, tree.driver.axes, "", PERIOD_NS / 1e9, 0.1, 60.0, over=writer.lease.id)
+        told: list[TaskStatus] = []
+        table = [Axis(key=key, unit="deg", low=-90.0, high=90.0, speed=100.0) for key in tree.driver.axes]
+        actor = Led(rollout, told.append, {"type": "arm"}, msgspec.to_builtins(table), "absolute", "key")
+        cell = tree.node.cell(addresses.of(robot).path("policy"), lambda: actor)
+        clock = tree.node.clock
+        nursery.start_soon(cell.run)
+        await trio.sleep(0.01)
+        gate: Any = Slow(actor._gate)
+        actor._gate = gate
+        ref = tree.node.ref(cell.address, Teleoperation)
+
+        async def hold() -> None:
+            for held in itertools.chain([False], itertools.repeat(True)):
+                ref.tell(Operate(clock.now_ns(), held))
+                await trio.sleep(0.02)
+
+        nursery.start_soon(hold)
+        await trio.sleep(0.3)
+        assert told[-1].teleop["state"] == "engaged", told[-1]
+        yield Engaged(tree, actor.leader, gate)
+        nursery.cancel_scope.cancel()
+
+
 def test_an_arm_that_moves_is_followed_from_each_reading_and_one_at_rest_from_every_other() -> None:
     async def run() -> None:
-        async with open_inline_tree() as tree:
-            writer = await armed(tree)
-            robot = tree.gate.address.split("/")[1]
-            rollout = Rollout(robot, tree.driver.axes, "", PERIOD_NS / 1e9, 0.1, 60.0, over=writer.lease.id)
-            told: list[TaskStatus] = []
-            table = [Axis(key=key, unit="deg", low=-90.0, high=90.0, speed=100.0) for key in tree.driver.axes]
-            actor = Led(rollout, told.append, {"type": "arm"}, msgspec.to_builtins(table), "absolute", "key")
-            cell = tree.node.cell(addresses.of(robot).path("policy"), lambda: actor)
-            clock = tree.node.clock
-            async with trio.open_nursery() as nursery:
-                nursery.start_soon(cell.run)
-                await trio.sleep(0.01)
-                gate: Any = LosesAnswers(actor._gate, Acquire, 0)
-                actor._gate = gate
-                ref = tree.node.ref(cell.address, Teleoperation)
+        async with engaged() as led:
+            gaps: dict[float, set[int]] = {}
+            for step in (0.0, MOVED * 0.4, MOVED * 1.5):
+                led.leader.step = step
+                gaps[step] = {round(gap / HALF_NS) * HALF_NS for gap in _gaps(await led.sent_ns())}
+            assert all(abs(gap - HALF_NS) < ROOM_NS for gap in led.reads()), "the arm is read twice a period"
+            assert list(gaps.values()) == [{PERIOD_NS}, {PERIOD_NS}, {HALF_NS}], gaps
 
-                async def hold() -> None:
-                    for held in itertools.chain([False], itertools.repeat(True)):
-                        ref.tell(Operate(clock.now_ns(), held))
-                        await trio.sleep(0.02)
+    run_virtual(run)
 
-                nursery.start_soon(hold)
-                await trio.sleep(0.3)
-                assert told[-1].teleop["state"] == "engaged", told[-1]
-                gaps: dict[float, set[int]] = {}
-                for step in (0.0, MOVED * 0.4, MOVED * 1.5):
-                    actor.leader.step = step
-                    await trio.sleep(0.03)
-                    since_ns = clock.now_ns()
-                    await trio.sleep(0.1)
-                    times = [each.t_ns for each in tree.hardware.of("setpoint", since_ns)]
-                    gaps[step] = {
-                        round((late - soon) / HALF_NS) * HALF_NS for soon, late in itertools.pairwise(times)
-                    }
-                read = [late - soon for soon, late in itertools.pairwise(actor.leader.read_ns[-20:])]
-                assert all(abs(gap - HALF_NS) < ROOM_NS for gap in read), "the arm is read twice a period"
-                assert list(gaps.values()) == [{PERIOD_NS}, {PERIOD_NS}, {HALF_NS}], gaps
-                nursery.cancel_scope.cancel()
+
+def test_a_gate_that_answers_late_does_not_keep_the_arm_from_being_read() -> None:
+    async def run() -> None:
+        async with engaged() as led:
+            led.gate.answers_s = ANSWERS_NS / 1e9
+            led.leader.step = MOVED * 1.5
+            sent = await led.sent()
+            assert all(abs(gap - HALF_NS) < ROOM_NS for gap in led.reads()), led.reads()
+            gaps = _gaps([each.t_ns for each in sent])
+            assert all(abs(gap - ANSWERS_NS) <= ROOM_NS for gap in gaps), gaps
+            for each in sent:
+                newest = [value for at_ns, value in led.leader.told if at_ns <= each.t_ns][-2:]  # one is on its way
+                assert any(each.values[0] == pytest.approx(value) for value in newest), "the newest is sent"
 
     run_virtual(run)
