@@ -10,6 +10,8 @@ from strands_actors.contract.loading import load, place_of
 from strands_actors.contract.safe_state import check_fallbacks
 from strands_actors.kernel.messages import Refused
 
+OURS = "strands_actors."
+
 
 def describe_driver(driver_class: type[Driver], robot: str, port: str, options: dict[str, Any]) -> dict[str, Any]:
     return {"class": place_of(driver_class), "robot": robot, "port": port, "options": options}
@@ -37,6 +39,14 @@ def load_driver(description: dict[str, Any]) -> Driver:
         driver.gates = (requires_drill(**description["drill"]), *driver.gates)
     driver.preload()
     return driver
+
+
+def import_ours(description: dict[str, Any]) -> None:
+    """Import what ``load_driver`` will need, if the driver is one of this package's: a process that is
+    about to fork spares its children that, half of what they compute until they serve. Others' modules
+    may start threads, and who has threads must not fork."""
+    if description["class"].startswith(OURS):
+        load_driver(description)
 
 
 def requires_drill(until_ns: int, reason: str, remedy: str) -> GateCheck:

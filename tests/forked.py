@@ -17,12 +17,13 @@ from strands_actors.kernel.processes.process import start as executed
 from strands_actors.testing.fork_server import Forked, server, twin_server
 
 ROOT = "strands_actors.supervisors.root.process:main"
+ROOTS = (ROOT.partition(":")[0], "strands_actors.testing.every_driver")
 
 
 def start(entry: str, args: Mapping[str, Any], pass_fds: Sequence[int] = (), label: str = "") -> ChildProcess:
     """As ``process.start``. Its ``label`` is what it calls itself."""
     # Apart: a root that was forked beside numpy and MuJoCo would have both.
-    forks = server("roots", [ROOT.partition(":")[0]]) if entry == ROOT else twin_server()
+    forks = server("roots", ROOTS) if entry == ROOT else twin_server()
     ours, theirs = socket.socketpair()
     with theirs, open(os.devnull, "rb") as nothing:
         call = "strands_actors.testing.fork_server:be_child"

@@ -68,6 +68,17 @@ class Actor:
         return False
 
 
+def read_protocols() -> None:
+    """Read the protocol of every actor class that is imported: a process that is about to fork spares its
+    children that."""
+    unread: list[type[Actor]] = [Actor]
+    while unread:
+        derived = unread.pop().__subclasses__()
+        unread += derived
+        for actor_class in derived:
+            protocol_of(actor_class)
+
+
 class Context:
     """What an actor may use of its surroundings; new for each incarnation."""
 

@@ -20,7 +20,7 @@ import msgspec
 import trio
 
 from strands_actors.contract.driver import Reason
-from strands_actors.kernel.actor import Actor, Cell, Deferred, describe
+from strands_actors.kernel.actor import Actor, Cell, Deferred, describe, read_protocols
 from strands_actors.kernel.channels.link import Link
 from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh
 from strands_actors.kernel.channels.zenoh_session import hand_over
@@ -44,7 +44,7 @@ from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.gate.messages import Stop, StopReport
 from strands_actors.supervisors.instrument import Attached, InstrumentKeeper, name_of
 from strands_actors.supervisors.introspection import Introspector
-from strands_actors.supervisors.loading import load_driver, without_secrets
+from strands_actors.supervisors.loading import import_ours, load_driver, without_secrets
 from strands_actors.supervisors.mesh.place import MeshPlace
 from strands_actors.supervisors.page import ROOT, STANDBY, WIRE, Owed
 from strands_actors.supervisors.root.messages import (
@@ -446,6 +446,8 @@ def main(args: dict[str, Any], sock: socket.socket) -> None:
     """Entry of the root process."""
     take_name(args["robot"], "root", args["label"])
     hand_over()
+    import_ours(args["driver"])
+    read_protocols()  # what is forked from here need not
     spawner = Spawner(  # now: this process has one thread, and nothing is open yet
         close=(sock.fileno(),), name=(args["robot"], "spawner", args["label"]), forget=args.clear
     )

@@ -20,6 +20,7 @@ def _note(event, arguments):
         os.close(log)
 
 sys.addaudithook(_note)
+os.register_at_fork(after_in_child=lambda: _note("import", ["its-parent"]))
 """
 
 SCRIPT = """
