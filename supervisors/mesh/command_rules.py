@@ -13,7 +13,7 @@ from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.gate.lease import refuse_by_deadline
 
-from .schemas import ACTIONS, MAX_COMMAND_BYTES, Command, Dated, Envelope, Sender, asked_key, plain
+from .schemas import ACTIONS, MAX_COMMAND_BYTES, Command, Dated, Envelope, Sender, command_key, plain
 from .sessions import CLOCK_TTL_S, Sessions
 
 _MAX_CLOCKS = 64
@@ -169,7 +169,7 @@ def read_command(envelope: Envelope, offered: tuple[str, ...] = tuple(ACTIONS)) 
 
 def to_be_asked(robot: str) -> str:
     """Return how a command is asked."""
-    return f"ask: a zenoh query (get) on {asked_key(robot, '<your name>')}"
+    return f"ask: a zenoh query (get) on {command_key(robot, '<your name>')}"
 
 
 def refuse_stale(clocks: Clocks, sender: str, command: Command, now_ns: int) -> Refused | None:

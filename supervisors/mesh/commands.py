@@ -75,7 +75,7 @@ class Commands(Actor):
         self._task = task
         self._robot = robot
         self._driver = driver
-        self._ring = pubsub.poll(RING, mesh_json.key(robot, "cmd"), mesh_json.asked_key(robot, "*"))
+        self._ring = pubsub.poll(RING, mesh_json.key(robot, "cmd"), mesh_json.command_key(robot, "*"))
         self._answers = answers
         self._shared = shared
         self._what = "what is no command"

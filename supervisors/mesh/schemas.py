@@ -45,7 +45,7 @@ def key(robot: str, topic: str) -> str:
     return f"{PREFIX}/{robot}/{topic}"
 
 
-def asked_key(robot: str, sender: str) -> str:
+def command_key(robot: str, sender: str) -> str:
     """Return the key on which a sender asks a robot. Who asks is known by it: access rules let nobody
     ask in another's name."""
     return key(robot, f"cmd/{sender}")

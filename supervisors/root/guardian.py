@@ -1,6 +1,6 @@
 """The guardian keeps the wire group, and holds the stop channel to the hardware.
 
-When the wire process stops beating: write the safe frame by the root's own descriptors, then
+When the wire process stops beating, or dies: write the safe frame by the root's own descriptors, then
 **fence** the wire (SIGKILL, and wait for its end: a paused owner that resumes would write again),
 then write again and have every motor confirm it. The first frame is for a root that dies in
 between: before it the wire is alive and acts when its root is gone, after it the robot has been
@@ -57,6 +57,9 @@ END_S = 0.5
 """For a wire that has confirmed its stop to end by itself: it is fenced then."""
 SAFE_MODES = frozenset({Mode.DOWN, Mode.DISARMED, Mode.ENDED})
 """In which nothing of ours is energised, by the gate's word."""
+
+
+DYING = "the wire process dies"
 
 
 class WireBroken(Exception):
@@ -165,13 +168,20 @@ class Guardian(Actor):
 
     def _tick(self, now_ns: int) -> None:
         self._heartbeat.beat(now_ns)
-        self._failure_detector.heard(self._heartbeat.heard_ns)
+        if not self._failure_detector.heard(self._heartbeat.heard_ns):
+            self._look_at_wire()
         self._ticks += 1
         if self._ticks % LOOK_EVERY == 0:
             self._look_at_writers()
             self._look_at_start()
         if now_ns >= self._silent_until_ns and self._failure_detector.tick(now_ns):
             self._break(Reason.WIRE, f"the wire process stopped answering ({self._failure_detector.told(now_ns)})")
+
+    def _look_at_wire(self) -> None:
+        """One that dies is not waited for: its end is told after its memory was taken."""
+        place = self._place
+        if place is not None and self._failure_detector.heard_ns and not self._released and place.dying():
+            self._break(Reason.WIRE, DYING)
 
     def _look_at_writers(self) -> None:
         self._lives = lives = {pid: life_of(pid) for pid in self._writers()}
@@ -394,6 +404,8 @@ class Guardian(Actor):
 
     async def _take_over(self, place: Place, epoch: int) -> None:
         fenced = await self._fence_place(place)
+        if fenced and self._why[1] == DYING:
+            self._why = self._why[0], await place.ended()
         self._place = None
         self.context.note(Happened("the wire has ended", self._why[1]))
         self._failure_detector = self._listen()

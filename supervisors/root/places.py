@@ -27,6 +27,11 @@ class Place(Protocol):
         """Return when it has ended by itself, with the reason."""
         ...
 
+    def dying(self) -> bool:
+        """Return whether it has been killed, or ends: it runs no code of its own any more. The system takes
+        its memory before it tells of its end, which lasts 5 to 20 ms."""
+        ...
+
     async def fence(self) -> bool:
         """Return when it can never write again, and what it said before has been heard; whether its
         end was seen. After a second in which it was not it runs no code of its own, but a system

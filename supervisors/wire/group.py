@@ -20,7 +20,7 @@ from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh
 from strands_actors.kernel.channels.zenoh_session import hand_over
 from strands_actors.kernel.clock import Clock, MonotonicClock
 from strands_actors.kernel.health.heartbeat import Heartbeat, words_of
-from strands_actors.kernel.health.processor import Standing, suspected
+from strands_actors.kernel.health.processor import Standing, life_of, suspected
 from strands_actors.kernel.health.realtime import WIRE_PRIORITY, run_first
 from strands_actors.kernel.node import Node
 from strands_actors.kernel.processes.child import report_failure
@@ -58,6 +58,7 @@ async def run_group(
     orphaned: Callable[[bool], None],
     heartbeat: Heartbeat,
     root: Callable[[], Standing | None] = lambda: None,
+    missed: Callable[[], None] = lambda: None,
     made: Callable[[Transport], None] = lambda _: None,
     locked_since: str = "",
     owed: Owed | None = None,
@@ -66,7 +67,7 @@ async def run_group(
     secret: bytes = b"",
     task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED,
 ) -> None:
-    """Run until cancelled; raise when any of the three fails. ``orphaned``, ``root``: see
+    """Run until cancelled; raise when any of the three fails. ``orphaned``, ``root``, ``missed``: see
     ``Watchdog``; ``made`` is given the transport. ``owed``: see ``Transport``; ``no_standby`` and what
     follows: ``Gate``."""
     at = addresses.of(robot)
@@ -93,7 +94,7 @@ async def run_group(
         ),
         node.cell(
             at.path("watchdog"),
-            lambda: Watchdog(driver.timing, at.gate, at.transport, orphaned, heartbeat, root),
+            lambda: Watchdog(driver.timing, at.gate, at.transport, orphaned, heartbeat, root, missed),
         ),
     ]
     try:
@@ -150,6 +151,9 @@ class ProcessPlace:
     async def ended(self) -> str:
         self._code = code = await self.process.wait()
         return f"the wire process ended with {'signal' if code < 0 else 'code'} {abs(code)}"
+
+    def dying(self) -> bool:
+        return life_of(self.process.pid).dying
 
     async def fence(self) -> bool:
         fenced = await self.process.fence()
@@ -211,6 +215,9 @@ class InlinePlace:
     def alive(self) -> bool:
         return not self._ended.is_set()
 
+    def dying(self) -> bool:
+        return False
+
     async def ended(self) -> str:
         await self._ended.wait()
         return self._why
@@ -270,6 +277,10 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
         mesh.let_in(node, at.gate)
         await mesh.run()
 
+    def look_at_root() -> None:
+        if life_of(root).dying:
+            node.ref(at.watchdog).tell(RootGone())
+
     try:
         async with trio.open_nursery() as nursery:
 
@@ -281,8 +292,8 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
             await nursery.start(node.run)
             await nursery.start(
                 run_group, node, driver, robot, state, args["cause"], end, heartbeat, lambda: suspected(root),
-                transports.append, args["locked_since"], owed, "none has said so far that it is ready",
-                args["audited"], os.urandom(16),
+                look_at_root, transports.append, args["locked_since"], owed,
+                "none has said so far that it is ready", args["audited"], os.urandom(16),
             )  # fmt: skip
             nursery.start_soon(link.run)
             nursery.start_soon(join_mesh)

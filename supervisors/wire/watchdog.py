@@ -71,7 +71,8 @@ class WatchdogMemory(msgspec.Struct, frozen=True):
 class Watchdog(Actor):
     """``orphaned`` is called when the root is gone and the wire has been made safe; with whether it
     has. ``heartbeat``: shared with the root. ``root`` tells how its process stands with the
-    processor."""
+    processor. ``missed`` is called at a tick before which the root has said nothing new: who sees that
+    it dies tells ``RootGone``, before the system tells of its end."""
 
     def __init__(
         self,
@@ -81,6 +82,7 @@ class Watchdog(Actor):
         orphaned: Callable[[bool], None],
         heartbeat: Heartbeat,
         root: Callable[[], Standing | None] = lambda: None,
+        missed: Callable[[], None] = lambda: None,
     ) -> None:
         self._addresses = gate, transport
         self._heartbeat = heartbeat
@@ -100,6 +102,7 @@ class Watchdog(Actor):
         self._busy_until_ns = 0
         self._alive = Alive(0, 0, False)
         self._root_stands = root
+        self._missed = missed
         self._root = FailureDetector(timing.heartbeat_ttl_s, timing.tick_s, self._look_at_root)
         self._root_lost = False
 
@@ -141,6 +144,8 @@ class Watchdog(Actor):
         self._ticked_ns = now_ns
         if self._root.heard(self._heartbeat.heard_ns):
             self.context.saw(self._root.heard_ns)
+        elif not self._root_lost:
+            self._missed()
         if not self._root_lost and self._root.tick(now_ns):
             self._lose_root(f"the root process stopped answering ({self._root.told(now_ns)})")
 

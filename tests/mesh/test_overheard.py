@@ -137,7 +137,7 @@ def test_a_question_that_cannot_be_read_is_answered_to_who_asked() -> None:
             via = client.sessions.via[robot]
             answers: list[Received] = []
             for payload in (b"{", b'{"sender_id": "me", "turn_id": "t", "command": {"action": "fly"}}'):
-                via.ask(mesh_json.asked_key(robot, "me"), payload, "x", answers.append)
+                via.ask(mesh_json.command_key(robot, "me"), payload, "x", answers.append)
             await until(lambda: answers, "the second is told")
             told = msgspec.json.decode(answers[0].payload)
             assert (told["turn_id"], told["refused"]["code"]) == ("t", "unknown_action")

@@ -118,7 +118,7 @@ def test_a_watchdog_has_no_state_but_its_memory() -> None:
         "_heartbeat",
         "_leave_s",
     }
-    wiring |= {"_root_stands"}
+    wiring |= {"_root_stands", "_missed"}
     changing = set(vars(watchdog)) - wiring
     assert len(changing) == len(WatchdogMemory.__struct_fields__) - 1  # the two times of answers are one list
     memory = WatchdogMemory(1, 2, 3, 4, 5, 6, 7, 8, 9, watchdog._alive, Heard(10, 11, 12, None), True)

@@ -3,6 +3,8 @@ one."""
 
 from __future__ import annotations
 
+from functools import partial
+
 import msgspec
 import pytest
 import trio
@@ -11,6 +13,7 @@ from strands_actors.contract.driver import ProcessSpent
 from strands_actors.kernel.supervisor import Budget
 from strands_actors.supervisors.gate.messages import Accepted
 from strands_actors.supervisors.root.messages import SilentUntil
+from strands_actors.supervisors.wire import group
 from strands_actors.supervisors.wire.messages import RootGone
 from strands_actors.testing import FakeDriver, InlineTree, open_inline_tree, run_virtual
 
@@ -161,5 +164,73 @@ def test_a_spent_process_is_replaced_after_a_stop_and_is_no_failure() -> None:
                 assert not tree.hardware.of("setpoint", safe.t_ns + 1), "a restart resumes no motion"
                 assert tree.keeper.last_report is not None
                 assert tree.keeper.last_report.confirmed
+
+    run_virtual(run)
+
+
+DYING_MS = 3 * FakeDriver.timing.tick_s * 1000
+"""From the last beat to the safe frame of who sees that the other dies; a silence lasts three times as
+long."""
+
+
+def test_saf_003_the_root_does_not_wait_for_the_end_of_a_wire_that_dies(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The system tells of a process' end when its memory was taken, 5 to 20 ms after it died."""
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            assert isinstance(await writer.send(latched=True, a=5.0), Accepted)
+            await trio.sleep(0.05)
+            freeze(tree, "transport")
+            freeze(tree, "gate")
+            since_ns = tree.node.clock.now_ns()
+            monkeypatch.setattr(tree.place, "dying", lambda: True)
+            assert await fenced_after_ms(tree, since_ns) < DYING_MS < FakeDriver.timing.heartbeat_ttl_s * 1000
+            assert tree.hardware.of("safe", since_ns)[0].path == "stop_channel"
+            await trio.sleep(0.1)
+            assert not tree.hardware.of("setpoint", since_ns)
+            assert tree.keeper._why[1] == "the wire group ended", "what is told is how it has ended"
+
+    run_virtual(run)
+
+
+def test_a_wire_that_was_let_go_and_ends_is_not_broken(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It has confirmed the stop: the root's frame would be that of a broken wire."""
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await armed(tree)
+            monkeypatch.setattr(tree.place, "dying", lambda: True)
+            monkeypatch.setattr(tree.place, "let_go", lambda: None)
+            freeze(tree, "watchdog")  # it beats no more
+            tree.keeper._released = True
+            since_ns = tree.node.clock.now_ns()
+            await trio.sleep(DYING_MS / 1000)
+            assert not tree.hardware.of("safe", since_ns)
+
+    run_virtual(run)
+
+
+def test_saf_003_a_wire_does_not_wait_for_the_end_of_a_root_that_dies(monkeypatch: pytest.MonkeyPatch) -> None:
+    dead = False
+
+    async def run() -> None:
+        def look() -> None:
+            if dead:
+                tree.node.ref(tree.gate.address.replace("gate", "watchdog")).tell(RootGone())
+
+        monkeypatch.setattr(group, "run_group", partial(group.run_group, missed=look))
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            assert isinstance(await writer.send(latched=True, a=5.0), Accepted)
+            await trio.sleep(0.05)
+            since_ns = tree.node.clock.now_ns()
+            nonlocal dead
+            dead = True
+            freeze(tree, "guardian")
+            await trio.sleep(DYING_MS / 1000)
+            safe = tree.hardware.of("safe", since_ns)[0]
+            assert safe.path == "wire"
+            assert not [each for each in tree.hardware.of("setpoint", since_ns) if each.t_ns > safe.t_ns]
 
     run_virtual(run)

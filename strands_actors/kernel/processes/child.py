@@ -54,7 +54,7 @@ def main(fd: int) -> None:
         entry(specification.args, sock)
         code = 0
     except BaseException as error:
-        code = _exit_code(error)
+        code = exit_code(error)
     finally:
         # Nobody may be left to read what is flushed; the end must come all the same.
         for stream in (sys.stderr, sys.stdout):
@@ -73,12 +73,12 @@ def _print_to_stderr() -> None:
         sys.stdout.reconfigure(line_buffering=True)
 
 
-def _exit_code(error: BaseException) -> int:
-    """As the interpreter does it: ``sys.exit`` without anything is success, with a text it is
-    failure, and the text is printed, as is every other exception. A trio nursery wraps what is
-    raised in it."""
+def exit_code(error: BaseException) -> int:
+    """Return the code of a process that ends by this. As the interpreter does it: ``sys.exit``
+    without anything is success, with a text it is failure, and the text is printed, as is every
+    other exception. A trio nursery wraps what is raised in it."""
     if isinstance(error, BaseExceptionGroup) and error.split(SystemExit)[1] is None:
-        return _exit_code(error.exceptions[0])
+        return exit_code(error.exceptions[0])
     if not isinstance(error, SystemExit):
         print("\n".join(told(error)), file=sys.stderr)
         return 1

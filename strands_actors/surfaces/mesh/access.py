@@ -18,8 +18,8 @@ from strands_actors.supervisors.mesh.schemas import (
     EVENT_KEY,
     RESUME_KEY,
     TELEMETRY,
-    asked_key,
     camera_topic,
+    command_key,
     key,
 )
 
@@ -28,7 +28,7 @@ TOPICS = (*(key("*", topic) for topic in (*TELEMETRY, camera_topic("*"))), EVENT
 
 def questions(who: str) -> tuple[str, ...]:
     """Return the keys on which ``who`` asks: commands, and the gateway."""
-    return asked_key("*", who), key("*", f"actor/gateway/from/{who}")
+    return command_key("*", who), key("*", f"actor/gateway/from/{who}")
 
 
 QUESTIONS = questions("*")

@@ -214,7 +214,7 @@ class MeshClient:
             via.put(key, self._enveloped(robot, turn, body), _COMMAND)
             return
         envelope = self._enveloped(robot, turn, {"proof": self._proof, **body})
-        asked = mesh_json.asked_key(robot, self.sender)
+        asked = mesh_json.command_key(robot, self.sender)
         via.ask(asked, envelope, _COMMAND, lambda received: self._on_answer(via, robot, received))
 
     def _enveloped(self, robot: str, turn: str, body: dict[str, Any]) -> bytes:

@@ -105,6 +105,7 @@ def seams(world: World, net: Net, starter: Starter, model: RobotModel) -> Iterat
         (group, "take_name", nothing),
         (group, "be_taken_last", nothing),
         (group, "suspected", lambda pid: suspected(world, pid)),
+        (group, "life_of", lambda pid: life_of(world, pid)),
         (group, "report_failure", report_failure),
         (process, "os", system),
         (process, "run_first", nothing),
