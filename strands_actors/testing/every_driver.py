@@ -12,5 +12,6 @@ from strands_actors.drivers import LEADERS, WIRES
 
 for _where in (*WIRES.values(), *LEADERS.values()):
     _class: type[Driver] = load(_where)
-    with contextlib.suppress(ImportError):  # of an extra that is not installed: who wants this robot is told
-        load(_class.STOP_CHANNEL) if _class.STOP_CHANNEL else None
+    if _class.STOP_CHANNEL:
+        with contextlib.suppress(ImportError):  # of an extra that is not installed: who wants this robot is told
+            load(_class.STOP_CHANNEL)
