@@ -1,6 +1,6 @@
 """Import this, and every driver of this package is imported, with what it needs to stop its robot: a
 root that is forked from one that has it does not import its own, a tenth of a second of computing.
-Twins, wires and SDKs are left out."""
+Twins and SDKs are left out."""
 
 from __future__ import annotations
 

@@ -57,9 +57,8 @@ END_S = 0.5
 """For a wire that has confirmed its stop to end by itself: it is fenced then."""
 SAFE_MODES = frozenset({Mode.DOWN, Mode.DISARMED, Mode.ENDED})
 """In which nothing of ours is energised, by the gate's word."""
-
-
 DYING = "the wire process dies"
+"""Why a wire is broken, until its end says how."""
 
 
 class WireBroken(Exception):

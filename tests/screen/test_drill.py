@@ -59,8 +59,8 @@ STEPS = {
 """One of each driver with a twin."""
 DRILLED = ("so101", "xarm7", "earthrover", "spot", "crazyflie", "unitree_g1")
 """One of each kind of stop channel: a duplicate descriptor, a connection when it is needed, a session
-kept up, a process of its own, a radio, datagrams. The faults of a drill are cells of every driver's
-conformance."""
+kept up, a process of its own, a radio, datagrams. The faults of a drill are cells that are run of
+every driver, in its conformance or in ``tests/kill``."""
 ATTEMPTS = 4
 """A bound of 10 ms is not always held by a machine that runs other tests meanwhile."""
 

@@ -7,25 +7,21 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any, NamedTuple
 
-import msgspec
 import pytest
 import trio
 
-from strands_actors.contract.axis import Axis
 from strands_actors.kernel.clock import Clock
-from strands_actors.kernel.ref import Ref
-from strands_actors.supervisors import addresses
+from strands_actors.kernel.messages import Message
 from strands_actors.supervisors.gate.messages import Setpoint
-from strands_actors.supervisors.root.messages import Operate, Rollout, TaskStatus
+from strands_actors.supervisors.root.messages import Operate
 from strands_actors.teleoperation.actor import MOVED, Teleoperation
 from strands_actors.teleoperation.sources import Reading
-from strands_actors.testing import InlineTree, open_inline_tree, run_virtual
+from strands_actors.testing import InlineTree, run_virtual
 from strands_actors.testing.fake import Written
-from tests.tree.writer import armed
 
-from .test_engaging import CHANNEL
+from .inline import PERIOD_S, GateOfPolicy, teleoperation
 
-PERIOD_NS = 10_000_000
+PERIOD_NS = round(PERIOD_S * 1e9)
 HALF_NS = PERIOD_NS // 2
 ROOM_NS = 1_000_000
 ANSWERS_NS = 17_000_000
@@ -54,23 +50,19 @@ class Leader:
     def close(self) -> None: ...
 
 
-class Led(Teleoperation):
+class ArmLed(Teleoperation):
     def _source(self) -> Leader:
         self.leader = Leader(tuple(axis.key for axis in self._axes), self.context.clock)
         return self.leader
 
 
-class Slow:
-    """The gate as a policy process reaches it. A setpoint is answered after ``answers_s``."""
+class Slow(GateOfPolicy):
+    """A setpoint is answered after ``answers_s``."""
 
-    def __init__(self, gate: Ref) -> None:
-        self._gate = gate
-        self.answers_s = 0.0
+    answers_s = 0.0
 
-    async def ask(self, message: Any, deadline_s: float) -> Any:
-        if "channel" in message.__struct_fields__:
-            message = msgspec.structs.replace(message, channel=CHANNEL)
-        answer = await self._gate.ask(message, deadline_s)
+    async def ask(self, message: Any, deadline_s: float) -> Message | None:
+        answer = await super().ask(message, deadline_s)
         if isinstance(message, Setpoint):
             await trio.sleep(self.answers_s)
         return answer
@@ -101,30 +93,19 @@ def _gaps(times_ns: list[int]) -> list[int]:
 
 @asynccontextmanager
 async def engaged() -> AsyncIterator[Engaged]:
-    async with open_inline_tree() as tree, trio.open_nursery() as nursery:
-        writer = await armed(tree)
-        robot = tree.gate.address.split("/")[1]
-        rollout = Rollout(robot, tree.driver.axes, "", PERIOD_NS / 1e9, 0.1, 60.0, over=writer.lease.id)
-        told: list[TaskStatus] = []
-        table = [Axis(key=key, unit="deg", low=-90.0, high=90.0, speed=100.0) for key in tree.driver.axes]
-        actor = Led(rollout, told.append, {"type": "arm"}, msgspec.to_builtins(table), "absolute", "key")
-        cell = tree.node.cell(addresses.of(robot).path("policy"), lambda: actor)
-        clock = tree.node.clock
-        nursery.start_soon(cell.run)
-        await trio.sleep(0.01)
-        gate: Any = Slow(actor._gate)
-        actor._gate = gate
-        ref = tree.node.ref(cell.address, Teleoperation)
+    async with teleoperation(ArmLed, {"type": "arm"}, "absolute") as led, trio.open_nursery() as nursery:
+        gate: Any = Slow(led.actor._gate)
+        led.actor._gate = gate
 
         async def hold() -> None:
             for held in itertools.chain([False], itertools.repeat(True)):
-                ref.tell(Operate(clock.now_ns(), held))
+                led.ref.tell(Operate(led.clock.now_ns(), held))
                 await trio.sleep(0.02)
 
         nursery.start_soon(hold)
         await trio.sleep(0.3)
-        assert told[-1].teleop["state"] == "engaged", told[-1]
-        yield Engaged(tree, actor.leader, gate)
+        assert led.told[-1].teleop["state"] == "engaged", led.told[-1]
+        yield Engaged(led.tree, led.actor.leader, gate)
         nursery.cancel_scope.cancel()
 
 

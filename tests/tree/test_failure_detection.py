@@ -201,7 +201,6 @@ def test_a_wire_that_was_let_go_and_ends_is_not_broken(monkeypatch: pytest.Monke
         async with open_inline_tree() as tree:
             await armed(tree)
             monkeypatch.setattr(tree.place, "dying", lambda: True)
-            monkeypatch.setattr(tree.place, "let_go", lambda: None)
             freeze(tree, "watchdog")  # it beats no more
             tree.keeper._released = True
             since_ns = tree.node.clock.now_ns()
