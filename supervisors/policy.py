@@ -19,8 +19,8 @@ from typing import Any
 import msgspec
 import trio
 
-from strands_actors.contract.driver import Observation
 from strands_actors.contract.positions import Positions
+from strands_actors.contract.wire import Observation
 from strands_actors.kernel.actor import Actor, describe
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.health import gc_freeze

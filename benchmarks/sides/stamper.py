@@ -12,19 +12,8 @@ import struct
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Literal
 
-from strands_actors.contract.driver import (
-    HOLDING_REASONS,
-    Candidate,
-    Driver,
-    GateState,
-    MotorReport,
-    Observation,
-    Permit,
-    Reason,
-    StopChannel,
-    Timing,
-    Wire,
-)
+from strands_actors.contract.driver import HOLDING_REASONS, Candidate, Driver, GateState, Reason, Timing
+from strands_actors.contract.wire import MotorReport, Observation, Permit, StopChannel, Wire
 from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.messages import Refused
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import trio
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.network_interfaces import address_of
 from strands_actors.drivers.common.rtps import MULTICAST_GROUP, Participant, own_address
 

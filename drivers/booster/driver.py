@@ -18,19 +18,11 @@ from typing import Annotated, Any, ClassVar, Literal
 from msgspec.structs import replace
 
 from strands_actors.contract.axis import Part, PartKind
-from strands_actors.contract.driver import (
-    HOLDING_REASONS,
-    Candidate,
-    Driver,
-    GateState,
-    Observation,
-    Reason,
-    Service,
-    Timing,
-)
+from strands_actors.contract.driver import HOLDING_REASONS, Candidate, Driver, GateState, Reason, Service, Timing
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor
+from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.motor_targets import Parser
 from strands_actors.drivers.common.network_interfaces import INTERFACE
 from strands_actors.kernel.messages import Refused

@@ -6,15 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from strands_actors.contract.axis import SHOWN, finite
-from strands_actors.contract.driver import (
-    Candidate,
-    Condition,
-    GateCheck,
-    GateState,
-    Observation,
-    Reason,
-)
+from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, Reason
 from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.motor_targets import target_gates
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused

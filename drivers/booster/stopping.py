@@ -14,8 +14,8 @@ from __future__ import annotations
 import math
 from contextlib import aclosing, suppress
 
-from strands_actors.contract.driver import MotorReport
 from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.wire import MotorReport
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.kernel.clock import NS
 

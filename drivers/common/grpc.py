@@ -15,7 +15,7 @@ from typing import Protocol
 
 import trio
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 
 from .grpc_messages import MAX_MESSAGE, ClientEnd, Ended, Heard, Left, Status
 from .malformed import MalformedFrame

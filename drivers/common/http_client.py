@@ -18,7 +18,7 @@ from typing import Any
 import httpx
 import trio
 
-from strands_actors.contract.driver import Permit, WireDown
+from strands_actors.contract.wire import Permit, WireDown
 
 from .http_messages import MAX_BODY
 

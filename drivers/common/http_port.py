@@ -10,7 +10,7 @@ from collections.abc import Awaitable, Callable
 
 import trio
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 
 from .http_messages import Response, ResponseDecoder, encode_request
 from .malformed import MalformedFrame

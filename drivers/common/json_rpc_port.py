@@ -12,7 +12,7 @@ from typing import Any
 
 import trio
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 
 from .json_rpc import (
     Call,

@@ -23,7 +23,7 @@ from pymodbus.pdu.register_message import (
     WriteMultipleRegistersResponse,
 )
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.kernel.clock import NS, Clock
 
 from .malformed import MalformedFrame

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from strands_actors.contract.axis import Axis
-from strands_actors.contract.driver import MotorReport
+from strands_actors.contract.wire import MotorReport
 
 
 class Outcome(NamedTuple):

@@ -11,7 +11,7 @@ from typing import NamedTuple, Protocol
 
 import trio
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 
 from .outcome import Outcome
 

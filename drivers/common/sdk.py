@@ -13,7 +13,7 @@ from typing import Any, TypeVar, TypeVarTuple
 
 import trio
 
-from strands_actors.contract.driver import ProcessSpent, WireDown
+from strands_actors.contract.wire import ProcessSpent, WireDown
 from strands_actors.kernel.threads import call_in_thread
 
 Args = TypeVarTuple("Args")

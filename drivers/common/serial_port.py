@@ -16,7 +16,7 @@ from typing import Protocol
 
 import trio
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 
 from .port_users import users_of
 

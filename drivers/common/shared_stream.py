@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import trio
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 
 from .tcp_port import ByteStream
 

@@ -20,7 +20,7 @@ from typing import Any
 
 import trio
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.kernel.processes.process import ChildProcess, start
 
 from .tcp_port import TcpPort

@@ -15,7 +15,7 @@ from typing import Protocol
 
 import trio
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 
 CONNECT_S = 0.5
 """Within a local network; the first repetition of a lost packet would come after 1 s."""

@@ -8,7 +8,7 @@ import ssl
 
 import trio
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 
 from .tcp_port import TcpPort, open_tcp
 

@@ -15,7 +15,7 @@ from typing import Protocol
 
 import trio
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 
 LARGEST = 65535
 MOST_STRANGERS = 100

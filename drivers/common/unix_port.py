@@ -11,7 +11,7 @@ import socket
 
 import trio
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 
 from .tcp_port import TcpPort
 

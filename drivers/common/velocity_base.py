@@ -14,7 +14,8 @@ from typing import NamedTuple, Protocol
 import trio
 
 from strands_actors.contract.axis import Axis, AxisMode, parse_action
-from strands_actors.contract.driver import Candidate, GateState, WireDown
+from strands_actors.contract.driver import Candidate, GateState
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.outcome import Outcome
 from strands_actors.kernel.messages import Refused
 

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import trio
 
 from strands_actors.contract.cameras import Picture
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.kernel.clock import NS
 
 from . import webrtc_messages as w

@@ -15,7 +15,7 @@ from typing import Protocol
 
 import trio
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 
 from .malformed import MalformedFrame
 from .tcp_port import ByteStream, open_tcp

@@ -7,16 +7,9 @@ from collections.abc import Mapping, Sequence
 
 from strands_actors.contract.axis import Axis
 from strands_actors.contract.axis_gates import axis_gates
-from strands_actors.contract.driver import (
-    Candidate,
-    Condition,
-    ConditionCheck,
-    GateCheck,
-    GateState,
-    Observation,
-    Reason,
-)
+from strands_actors.contract.driver import Candidate, Condition, ConditionCheck, GateCheck, GateState, Reason
 from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.wire import Observation
 from strands_actors.kernel.messages import Refused
 
 from .protocol import Battery, Bit, Flight, Place

@@ -9,7 +9,7 @@ from typing import Protocol
 
 import trio
 
-from strands_actors.contract.driver import Permit, PermitDenied, WireDown
+from strands_actors.contract.wire import Permit, PermitDenied, WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.serial_port import BytePort, adopt_serial, open_serial
 from strands_actors.drivers.common.tcp_port import TcpPort, open_tcp

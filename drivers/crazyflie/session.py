@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import trio
 
-from strands_actors.contract.driver import Permit, WireDown
+from strands_actors.contract.wire import Permit, WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.kernel.clock import NS, Clock
 

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 
 import trio
 
-from strands_actors.contract.driver import MotorReport, StopChannel, WireDown
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_process import OwnProcess
+from strands_actors.contract.wire import MotorReport, StopChannel, WireDown
 from strands_actors.drivers.common.outcome import Outcome
 from strands_actors.kernel.clock import Clock
 

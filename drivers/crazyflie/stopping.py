@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import trio
 
-from strands_actors.contract.driver import ProcessSpent, WireDown
 from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.wire import ProcessSpent, WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.outcome import Outcome
 

@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 
 import trio
 
-from strands_actors.contract.driver import Permit, WireDown
+from strands_actors.contract.wire import Permit, WireDown
 from strands_actors.drivers.common.sdk import SdkCalls, load_sdk
 
 from .config import Place

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from strands_actors.contract.driver import MotorReport, ProcessSpent, StopChannel, WireDown
+from strands_actors.contract.wire import MotorReport, ProcessSpent, StopChannel, WireDown
 from strands_actors.drivers.common.outcome import Outcome
 from strands_actors.kernel.clock import Clock
 

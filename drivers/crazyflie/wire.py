@@ -14,7 +14,8 @@ from typing import Any, ClassVar
 
 import trio
 
-from strands_actors.contract.driver import (
+from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.wire import (
     MotorReport,
     Observation,
     Permit,
@@ -23,7 +24,6 @@ from strands_actors.contract.driver import (
     Wire,
     WireDown,
 )
-from strands_actors.contract.safe_state import SafeState
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.outcome import Outcome
 from strands_actors.kernel.clock import NS, Clock

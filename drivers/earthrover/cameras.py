@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 import trio
 
 from strands_actors.contract import cameras as contract
-from strands_actors.contract.driver import WireDown
 from strands_actors.contract.extras import missing
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.http_client import HttpClient
 from strands_actors.drivers.common.malformed import MalformedFrame
 

@@ -7,8 +7,8 @@ the lamp, and puts it out; the wire leaves it as it was told.
 
 from __future__ import annotations
 
-from strands_actors.contract.driver import MotorReport, WireDown
 from strands_actors.contract.stop_channels import KeptSession
+from strands_actors.contract.wire import MotorReport, WireDown
 from strands_actors.drivers.common.http_port import HttpPort
 from strands_actors.drivers.common.outcome import Outcome, names_of
 from strands_actors.drivers.common.velocity_base import Standing, stop_base

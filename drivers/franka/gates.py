@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from strands_actors.contract.axis import Axis
 from strands_actors.contract.axis_gates import past_range, stale
-from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, Observation
+from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState
 from strands_actors.contract.sensors import number_of
+from strands_actors.contract.wire import Observation
 from strands_actors.kernel.messages import Refused
 
 from .protocol import RobotMode, mode_name

@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import ClassVar
 
-from strands_actors.contract.driver import MotorReport, WireDown
 from strands_actors.contract.stop_channels import WatchedFirmware
+from strands_actors.contract.wire import MotorReport, WireDown
 
 from . import protocol as p
 from .client import LOOK_S, Fci, connect

@@ -12,7 +12,7 @@ from typing import Any
 import msgspec
 import trio
 
-from strands_actors.contract.driver import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
+from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.health.heartbeat import Heartbeat, new_page, words_of

@@ -16,8 +16,8 @@ from collections.abc import Sequence
 
 import trio
 
-from strands_actors.contract.driver import MotorReport, WireDown
 from strands_actors.contract.stop_channels import KeptSession
+from strands_actors.contract.wire import MotorReport, WireDown
 from strands_actors.drivers.common.tcp_port import TcpPort, open_tcp
 from strands_actors.kernel.clock import Clock
 

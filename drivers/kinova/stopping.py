@@ -7,7 +7,7 @@ from collections.abc import Awaitable, Callable, Sequence
 
 import trio
 
-from strands_actors.contract.driver import MotorReport, WireDown
+from strands_actors.contract.wire import MotorReport, WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
 
 from .client import KortexClient, Refusal

@@ -12,11 +12,12 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from msgspec.structs import replace
 
-from strands_actors.contract.driver import Candidate, Driver, GateState, Observation, Reason, Timing, Wire
+from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Timing
 from strands_actors.contract.loading import load
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState, check_fallbacks
 from strands_actors.contract.tool_verbs import STATE, STATUS, STOP, ToolVerb
+from strands_actors.contract.wire import Observation, Wire
 from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.messages import Refused
 

@@ -12,7 +12,7 @@ from collections.abc import Awaitable, Callable, Sequence
 
 import trio
 
-from strands_actors.contract.driver import MotorReport, WireDown
+from strands_actors.contract.wire import MotorReport, WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.udp_port import UdpListener
 from strands_actors.kernel.clock import NS, Clock

@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import socket
 
-from strands_actors.contract.driver import MotorReport
 from strands_actors.contract.stop_channels import DuplicateDescriptor
+from strands_actors.contract.wire import MotorReport
 from strands_actors.drivers.common.udp_port import UdpListener
 
 from .config import KukaConfig

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import msgspec
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 
 from .protocol import ROBOT_SOCKET
 

@@ -16,20 +16,12 @@ from typing import Annotated, Any, ClassVar, Literal
 import msgspec
 
 from strands_actors.contract.axis import Part, PartKind
-from strands_actors.contract.driver import (
-    HOLDING_REASONS,
-    Candidate,
-    Driver,
-    GateState,
-    Observation,
-    Reason,
-    Service,
-    Timing,
-)
+from strands_actors.contract.driver import HOLDING_REASONS, Candidate, Driver, GateState, Reason, Service, Timing
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor
 from strands_actors.contract.tool_verbs import ToolVerb
+from strands_actors.contract.wire import Observation
 from strands_actors.kernel.messages import Refused
 
 from . import verbs

@@ -10,7 +10,8 @@ import msgspec
 
 from strands_actors.contract.axis import SHOWN, Axis, finite
 from strands_actors.contract.axis_gates import past_range
-from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, Observation
+from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState
+from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.velocity_base import parse_twist
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.json_rpc import Call
 from strands_actors.drivers.common.json_rpc_port import JsonRpcPort, SaidNo
 from strands_actors.drivers.common.malformed import MalformedFrame

@@ -8,7 +8,7 @@ from typing import Any
 
 import trio
 
-from strands_actors.contract.driver import Permit, WireDown
+from strands_actors.contract.wire import Permit, WireDown
 from strands_actors.drivers.common.json_rpc import METHOD_NOT_FOUND, Call
 from strands_actors.drivers.common.json_rpc_port import JsonRpcPort, SaidNo
 from strands_actors.drivers.common.malformed import MalformedFrame

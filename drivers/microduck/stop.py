@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from strands_actors.contract.driver import MotorReport, WireDown
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import KeptSession
+from strands_actors.contract.wire import MotorReport, WireDown
 from strands_actors.drivers.common.json_rpc_port import SaidNo
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.outcome import Outcome

@@ -15,8 +15,8 @@ from typing import Any, ClassVar, NamedTuple
 
 import trio
 
-from strands_actors.contract.driver import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
 from strands_actors.contract.rotations import roll_pitch_yaw
+from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.outcome import Outcome
 from strands_actors.kernel.clock import NS, Clock

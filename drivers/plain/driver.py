@@ -22,11 +22,12 @@ from typing import Any, ClassVar, Literal
 import msgspec
 
 from strands_actors.contract.axis import Axis, Part, PartKind
-from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Timing, WireDown
+from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Timing
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor
 from strands_actors.contract.tool_verbs import MOVE_TO, STATUS, STOP, ToolVerb
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
+from strands_actors.contract.wire import WireDown
 from strands_actors.kernel.messages import Refused
 
 from .config import Deadlines, PlainConfig

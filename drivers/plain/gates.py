@@ -10,7 +10,8 @@ import msgspec
 
 from strands_actors.contract.axis import Axis
 from strands_actors.contract.axis_gates import past_range, too_fast
-from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, Observation, Reason
+from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, Reason
+from strands_actors.contract.wire import Observation
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
 

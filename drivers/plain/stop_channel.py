@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import msgspec
 import trio
 
-from strands_actors.contract.driver import MotorReport, StopChannel, WireDown
+from strands_actors.contract.wire import MotorReport, StopChannel, WireDown
 from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.processes.process import ChildProcess, start
 

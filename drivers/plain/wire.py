@@ -13,7 +13,8 @@ import os
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from strands_actors.contract.driver import (
+from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.wire import (
     MotorReport,
     Observation,
     Permit,
@@ -22,7 +23,6 @@ from strands_actors.contract.driver import (
     Wire,
     WireDown,
 )
-from strands_actors.contract.safe_state import SafeState
 from strands_actors.drivers.common.outcome import Outcome
 from strands_actors.drivers.common.sdk import SdkCalls
 from strands_actors.kernel.clock import NS, Clock

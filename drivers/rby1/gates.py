@@ -8,8 +8,9 @@ import msgspec
 
 from strands_actors.contract.axis import Axis
 from strands_actors.contract.axis_gates import past_range, stale
-from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, Observation
+from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState
 from strands_actors.contract.sensors import number_of
+from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.step_gates import refuse_lead, refuse_step
 from strands_actors.kernel.messages import Refused
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import trio
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.grpc import Call, Connection, OpenStream, open_grpc
 from strands_actors.drivers.common.grpc_messages import Status
 from strands_actors.drivers.common.malformed import MalformedFrame

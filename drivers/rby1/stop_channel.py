@@ -11,8 +11,8 @@ from collections.abc import Sequence
 
 import trio
 
-from strands_actors.contract.driver import MotorReport
 from strands_actors.contract.stop_channels import KeptSession
+from strands_actors.contract.wire import MotorReport
 from strands_actors.drivers.common.grpc import CallFailed, Connection, OpenStream, open_grpc
 from strands_actors.drivers.common.tcp_port import open_tcp
 from strands_actors.kernel.clock import Clock

@@ -11,8 +11,8 @@ from collections.abc import Awaitable, Callable, Sequence
 
 import trio
 
-from strands_actors.contract.driver import MotorReport, WireDown
 from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.wire import MotorReport, WireDown
 from strands_actors.drivers.common.grpc import Call, Connection
 from strands_actors.drivers.common.malformed import MalformedFrame
 

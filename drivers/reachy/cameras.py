@@ -4,8 +4,8 @@ past the robot's tree, to a camera's process."""
 from __future__ import annotations
 
 from strands_actors.contract.cameras import CameraSettings
-from strands_actors.contract.driver import WireDown
 from strands_actors.contract.extras import missing
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.webrtc import WebRtcVideo
 
 from .driver import Reachy

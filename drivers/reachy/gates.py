@@ -8,7 +8,8 @@ from collections.abc import Mapping, Sequence
 
 from strands_actors.contract.axis import SHOWN, Axis, finite, parse_action
 from strands_actors.contract.axis_gates import past_range, show, stale
-from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, Observation
+from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState
+from strands_actors.contract.wire import Observation
 from strands_actors.kernel.messages import Refused
 
 from .protocol import BODY, MODES, YAW

@@ -10,7 +10,7 @@ import httpx
 import msgspec
 import trio
 
-from strands_actors.contract.driver import Observation, Permit, WireDown
+from strands_actors.contract.wire import Observation, Permit, WireDown
 from strands_actors.drivers.common.http_client import HttpClient
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.kernel.messages import Refused

@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 
 import trio
 
-from strands_actors.contract.driver import MotorReport, StopChannel, WireDown
 from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.wire import MotorReport, StopChannel, WireDown
 from strands_actors.drivers.common.http_port import HttpPort
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.outcome import Outcome

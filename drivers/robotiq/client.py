@@ -7,7 +7,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
-from strands_actors.contract.driver import MotorReport, Permit, WireDown
+from strands_actors.contract.wire import MotorReport, Permit, WireDown
 
 from . import protocol
 from .config import RobotiqConfig

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.modbus import ModbusClient
 from strands_actors.drivers.common.serial_port import BytePort, open_serial
 from strands_actors.drivers.common.tcp_port import ByteStream

@@ -15,9 +15,10 @@ from typing import Annotated, Any, ClassVar, Literal
 from msgspec import Meta
 
 from strands_actors.contract.axis import Axis, Part, PartKind
-from strands_actors.contract.driver import Candidate, Driver, GateState, Observation, Reason, Timing
+from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Timing
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.tool_verbs import SENSORS, STATUS, STOP, ToolVerb
+from strands_actors.contract.wire import Observation
 from strands_actors.kernel.messages import Refused
 
 from .config import AXIS, BAUD, BAUD_RATES, RobotiqConfig

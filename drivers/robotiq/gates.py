@@ -8,7 +8,8 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from strands_actors.contract.axis import Axis, parse_action
 from strands_actors.contract.axis_gates import past_range, stale
-from strands_actors.contract.driver import Candidate, GateCheck, GateState, Observation
+from strands_actors.contract.driver import Candidate, GateCheck, GateState
+from strands_actors.contract.wire import Observation
 from strands_actors.kernel.messages import Refused
 
 from .config import AXIS

@@ -10,7 +10,7 @@ from __future__ import annotations
 import trio
 from pymodbus.pdu.register_message import ReadInputRegistersRequest, WriteMultipleRegistersRequest
 
-from strands_actors.contract.driver import Permit, WireDown
+from strands_actors.contract.wire import Permit, WireDown
 from strands_actors.drivers.common import modbus_rtu
 from strands_actors.drivers.common.half_duplex import HalfDuplexBus, Quiet
 from strands_actors.drivers.common.modbus import SILENT_S

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import trio
 
-from strands_actors.contract.driver import Permit
+from strands_actors.contract.wire import Permit
 from strands_actors.drivers.common.modbus import ModbusClient
 
 from . import protocol

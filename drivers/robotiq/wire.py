@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import trio
 
-from strands_actors.contract.driver import MotorReport, Observation, Permit, Wire, WireDown
+from strands_actors.contract.wire import MotorReport, Observation, Permit, Wire, WireDown
 from strands_actors.drivers.common.modbus import NotUnderstood
 from strands_actors.drivers.common.serial_port import open_serial
 from strands_actors.drivers.common.tcp_port import open_tcp

@@ -13,8 +13,9 @@ from typing import Any, ClassVar, Literal
 
 import msgspec
 
-from strands_actors.contract.driver import HOLDING_REASONS, Candidate, Driver, GateState, Observation, Service
+from strands_actors.contract.driver import HOLDING_REASONS, Candidate, Driver, GateState, Service
 from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.simulation_control.protocol import MOST_STEPS, STEP_S, TIMESTEP_S
 from strands_actors.kernel.messages import Refused
 

@@ -13,7 +13,7 @@ import numpy as np
 import trio
 
 from strands_actors.contract.cameras import CameraSettings, Picture
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.lean_mujoco import mujoco
 from strands_actors.drivers.common.simulation_control import protocol as p
 from strands_actors.drivers.common.simulation_control.client import Refusal, SimulationClient

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from strands_actors.contract.driver import MotorReport, WireDown
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import ConnectWhenNeeded
+from strands_actors.contract.wire import MotorReport, WireDown
 from strands_actors.drivers.common.simulation_control import protocol as p
 from strands_actors.drivers.common.simulation_control.body import Hand
 from strands_actors.drivers.common.simulation_control.client import SimulationClient

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import trio
 
-from strands_actors.contract.driver import MotorReport, Observation, Permit, Wire, WireDown
+from strands_actors.contract.wire import MotorReport, Observation, Permit, Wire, WireDown
 from strands_actors.drivers.common.simulation_control import protocol as p
 from strands_actors.drivers.common.simulation_control.body import Hand
 from strands_actors.drivers.common.simulation_control.client import Refusal, SimulationClient

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import msgspec
 
 from strands_actors.contract.axis import Axis
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.tcp_port import parse_address
 
 from .protocol import PORT

@@ -8,8 +8,9 @@ from typing import Any
 
 from strands_actors.contract.axis import SHOWN, Axis, finite
 from strands_actors.contract.axis_gates import axis_gates, past_range
-from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, Observation, Reason
+from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, Reason
 from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.wire import Observation
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
 

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Protocol
 
-from strands_actors.contract.driver import Permit, WireDown
+from strands_actors.contract.wire import Permit, WireDown
 from strands_actors.drivers.common.grpc import Call, CallFailed, Connection, Stream
 from strands_actors.drivers.common.grpc_messages import ClientEnd, Header
 from strands_actors.drivers.common.malformed import MalformedFrame

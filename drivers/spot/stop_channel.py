@@ -6,8 +6,8 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from strands_actors.contract.driver import MotorReport
 from strands_actors.contract.stop_process import OwnProcess
+from strands_actors.contract.wire import MotorReport
 from strands_actors.drivers.common.outcome import Outcome, names_of
 
 from .config import SpotConfig

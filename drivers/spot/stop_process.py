@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import trio
 
-from strands_actors.contract.driver import MotorReport, WireDown
 from strands_actors.contract.stop_channels import KeptSession
+from strands_actors.contract.wire import MotorReport, WireDown
 from strands_actors.drivers.common.outcome import Outcome, names_of
 from strands_actors.kernel.clock import NS, Clock
 

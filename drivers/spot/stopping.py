@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import trio
 
-from strands_actors.contract.driver import WireDown
 from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.outcome import Outcome
 
 from . import protocol as p

@@ -14,8 +14,8 @@ from typing import Any, ClassVar
 
 import trio
 
-from strands_actors.contract.driver import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
 from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
 from strands_actors.drivers.common.outcome import Outcome, names_of
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused

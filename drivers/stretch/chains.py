@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import msgspec
 
-from strands_actors.contract.driver import MotorReport, Observation, Permit
+from strands_actors.contract.wire import MotorReport, Observation, Permit
 from strands_actors.drivers.common.dynamixel import protocol, table
 from strands_actors.drivers.common.dynamixel.safing import DynamixelSafing
 from strands_actors.drivers.common.dynamixel.watchdog import FEED_S

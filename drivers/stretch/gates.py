@@ -9,14 +9,8 @@ import msgspec
 
 from strands_actors.contract.axis import Axis, AxisMode, finite
 from strands_actors.contract.axis_gates import show, stale, unit_of
-from strands_actors.contract.driver import (
-    Candidate,
-    Condition,
-    GateCheck,
-    GateState,
-    Observation,
-    Reason,
-)
+from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, Reason
+from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.dynamixel.gates import FAULT_CODES, REMEDIES
 from strands_actors.drivers.common.servo.gates import motor_fault, temperature, voltage
 from strands_actors.drivers.common.velocity_base import LIFETIME_S, parse_twist

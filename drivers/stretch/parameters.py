@@ -14,7 +14,7 @@ from typing import Any
 
 import msgspec
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.servo.axes import COUNTS
 
 from .protocol import Config, Gains, gains_of, pimu_config

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from strands_actors.contract.driver import Observation
+from strands_actors.contract.wire import Observation
 
 from . import protocol as p
 from .config import ARM, BASE, LEFT, LIFT, PIMU, RIGHT, StretchConfig

@@ -14,8 +14,8 @@ from abc import ABC, abstractmethod
 
 import trio
 
-from strands_actors.contract.driver import MotorReport, WireDown
 from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.wire import MotorReport, WireDown
 
 from . import protocol as p
 from .board import Board

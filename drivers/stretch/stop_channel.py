@@ -13,8 +13,8 @@ from functools import partial
 
 import trio
 
-from strands_actors.contract.driver import MotorReport, StopChannel, WireDown
 from strands_actors.contract.stop_channels import DuplicateDescriptor
+from strands_actors.contract.wire import MotorReport, StopChannel, WireDown
 from strands_actors.drivers.common.serial_port import adopt_serial, open_serial
 from strands_actors.kernel.clock import Clock
 

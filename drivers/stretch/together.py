@@ -7,7 +7,7 @@ from typing import TypeVar
 
 import trio
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 
 T = TypeVar("T")
 

@@ -22,9 +22,10 @@ import msgspec
 from msgspec import Meta
 
 from strands_actors.contract.axis import Part, PartKind
-from strands_actors.contract.driver import Candidate, Driver, GateState, Observation, Reason, Service, Timing
+from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Service, Timing
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.sensors import Sensor, imu
+from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.motor_targets import ROWS, Parser, target_gates
 from strands_actors.drivers.common.network_interfaces import INTERFACE
 from strands_actors.kernel.messages import Refused

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from strands_actors.contract.driver import Condition, ConditionCheck, Observation
+from strands_actors.contract.driver import Condition, ConditionCheck
+from strands_actors.contract.wire import Observation
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import aclosing
 
-from strands_actors.contract.driver import MotorReport
+from strands_actors.contract.wire import MotorReport
 from strands_actors.kernel.clock import NS
 
 from .gates import CONTROL_S

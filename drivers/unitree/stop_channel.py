@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import trio
 
-from strands_actors.contract.driver import MotorReport, StopChannel, WireDown
+from strands_actors.contract.wire import MotorReport, StopChannel, WireDown
 from strands_actors.kernel.clock import Clock
 
 from . import protocol as p

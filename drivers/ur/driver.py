@@ -14,10 +14,11 @@ from typing import Annotated, Any, ClassVar, Literal
 from msgspec import Meta
 
 from strands_actors.contract.axis import Part, PartKind
-from strands_actors.contract.driver import HOLDING_REASONS, Driver, Observation, Reason, Timing
+from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason, Timing
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.sensors import Sensor, place
 from strands_actors.contract.tool_verbs import STATE, STATUS, STOP, ToolVerb
+from strands_actors.contract.wire import Observation
 
 from .arms import TABLES, arm_of
 from .config import URConfig

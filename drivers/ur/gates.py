@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 
 from strands_actors.contract.axis import Axis
 from strands_actors.contract.axis_gates import past_range, stale, too_fast
-from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, Observation
+from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState
 from strands_actors.contract.sensors import number_of
+from strands_actors.contract.wire import Observation
 from strands_actors.kernel.messages import Refused
 
 from .protocol import MOVABLE_SAFETY, RobotMode, RuntimeState, SafetyMode, mode_name

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import trio
 
-from strands_actors.contract.driver import ProcessSpent, WireDown
+from strands_actors.contract.wire import ProcessSpent, WireDown
 from strands_actors.drivers.common.sdk import SdkCalls, kept, load_sdk
 
 from .gates import CONTROL_HZ, CONTROL_S, LOOKAHEAD_S

@@ -6,7 +6,7 @@ from typing import Any
 
 import trio
 
-from strands_actors.contract.driver import (
+from strands_actors.contract.wire import (
     MotorReport,
     Observation,
     Permit,

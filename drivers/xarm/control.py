@@ -8,7 +8,7 @@ from typing import Protocol
 
 import trio
 
-from strands_actors.contract.driver import Permit, WireDown
+from strands_actors.contract.wire import Permit, WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.outcome import Outcome
 from strands_actors.drivers.common.tcp_port import ByteStream

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from strands_actors.contract.driver import MotorReport
 from strands_actors.contract.stop_channels import ConnectWhenNeeded
+from strands_actors.contract.wire import MotorReport
 from strands_actors.drivers.common.outcome import Outcome
 from strands_actors.drivers.common.tcp_port import open_tcp
 from strands_actors.kernel.clock import Clock

@@ -11,14 +11,7 @@ from typing import Any, ClassVar
 
 import trio
 
-from strands_actors.contract.driver import (
-    MotorReport,
-    Observation,
-    Permit,
-    PermitDenied,
-    Wire,
-    WireDown,
-)
+from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
 from strands_actors.drivers.common.outcome import Outcome
 from strands_actors.drivers.common.tcp_port import open_tcp
 from strands_actors.kernel.clock import NS, Clock

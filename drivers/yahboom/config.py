@@ -6,7 +6,7 @@ import os
 
 import msgspec
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.tcp_port import parse_address
 
 from .protocol import PORT

@@ -13,7 +13,7 @@ from collections.abc import Callable
 
 import trio
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.reporting_base import Report
 from strands_actors.drivers.common.rtps import Participant

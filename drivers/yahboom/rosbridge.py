@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import trio
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.reporting_base import Report
 from strands_actors.drivers.common.websocket import open_websocket

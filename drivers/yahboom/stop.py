@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
-from strands_actors.contract.driver import MotorReport
 from strands_actors.contract.stop_channels import KeptSession
+from strands_actors.contract.wire import MotorReport
 from strands_actors.drivers.common.outcome import Outcome
 from strands_actors.drivers.common.reporting_base import ReportingBase, stop_until_it_stands
 from strands_actors.kernel.clock import Clock

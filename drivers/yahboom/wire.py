@@ -11,8 +11,8 @@ from typing import Any, ClassVar
 
 import trio
 
-from strands_actors.contract.driver import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
 from strands_actors.contract.rotations import roll_pitch_yaw
+from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
 from strands_actors.drivers.common.outcome import Outcome
 from strands_actors.drivers.common.reporting_base import stop_until_it_stands
 from strands_actors.kernel.clock import NS, Clock

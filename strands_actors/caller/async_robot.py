@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 
 import trio
 
-from strands_actors.contract.driver import Observation, WireDown
+from strands_actors.contract.wire import Observation, WireDown
 from strands_actors.kernel.messages import Refused
 from strands_actors.policies.registry import DEFAULT_PROVIDER
 from strands_actors.surfaces.agents.approval import APPROVE_S, Approval, Approve, approval_of

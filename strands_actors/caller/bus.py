@@ -9,7 +9,8 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from strands_actors.contract.driver import Driver, Observation
+from strands_actors.contract.driver import Driver
+from strands_actors.contract.wire import Observation
 
 POSITION = "Present_Position"
 VELOCITY = "Present_Velocity"

@@ -8,7 +8,8 @@ from collections.abc import Coroutine, Generator, Iterator, Mapping
 from concurrent.futures import Future
 from typing import Any
 
-from strands_actors.contract.driver import Driver, Observation
+from strands_actors.contract.driver import Driver
+from strands_actors.contract.wire import Observation
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.gate.messages import Status, StopReport
 from strands_actors.supervisors.root.messages import TaskStatus, TreeReport

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar, overload
 
 import trio
 
-from strands_actors.contract.driver import Driver, Observation, WireDown
+from strands_actors.contract.driver import Driver
+from strands_actors.contract.wire import Observation, WireDown
 from strands_actors.kernel.messages import Refused
 from strands_actors.policies.registry import DEFAULT_PROVIDER
 from strands_actors.supervisors.gate.messages import Status

@@ -12,7 +12,8 @@ from typing import Any
 
 import trio
 
-from strands_actors.contract.driver import Driver, Observation, Reason
+from strands_actors.contract.driver import Driver, Reason
+from strands_actors.contract.wire import Observation
 from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Node, Unreachable

@@ -13,9 +13,10 @@ from collections.abc import Callable, Coroutine, Mapping
 from typing import Any
 
 from strands_actors.contract.axis import SHOWN
-from strands_actors.contract.driver import Driver, Observation, Reason
+from strands_actors.contract.driver import Driver, Reason
 from strands_actors.contract.plain_numbers import as_python
 from strands_actors.contract.positions import Positions
+from strands_actors.contract.wire import Observation
 from strands_actors.drivers import canonical_name
 from strands_actors.kernel.health.processor import pressure
 from strands_actors.kernel.messages import Refused

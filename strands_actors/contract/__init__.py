@@ -17,25 +17,7 @@ from strands_actors.kernel.messages import Refused
 from .axis import Axis, AxisMode, Part, PartKind
 from .axis_gates import axis_gates, past_range, stale, too_fast
 from .cameras import CameraSettings, Picture, PictureSource
-from .driver import (
-    HOLDING_REASONS,
-    Candidate,
-    Condition,
-    Driver,
-    GateCheck,
-    GateState,
-    MotorReport,
-    Observation,
-    Permit,
-    PermitDenied,
-    ProcessSpent,
-    Reason,
-    Service,
-    StopChannel,
-    Timing,
-    Wire,
-    WireDown,
-)
+from .driver import HOLDING_REASONS, Candidate, Condition, Driver, GateCheck, GateState, Reason, Service, Timing
 from .options import DriverOptions, meanings, option, plain, read_options, secrets_of
 from .rotations import roll_pitch_yaw
 from .safe_state import SafeState, check_fallbacks
@@ -43,6 +25,7 @@ from .sensors import Sensor
 from .stop_channels import ConnectWhenNeeded, DuplicateDescriptor, KeptSession, WatchedFirmware
 from .stop_process import OwnProcess
 from .tool_verbs import MOVE_TO, SENSORS, SET_TORQUE, STATE, STATUS, STOP, ToolVerb
+from .wire import MotorReport, Observation, Permit, PermitDenied, ProcessSpent, StopChannel, Wire, WireDown
 
 __all__ = [
     "HOLDING_REASONS",

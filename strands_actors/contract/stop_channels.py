@@ -20,7 +20,7 @@ import trio
 
 from strands_actors.kernel.clock import Clock
 
-from .driver import MotorReport, StopChannel, WireDown
+from .wire import MotorReport, StopChannel, WireDown
 
 Reports = tuple[MotorReport, ...]
 

@@ -26,9 +26,9 @@ from strands_actors.kernel.health.realtime import STANDBY_PRIORITY, run_first
 from strands_actors.kernel.processes.identity import be_taken_last, take_name
 from strands_actors.kernel.processes.process import ChildProcess, start
 
-from .driver import MotorReport, StopChannel, WireDown
 from .loading import load, place_of
 from .stop_channels import ConfigT, Reports
+from .wire import MotorReport, StopChannel, WireDown
 
 _ENTRY = "strands_actors.contract.stop_process:main"
 _DEATH_SIGNAL = 1

@@ -18,8 +18,8 @@ import msgspec
 import trio
 
 from strands_actors.contract.axis import Axis
-from strands_actors.contract.driver import Observation, WireDown
 from strands_actors.contract.loading import load
+from strands_actors.contract.wire import Observation, WireDown
 from strands_actors.kernel.actor import Actor, describe
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.mailbox import SUPERSEDED

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple, Protocol
 import trio
 
 from strands_actors.contract.axis import finite
-from strands_actors.contract.driver import Wire, WireDown
 from strands_actors.contract.loading import load
+from strands_actors.contract.wire import Wire, WireDown
 from strands_actors.kernel.clock import Clock
 from strands_actors.supervisors.loading import load_driver
 from strands_actors.supervisors.root.messages import Operate

@@ -13,20 +13,8 @@ from typing import Any, ClassVar, Literal, NamedTuple
 
 import trio
 
-from strands_actors.contract.driver import (
-    HOLDING_REASONS,
-    Candidate,
-    Driver,
-    GateState,
-    MotorReport,
-    Observation,
-    Permit,
-    Reason,
-    StopChannel,
-    Timing,
-    Wire,
-    WireDown,
-)
+from strands_actors.contract.driver import HOLDING_REASONS, Candidate, Driver, GateState, Reason, Timing
+from strands_actors.contract.wire import MotorReport, Observation, Permit, StopChannel, Wire, WireDown
 from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.messages import Refused
 

@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import msgspec
 
-from strands_actors.contract.driver import Condition, Driver, GateState, Observation, Reason
+from strands_actors.contract.driver import Condition, Driver, GateState, Reason
+from strands_actors.contract.wire import Observation
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.gate.messages import Perform, Setpoint
 

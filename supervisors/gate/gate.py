@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import msgspec
 
-from strands_actors.contract.driver import HOLDING_REASONS, Driver, Observation, Reason
+from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason
+from strands_actors.contract.wire import Observation
 from strands_actors.kernel.actor import Actor, Deferred
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused

@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from strands_actors.contract.driver import Observation
+from strands_actors.contract.wire import Observation
 from strands_actors.kernel.actor import Deferred
 from strands_actors.supervisors.gate.messages import LockKept, StopReport
 

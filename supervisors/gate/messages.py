@@ -10,7 +10,8 @@ from typing import Any
 
 import msgspec
 
-from strands_actors.contract.driver import MotorReport, Observation, Reason
+from strands_actors.contract.driver import Reason
+from strands_actors.contract.wire import MotorReport, Observation
 from strands_actors.kernel.messages import Message, Refused
 
 LEASE_TTL_S = 1.0

@@ -18,7 +18,8 @@ from typing import Any
 import msgspec
 import trio
 
-from strands_actors.contract.driver import Driver, Observation
+from strands_actors.contract.driver import Driver
+from strands_actors.contract.wire import Observation
 from strands_actors.kernel.actor import Actor
 from strands_actors.kernel.channels.pubsub import PubSub, Received
 from strands_actors.kernel.clock import NS

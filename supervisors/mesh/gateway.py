@@ -17,7 +17,8 @@ from collections.abc import Awaitable, Callable
 import msgspec
 import trio
 
-from strands_actors.contract.driver import Driver, Observation, Reason
+from strands_actors.contract.driver import Driver, Reason
+from strands_actors.contract.wire import Observation
 from strands_actors.kernel.actor import Actor, Deferred
 from strands_actors.kernel.channels.permissions import Channel
 from strands_actors.kernel.channels.pubsub import PubSub, Received, Reply

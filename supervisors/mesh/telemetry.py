@@ -11,8 +11,9 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
-from strands_actors.contract.driver import Driver, Observation
+from strands_actors.contract.driver import Driver
 from strands_actors.contract.sensors import TOPICS_HZ, Sensor
+from strands_actors.contract.wire import Observation
 from strands_actors.kernel.actor import Actor
 from strands_actors.kernel.channels.pubsub import PubSub, Topic
 from strands_actors.kernel.messages import Message

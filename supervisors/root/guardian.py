@@ -18,7 +18,8 @@ from collections.abc import Callable, Iterable, Sequence
 import msgspec
 import trio
 
-from strands_actors.contract.driver import Driver, MotorReport, Reason, StopChannel, WireDown
+from strands_actors.contract.driver import Driver, Reason
+from strands_actors.contract.wire import MotorReport, StopChannel, WireDown
 from strands_actors.kernel.actor import Actor, Deferred, describe
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.health.failure_detector import FailureDetector

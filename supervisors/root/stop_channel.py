@@ -11,7 +11,8 @@ from collections.abc import Iterator, Sequence
 
 import trio
 
-from strands_actors.contract.driver import Driver, MotorReport, StopChannel
+from strands_actors.contract.driver import Driver
+from strands_actors.contract.wire import MotorReport, StopChannel
 from strands_actors.kernel.actor import describe
 from strands_actors.kernel.clock import Clock
 from strands_actors.supervisors.deadlines import StopDeadlines

@@ -24,7 +24,8 @@ from typing import Any
 
 import trio
 
-from strands_actors.contract.driver import Driver, MotorReport, Reason, StopChannel, WireDown
+from strands_actors.contract.driver import Driver, Reason
+from strands_actors.contract.wire import MotorReport, StopChannel, WireDown
 from strands_actors.kernel.actor import Actor, Deferred, describe
 from strands_actors.kernel.channels.link import Link
 from strands_actors.kernel.clock import MonotonicClock

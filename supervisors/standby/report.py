@@ -12,7 +12,7 @@ from pathlib import Path
 
 import msgspec
 
-from strands_actors.contract.driver import MotorReport
+from strands_actors.contract.wire import MotorReport
 
 REPORT = ".standby.report"
 LOCK = ".standby.life"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import trio
 
-from strands_actors.contract.driver import ProcessSpent, Wire, WireDown
+from strands_actors.contract.wire import ProcessSpent, Wire, WireDown
 
 
 class Serving:

@@ -19,18 +19,9 @@ from typing import Any
 
 import trio
 
-from strands_actors.contract.driver import (
-    HOLDING_REASONS,
-    Driver,
-    MotorReport,
-    Observation,
-    PermitDenied,
-    ProcessSpent,
-    Reason,
-    Wire,
-    WireDown,
-)
+from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason
 from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.wire import MotorReport, Observation, PermitDenied, ProcessSpent, Wire, WireDown
 from strands_actors.kernel.actor import Actor
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.health.realtime import memory, scheduling

@@ -12,7 +12,7 @@ import numpy as np
 import trio
 
 from strands_actors.contract.cameras import CameraSettings, Picture
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 
 SIZE = 48, 32
 

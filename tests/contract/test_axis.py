@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from strands_actors.contract.axis import Axis, AxisMode, Part, PartKind, axes_of, first_target, parse_action
 from strands_actors.contract.axis_gates import axis_gates, past_range, stale, too_fast
-from strands_actors.contract.driver import Candidate, GateState, Observation
+from strands_actors.contract.driver import Candidate, GateState
+from strands_actors.contract.wire import Observation
 from strands_actors.kernel.messages import Refused
 
 ARM = tuple(Axis(key=f"joint{at}", unit="rad", low=-2.0, high=2.0, speed=1.0, id=at) for at in (1, 2))

@@ -13,15 +13,9 @@ import pytest
 import trio
 
 from strands_actors.contract.axis import parse_action
-from strands_actors.contract.driver import (
-    Candidate,
-    Driver,
-    GateState,
-    MotorReport,
-    Reason,
-    WireDown,
-)
+from strands_actors.contract.driver import Candidate, Driver, GateState, Reason
 from strands_actors.contract.loading import load
+from strands_actors.contract.wire import MotorReport, WireDown
 from strands_actors.kernel.channels.permissions import Channel
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.gate import failsafe

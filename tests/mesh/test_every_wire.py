@@ -20,6 +20,8 @@ from strands_actors.surfaces.cli.matrix import one_of_each
 from strands_actors.testing import Twin
 from tests.answers import status, until, why
 
+pytestmark = pytest.mark.real_time
+
 AT_ONCE = 2
 """No neighbours in the list: beside a G1 a Go2's twin got no processor for half a second, and its stop
 was told as not confirmed."""

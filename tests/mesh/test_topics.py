@@ -13,8 +13,8 @@ import trio
 import zenoh
 
 from strands_actors.caller.run_directory import notes
-from strands_actors.contract.driver import Observation
 from strands_actors.contract.sensors import TOPICS_HZ, Sensor
+from strands_actors.contract.wire import Observation
 from strands_actors.testing.fake import FakeDriver, FakeWire
 
 from .world import robot_on_mesh, run, until

@@ -15,7 +15,8 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from strands_actors.contract.driver import Observation, Reason
+from strands_actors.contract.driver import Reason
+from strands_actors.contract.wire import Observation
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.gate.messages import LinkLost, Observed, Resume, Stop
 from strands_actors.supervisors.instrument import Attached, Batch, Entry, Kind, encode

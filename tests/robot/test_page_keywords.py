@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 from strands_actors import Robot
-from strands_actors.contract.driver import Candidate, GateState, Observation
+from strands_actors.contract.driver import Candidate, GateState
+from strands_actors.contract.wire import Observation
 
 LOOPBACK = next(name for _, name in socket.if_nameindex() if name.startswith("lo"))
 ROBOTIQ, UR, G1 = {"port": "192.0.2.20"}, {"port": "192.0.2.30"}, {"port": "192.168.123.161"}

@@ -13,7 +13,7 @@ import pytest
 import trio
 
 from strands_actors import Robot, Teleoperator
-from strands_actors.contract.driver import PermitDenied, WireDown
+from strands_actors.contract.wire import PermitDenied, WireDown
 from strands_actors.drivers import list_leaders, list_robots
 from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.surfaces.cli.teleop import leader_of

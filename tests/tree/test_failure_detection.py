@@ -9,7 +9,7 @@ import msgspec
 import pytest
 import trio
 
-from strands_actors.contract.driver import ProcessSpent
+from strands_actors.contract.wire import ProcessSpent
 from strands_actors.kernel.supervisor import Budget
 from strands_actors.supervisors.gate.messages import Accepted
 from strands_actors.supervisors.root.messages import SilentUntil

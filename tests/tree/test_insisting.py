@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import trio
 
-from strands_actors.contract.driver import MotorReport, Reason
+from strands_actors.contract.driver import Reason
+from strands_actors.contract.wire import MotorReport
 from strands_actors.kernel.health.processor import Standing
 from strands_actors.supervisors.gate.failsafe import ENDING_REASONS, Mode
 from strands_actors.supervisors.gate.messages import Stop, StopReport

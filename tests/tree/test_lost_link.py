@@ -6,7 +6,8 @@ from __future__ import annotations
 import pytest
 import trio
 
-from strands_actors.contract.driver import Reason, Wire, WireDown
+from strands_actors.contract.driver import Reason
+from strands_actors.contract.wire import Wire, WireDown
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.gate.messages import Accepted, Resume, Resumed, Stop, StopReport
 from strands_actors.supervisors.wire.messages import RootGone

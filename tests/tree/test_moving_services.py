@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 import trio
 
-from strands_actors.contract.driver import Condition, Observation, Permit, Reason, Service
+from strands_actors.contract.driver import Condition, Reason, Service
+from strands_actors.contract.wire import Observation, Permit
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.supervisors.gate.messages import LEASE_TTL_S, Accepted, Beat, Perform, Performed, Stop
 from strands_actors.testing import open_inline_tree, run_virtual

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 import trio
 
-from strands_actors.contract.driver import Condition, Observation
+from strands_actors.contract.driver import Condition
+from strands_actors.contract.wire import Observation
 from strands_actors.kernel.health.heartbeat import Heartbeat
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.gate.lease import LEASE_TTL_NS

@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 import trio
 
-from strands_actors.contract.driver import MotorReport, Reason
+from strands_actors.contract.driver import Reason
+from strands_actors.contract.wire import MotorReport
 from strands_actors.supervisors.root.stop_channel import LINGER_S
 from strands_actors.supervisors.wire.transport import Transport
 from strands_actors.testing import InlineTree, open_inline_tree, run_virtual

@@ -10,7 +10,8 @@ import msgspec
 import pytest
 import trio
 
-from strands_actors.contract.driver import Condition, Observation, Permit, Reason, Service, Timing, WireDown
+from strands_actors.contract.driver import Condition, Reason, Service, Timing
+from strands_actors.contract.wire import Observation, Permit, WireDown
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.supervisors.gate.messages import Accepted, Perform, Performed, Resume, Stop, StopReport

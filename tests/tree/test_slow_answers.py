@@ -10,7 +10,7 @@ import pytest
 import trio
 import trio.testing
 
-from strands_actors.contract.driver import Observation
+from strands_actors.contract.wire import Observation
 from strands_actors.kernel.actor import Actor, Deferred
 from strands_actors.kernel.clock import VirtualClock
 from strands_actors.kernel.mailbox import SUPERSEDED

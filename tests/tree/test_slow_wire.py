@@ -7,7 +7,8 @@ import msgspec
 import pytest
 import trio
 
-from strands_actors.contract.driver import Reason, WireDown
+from strands_actors.contract.driver import Reason
+from strands_actors.contract.wire import WireDown
 from strands_actors.supervisors.gate.failsafe import Mode
 from strands_actors.supervisors.gate.messages import GetStatus, Status, Stop, StopReport
 from strands_actors.testing import run_virtual

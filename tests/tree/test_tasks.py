@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 import trio
 
-from strands_actors.contract.driver import MotorReport
+from strands_actors.contract.wire import MotorReport
 from strands_actors.kernel.actor import Actor
 from strands_actors.kernel.channels.permissions import Channel
 from strands_actors.kernel.messages import Refused

@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import trio
 
-from strands_actors.contract.driver import MotorReport, Reason
+from strands_actors.contract.driver import Reason
+from strands_actors.contract.wire import MotorReport
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.gate.messages import Accepted, Acquire, Beat, Lease, Stop
 from strands_actors.supervisors.wire.messages import Cycle, MakeSafe, Write

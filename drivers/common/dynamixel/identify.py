@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import msgspec
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.calibration import MotorCalibration
 from strands_actors.drivers.common.half_duplex import HalfDuplexBus
 from strands_actors.drivers.common.servo.axes import TOP, Axis

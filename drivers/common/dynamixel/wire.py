@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import trio
 
-from strands_actors.contract.driver import MotorReport, Observation, Permit, WireDown
+from strands_actors.contract.wire import MotorReport, Observation, Permit, WireDown
 from strands_actors.drivers.common.half_duplex import HalfDuplexBus
 from strands_actors.drivers.common.serial_port import BytePort, open_serial
 from strands_actors.drivers.common.servo.config import ServoConfig

@@ -9,7 +9,7 @@ import struct
 import sys
 import time
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 
 from . import wire_types
 

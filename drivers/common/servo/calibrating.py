@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 import trio
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.calibration import MotorCalibration
 
 from .axes import TOP

@@ -6,7 +6,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from strands_actors.contract.axis_gates import Axes, past_range, stale, too_fast
-from strands_actors.contract.driver import Candidate, GateCheck, GateState, Observation
+from strands_actors.contract.driver import Candidate, GateCheck, GateState
+from strands_actors.contract.wire import Observation
 from strands_actors.kernel.messages import Refused
 
 _CLEAR_IT = "clear the cause, then try again"

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.calibration import MotorCalibration
 from strands_actors.drivers.common.half_duplex import BUSY_S, HalfDuplexBus, Packet, PacketT
 

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Generic, NamedTuple
 
-from strands_actors.contract.driver import Observation
+from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.half_duplex import PacketT
 from strands_actors.kernel.clock import NS
 

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from typing import Generic, NamedTuple
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.calibration import MotorCalibration
 from strands_actors.drivers.common.half_duplex import HalfDuplexBus, PacketT
 from strands_actors.drivers.common.serial_port import BytePort, open_serial

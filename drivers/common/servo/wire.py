@@ -14,14 +14,7 @@ from typing import Any, ClassVar, Generic
 import msgspec
 import trio
 
-from strands_actors.contract.driver import (
-    MotorReport,
-    Observation,
-    Permit,
-    PermitDenied,
-    Wire,
-    WireDown,
-)
+from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
 from strands_actors.drivers.common.half_duplex import HalfDuplexBus, Health, PacketT, Quiet
 from strands_actors.drivers.common.port_users import users_of
 from strands_actors.drivers.common.serial_port import BytePort, in_use, open_serial

@@ -11,7 +11,7 @@ from typing import TypeVar
 import msgspec
 import trio
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
 
 from . import protocol as p

@@ -14,9 +14,10 @@ from typing import Any, ClassVar
 
 import msgspec
 
-from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason, StopChannel
+from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason
 from strands_actors.contract.loading import load
 from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.wire import StopChannel
 from strands_actors.kernel.clock import Clock
 
 from ..config import Deadlines

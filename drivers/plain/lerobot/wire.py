@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from strands_actors.contract.driver import MotorReport, ProcessSpent
 from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.wire import MotorReport, ProcessSpent
 
 from ..wire import PlainWire, reports
 from .types import TYPES

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import trio
 
 from strands_actors.contract.cameras import CameraSettings, Picture
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -18,8 +18,8 @@ import msgspec
 import trio
 
 from strands_actors.contract.cameras import CameraSettings, Picture, PictureSource
-from strands_actors.contract.driver import WireDown
 from strands_actors.contract.loading import load
+from strands_actors.contract.wire import WireDown
 from strands_actors.kernel.actor import Actor, describe
 from strands_actors.kernel.channels.frame_ring import FrameRing, NoRing
 from strands_actors.kernel.channels.link import Link

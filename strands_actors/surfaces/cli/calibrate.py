@@ -13,8 +13,9 @@ from typing import Any
 
 import trio
 
-from strands_actors.contract.driver import Driver, WireDown
+from strands_actors.contract.driver import Driver
 from strands_actors.contract.loading import load
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers import canonical_name, get_native_driver_class, leader_name, list_leaders
 from strands_actors.kernel.clock import MonotonicClock
 

@@ -16,7 +16,8 @@ from strands_actors.caller.async_robot import open_tree
 from strands_actors.caller.plan import Plan, completed, plan
 from strands_actors.caller.processes import NotConnected
 from strands_actors.caller.tree import RobotTree
-from strands_actors.contract.driver import Driver, Reason, WireDown
+from strands_actors.contract.driver import Driver, Reason
+from strands_actors.contract.wire import WireDown
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import AskTimeout, Unreachable
 from strands_actors.testing.twin import Twin

@@ -7,7 +7,7 @@ from typing import Any
 
 import msgspec
 
-from strands_actors.contract.driver import Observation
+from strands_actors.contract.wire import Observation
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.supervisors.gate.messages import (
     Accepted,

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable
 
 import trio
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 
 from .world import Process, World
 

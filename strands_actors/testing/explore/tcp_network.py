@@ -14,7 +14,7 @@ from typing import NamedTuple, Protocol
 
 import trio
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 
 from .world import Process, World
 

@@ -7,8 +7,9 @@ from typing import Any
 
 import pytest
 
-from strands_actors.contract.driver import Candidate, GateState, Observation, Reason
+from strands_actors.contract.driver import Candidate, GateState, Reason
 from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.wire import Observation
 from strands_actors.drivers import canonical_name, get_native_driver_class
 from strands_actors.drivers.booster.driver import BoosterDriver
 from strands_actors.drivers.booster.protocol import CommandType, Fall

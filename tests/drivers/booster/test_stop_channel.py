@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 import trio
 
-from strands_actors.contract.driver import MotorReport, WireDown
+from strands_actors.contract.wire import MotorReport, WireDown
 from strands_actors.drivers.booster import protocol as p
 from strands_actors.drivers.booster import rpc
 from strands_actors.drivers.booster.config import BoosterConfig

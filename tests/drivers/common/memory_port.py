@@ -10,7 +10,7 @@ from collections.abc import Awaitable, Callable, Iterable
 import trio
 from trio.testing import MockClock
 
-from strands_actors.contract.driver import PermitDenied, WireDown
+from strands_actors.contract.wire import PermitDenied, WireDown
 from strands_actors.drivers.common.twin import Robot
 
 Peer = Callable[[bytes], Iterable[tuple[float, bytes]]]

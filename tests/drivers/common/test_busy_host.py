@@ -10,7 +10,7 @@ import pytest
 import trio
 from trio.testing import MockClock
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from tests.drivers.servo.rig import VICTIM, DynamixelRig, FeetechRig, Rig, refused
 
 from .memory_port import Permission, virtual

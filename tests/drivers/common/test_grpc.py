@@ -10,7 +10,7 @@ import trio
 from hypothesis import given
 from hypothesis import strategies as st
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.grpc import CallFailed, Connection, open_grpc
 from strands_actors.drivers.common.grpc_messages import (
     MAX_MESSAGE,

@@ -10,7 +10,7 @@ import pytest
 import trio
 import trio.testing
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.json_rpc import Call
 from strands_actors.drivers.common.json_rpc_port import JsonRpcPort, SaidNo
 from strands_actors.drivers.common.tcp_port import ByteStream

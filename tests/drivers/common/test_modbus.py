@@ -18,7 +18,7 @@ from pymodbus.pdu.register_message import (
     WriteMultipleRegistersResponse,
 )
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.modbus import SILENT_S, Decoder, ModbusClient, encode, exception_words
 from strands_actors.kernel.clock import VirtualClock

@@ -8,7 +8,7 @@ import weakref
 import pytest
 import trio
 
-from strands_actors.contract.driver import ProcessSpent
+from strands_actors.contract.wire import ProcessSpent
 from strands_actors.drivers.common import sdk
 from strands_actors.drivers.common.sdk import SdkCalls, kept
 

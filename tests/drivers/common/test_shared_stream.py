@@ -6,7 +6,7 @@ import pytest
 import trio
 import trio.testing
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.shared_stream import SharedStream
 
 

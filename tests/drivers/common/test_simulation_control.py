@@ -17,7 +17,7 @@ import trio
 from hypothesis import given
 from hypothesis import strategies as st
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.lean_mujoco import mujoco
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.simulation_control import protocol as p

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import pytest
 import trio
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.tcp_port import open_tcp, parse_address
 
 

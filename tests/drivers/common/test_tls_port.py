@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 import trio
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.tls_port import TlsPort, TlsRecords, open_tls
 from strands_actors.drivers.spot.twin.tls import certificate, server_context
 

@@ -7,7 +7,7 @@ import socket
 import pytest
 import trio
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.udp_port import listen_udp, open_udp
 
 

@@ -13,7 +13,7 @@ import pytest
 import trio
 import trio.testing
 
-from strands_actors.contract.driver import PermitDenied, WireDown
+from strands_actors.contract.wire import PermitDenied, WireDown
 from strands_actors.drivers.common.http_client import HttpClient
 from strands_actors.drivers.common.http_messages import Request, RequestDecoder, encode_response
 from strands_actors.drivers.common.http_port import HttpPort

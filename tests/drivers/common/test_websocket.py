@@ -19,7 +19,7 @@ import websockets.sync.server
 from hypothesis import given
 from hypothesis import strategies as st
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.http_client import HttpClient
 from strands_actors.drivers.common.http_messages import Request
 from strands_actors.drivers.common.malformed import MalformedFrame

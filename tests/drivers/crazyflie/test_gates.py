@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from strands_actors.contract.driver import Candidate, GateState, Observation, Reason
+from strands_actors.contract.driver import Candidate, GateState, Reason
+from strands_actors.contract.wire import Observation
 from strands_actors.drivers.crazyflie.driver import Crazyflie
 from strands_actors.drivers.crazyflie.gates import why_no_takeoff
 from strands_actors.drivers.crazyflie.protocol import Battery, Bit

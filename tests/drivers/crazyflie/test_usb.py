@@ -112,7 +112,7 @@ def test_without_pyusb_the_line_that_installs_it_is_named(run_dir: Path) -> None
     hidden = "import sys; sys.modules['usb'] = sys.modules['usb.core'] = None\n"
     script = hidden + (
         "import trio\n"
-        "from strands_actors.contract.driver import WireDown\n"
+        "from strands_actors.contract.wire import WireDown\n"
         "from strands_actors.drivers.crazyflie.config import parse_port\n"
         "from strands_actors.drivers.crazyflie.usb_links import open_usb_link\n"
         "try:\n"

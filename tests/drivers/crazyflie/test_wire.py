@@ -8,7 +8,7 @@ import pytest
 import trio
 from trio.testing import MockClock
 
-from strands_actors.contract.driver import PermitDenied, WireDown
+from strands_actors.contract.wire import PermitDenied, WireDown
 from strands_actors.drivers.crazyflie import protocol as p
 from strands_actors.drivers.crazyflie import wire as wire_module
 from strands_actors.drivers.crazyflie.config import CrazyflieConfig, Place

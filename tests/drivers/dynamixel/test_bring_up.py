@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from strands_actors.contract.driver import PermitDenied, WireDown
+from strands_actors.contract.wire import PermitDenied, WireDown
 from strands_actors.drivers.common.dynamixel import protocol, table, watchdog
 from strands_actors.drivers.common.twin import Fault
 from tests.drivers.common.memory_port import Permission, virtual

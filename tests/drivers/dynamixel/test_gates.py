@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from strands_actors.contract.driver import HOLDING_REASONS, Candidate, GateState, Observation, Reason
+from strands_actors.contract.driver import HOLDING_REASONS, Candidate, GateState, Reason
+from strands_actors.contract.wire import Observation
 from strands_actors.drivers import get_native_driver_class, list_native_drivers
 from strands_actors.drivers.common.dynamixel.gates import UNNAMED
 from strands_actors.drivers.common.dynamixel.watchdog import COUNTS, SECONDS, TRIPPED

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 import trio
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.dynamixel import protocol, table, watchdog
 from strands_actors.drivers.common.half_duplex import QUIET_S
 from strands_actors.drivers.common.twin import Fault

@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from strands_actors.contract.driver import Candidate, GateState, Observation
+from strands_actors.contract.driver import Candidate, GateState
+from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.velocity_base import LIFETIME_S
 from strands_actors.drivers.earthrover.driver import EarthRover
 from strands_actors.kernel.messages import Refused

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import pytest
 
-from strands_actors.contract.driver import PermitDenied, WireDown
+from strands_actors.contract.wire import PermitDenied, WireDown
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.feetech import protocol
 from tests.drivers.common.memory_port import Permission, virtual

@@ -12,7 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from strands_actors.contract.axis_gates import READING_NOISE, STEP_TOLERANCE
-from strands_actors.contract.driver import HOLDING_REASONS, Candidate, GateState, Observation, Reason
+from strands_actors.contract.driver import HOLDING_REASONS, Candidate, GateState, Reason
+from strands_actors.contract.wire import Observation
 from strands_actors.drivers.feetech.driver import Feetech
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused

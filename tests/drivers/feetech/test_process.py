@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 import trio
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.serial_port import adopt_serial, open_serial
 from strands_actors.drivers.feetech import protocol
 from strands_actors.drivers.feetech.driver import Feetech

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 import trio
 
-from strands_actors.contract.driver import Observation, PermitDenied, WireDown
+from strands_actors.contract.wire import Observation, PermitDenied, WireDown
 from strands_actors.drivers.common.half_duplex import QUIET_S
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.feetech import protocol

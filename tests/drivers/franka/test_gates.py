@@ -7,7 +7,8 @@ from collections.abc import Mapping
 
 import pytest
 
-from strands_actors.contract.driver import Candidate, GateState, Observation, Reason
+from strands_actors.contract.driver import Candidate, GateState, Reason
+from strands_actors.contract.wire import Observation
 from strands_actors.drivers.franka.arms import HOME_RAD, arms
 from strands_actors.drivers.franka.driver import Franka
 from strands_actors.drivers.franka.gates import LOST, REASONS

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 import trio
 
-from strands_actors.contract.driver import PermitDenied, WireDown
+from strands_actors.contract.wire import PermitDenied, WireDown
 from strands_actors.drivers.franka.client import connect
 from strands_actors.drivers.franka.driver import Franka
 from strands_actors.drivers.franka.stop_channel import FrankaStopChannel

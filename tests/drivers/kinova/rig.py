@@ -7,7 +7,7 @@ from typing import Any
 
 import trio
 
-from strands_actors.contract.driver import MotorReport, Observation
+from strands_actors.contract.wire import MotorReport, Observation
 from strands_actors.drivers.kinova.driver import Kinova
 from strands_actors.drivers.kinova.protocol import Call, Decoder, Frame
 from strands_actors.drivers.kinova.stop_channel import KinovaStopChannel

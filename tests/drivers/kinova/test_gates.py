@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from strands_actors.contract.driver import Candidate, GateState, Observation, Reason
+from strands_actors.contract.driver import Candidate, GateState, Reason
+from strands_actors.contract.wire import Observation
 from strands_actors.drivers.kinova.driver import Kinova
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused

@@ -8,7 +8,7 @@ from contextlib import asynccontextmanager
 import pytest
 import trio
 
-from strands_actors.contract.driver import MotorReport, WireDown
+from strands_actors.contract.wire import MotorReport, WireDown
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.kinova.base import Base, CallFailed, Session
 from strands_actors.drivers.kinova.client import KortexClient, Page

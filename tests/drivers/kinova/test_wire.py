@@ -7,7 +7,7 @@ import math
 import pytest
 import trio
 
-from strands_actors.contract.driver import PermitDenied, WireDown
+from strands_actors.contract.wire import PermitDenied, WireDown
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.kinova import protocol as p
 from strands_actors.drivers.kinova.protocol import ArmState, Call, ServoingMode

@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from strands_actors.contract.driver import Candidate, GateState, Observation
+from strands_actors.contract.driver import Candidate, GateState
+from strands_actors.contract.wire import Observation
 from strands_actors.drivers.kuka.driver import Kuka
 from strands_actors.drivers.kuka.protocol import ClientMode, ControlMode, Monitoring, Overlay, Quality, State
 from strands_actors.drivers.kuka.wire import observation_of

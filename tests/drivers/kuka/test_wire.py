@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 import trio
 
-from strands_actors.contract.driver import MotorReport, Observation, PermitDenied, WireDown
+from strands_actors.contract.wire import MotorReport, Observation, PermitDenied, WireDown
 from strands_actors.drivers.common.twin import WireLog as TwinLog
 from strands_actors.drivers.kuka.driver import Kuka
 from strands_actors.drivers.kuka.protocol import Monitoring, State, decode_command, encode_monitoring

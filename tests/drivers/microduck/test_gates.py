@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from strands_actors.contract.driver import Candidate, GateState, Observation
+from strands_actors.contract.driver import Candidate, GateState
+from strands_actors.contract.wire import Observation
 from strands_actors.drivers.microduck.config import Place, parse_port, place_of_environment
 from strands_actors.drivers.microduck.driver import Microduck
 from strands_actors.drivers.microduck.gates import HEADS, MOUTHS, MOVES, POSES, UNTIL

@@ -19,7 +19,7 @@ import pytest
 import trio
 
 from strands_actors import Robot
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.ssh_forward import SshForward, command
 from strands_actors.testing import Twin
 from tests.answers import json_of, state, until

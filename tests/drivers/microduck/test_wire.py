@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 import trio
 
-from strands_actors.contract.driver import PermitDenied
+from strands_actors.contract.wire import PermitDenied
 from strands_actors.drivers.common.json_rpc import Call
 from strands_actors.drivers.microduck import protocol as p
 from strands_actors.drivers.microduck.driver import Microduck

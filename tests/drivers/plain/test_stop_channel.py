@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import trio
 import trio.lowlevel
 
-from strands_actors.contract.driver import MotorReport
+from strands_actors.contract.wire import MotorReport
 from strands_actors.drivers.plain.config import PlainConfig
 from strands_actors.drivers.plain.driver import PlainDriver
 from strands_actors.drivers.plain.stop_channel import GONE_S, PlainStopChannel

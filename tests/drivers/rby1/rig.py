@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import trio
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.twin import ClientGone
 from strands_actors.drivers.common.twin.grpc import GrpcClient
 from strands_actors.drivers.rby1.driver import RBY1

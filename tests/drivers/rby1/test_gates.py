@@ -12,7 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from strands_actors.contract.axis import PartKind
-from strands_actors.contract.driver import HOLDING_REASONS, Candidate, GateState, Observation, Reason
+from strands_actors.contract.driver import HOLDING_REASONS, Candidate, GateState, Reason
+from strands_actors.contract.wire import Observation
 from strands_actors.drivers import get_native_driver_class
 from strands_actors.drivers.rby1.driver import HOLD_S, RBY1
 from strands_actors.kernel.messages import Refused

@@ -11,7 +11,7 @@ import msgspec
 import pytest
 import trio
 
-from strands_actors.contract.driver import PermitDenied, WireDown
+from strands_actors.contract.wire import PermitDenied, WireDown
 from strands_actors.drivers.common.grpc_messages import Status
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.rby1 import protocol as p

@@ -17,7 +17,7 @@ import trio
 
 from strands_actors import Robot
 from strands_actors.caller.robot import RealRobot
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.webrtc import LATE_S, Stamps, WebRtcVideo
 from strands_actors.surfaces.cameras import Frame, StaleFrame
 from strands_actors.testing import Twin

@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from strands_actors.contract.driver import Candidate, GateState, Observation
+from strands_actors.contract.driver import Candidate, GateState
+from strands_actors.contract.wire import Observation
 from strands_actors.drivers.reachy import protocol as p
 from strands_actors.drivers.reachy.driver import Reachy
 from strands_actors.drivers.reachy.gates import direction

@@ -11,7 +11,7 @@ import msgspec
 import pytest
 import trio
 
-from strands_actors.contract.driver import PermitDenied, WireDown
+from strands_actors.contract.wire import PermitDenied, WireDown
 from strands_actors.drivers.common.twin import Fault, TcpServer, WireLog
 from strands_actors.drivers.reachy import protocol as p
 from strands_actors.drivers.reachy.body import Move

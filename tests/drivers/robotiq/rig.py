@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import trio
 
-from strands_actors.contract.driver import MotorReport, Observation, WireDown
+from strands_actors.contract.wire import MotorReport, Observation, WireDown
 from strands_actors.drivers.robotiq.driver import Robotiq
 from strands_actors.drivers.robotiq.sessions import TcpSession
 from strands_actors.drivers.robotiq.stop_channel import RobotiqStopChannel

@@ -10,7 +10,7 @@ import msgspec
 import pytest
 import trio
 
-from strands_actors.contract.driver import PermitDenied, WireDown
+from strands_actors.contract.wire import PermitDenied, WireDown
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.robotiq import protocol as p
 from strands_actors.drivers.robotiq.wire import RobotiqWire

@@ -13,7 +13,7 @@ import pytest
 import trio
 
 from strands_actors import Robot
-from strands_actors.contract.driver import MotorReport, Observation, WireDown
+from strands_actors.contract.wire import MotorReport, Observation, WireDown
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.robotiq.driver import Robotiq
 from strands_actors.drivers.robotiq.sessions import RtuSession

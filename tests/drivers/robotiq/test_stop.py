@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import trio
 
-from strands_actors.contract.driver import MotorReport, WireDown
+from strands_actors.contract.wire import MotorReport, WireDown
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.common.twin.faults import Reply
 from strands_actors.drivers.robotiq import protocol as p

@@ -7,7 +7,7 @@ import math
 import pytest
 import trio
 
-from strands_actors.contract.driver import PermitDenied, WireDown
+from strands_actors.contract.wire import PermitDenied, WireDown
 from strands_actors.drivers.common.modbus import SILENT_S
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.robotiq import protocol as p

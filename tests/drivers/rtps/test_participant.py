@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 import trio
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.rtps import Participant, open_participant, sockets, wire_types
 from strands_actors.drivers.common.rtps.participant import FRESH_NS
 

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import pytest
 import trio
 
-from strands_actors.contract.driver import MotorReport, Observation, WireDown
+from strands_actors.contract.wire import MotorReport, Observation, WireDown
 from strands_actors.drivers.common.dynamixel import protocol as dynamixel
 from strands_actors.drivers.common.dynamixel import table
 from strands_actors.drivers.common.dynamixel.wire import DynamixelWire

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import trio
 
-from strands_actors.contract.driver import PermitDenied
+from strands_actors.contract.wire import PermitDenied
 from strands_actors.drivers.common.dynamixel import table
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.feetech import protocol as feetech

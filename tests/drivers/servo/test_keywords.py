@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import trio
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.dynamixel import table
 from strands_actors.drivers.feetech import protocol as feetech
 from strands_actors.drivers.feetech.driver import Feetech

@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 import trio
 
-from strands_actors.contract.driver import Reason, StopChannel, WireDown
+from strands_actors.contract.driver import Reason
+from strands_actors.contract.wire import StopChannel, WireDown
 from strands_actors.drivers.common.dynamixel import protocol as dynamixel
 from strands_actors.drivers.common.dynamixel import table
 from strands_actors.drivers.common.dynamixel.wire import DynamixelStopChannel, DynamixelWire

@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 
 import trio
 
-from strands_actors.contract.driver import Candidate, GateState, Observation, Permit, PermitDenied, WireDown
+from strands_actors.contract.driver import Candidate, GateState
+from strands_actors.contract.wire import Observation, Permit, PermitDenied, WireDown
 from strands_actors.drivers.common.grpc_messages import MAX_MESSAGE
 from strands_actors.drivers.common.twin import Connection
 from strands_actors.drivers.common.twin.grpc import GrpcClient, ServerCall

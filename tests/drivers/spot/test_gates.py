@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from strands_actors.contract.driver import Observation
+from strands_actors.contract.wire import Observation
 from strands_actors.drivers.spot.driver import Spot
 from strands_actors.drivers.spot.robots import DRIVES, KEYS, LEGS, MOVES_ARM, MOVES_CLAW, TABLES
 from strands_actors.kernel.messages import Refused

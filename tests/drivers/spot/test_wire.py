@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 import trio
 
-from strands_actors.contract.driver import Candidate, GateState, MotorReport, Observation, PermitDenied, WireDown
+from strands_actors.contract.driver import Candidate, GateState
+from strands_actors.contract.wire import MotorReport, Observation, PermitDenied, WireDown
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.spot import protocol as p
 from strands_actors.drivers.spot.config import PASSWORD, USERNAME, parse_port

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 import trio
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.stretch import frames as f
 from strands_actors.drivers.stretch import protocol as p
 from strands_actors.drivers.stretch.config import StretchConfig

@@ -7,7 +7,8 @@ from typing import Any
 import msgspec
 import pytest
 
-from strands_actors.contract.driver import Candidate, GateState, Observation
+from strands_actors.contract.driver import Candidate, GateState
+from strands_actors.contract.wire import Observation
 from strands_actors.drivers import canonical_name, list_driver_coverage, list_native_drivers, port_kind
 from strands_actors.drivers.stretch.driver import Stretch
 from strands_actors.drivers.stretch.gates import named_in

@@ -11,7 +11,7 @@ import pytest
 import trio
 
 from strands_actors import Robot
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.stretch.driver import Stretch
 from strands_actors.drivers.stretch.parameters import (
     FILES,

@@ -8,7 +8,7 @@ import msgspec
 import pytest
 import trio
 
-from strands_actors.contract.driver import PermitDenied, WireDown
+from strands_actors.contract.wire import PermitDenied, WireDown
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.stretch import protocol as p
 from strands_actors.drivers.stretch.driver import Stretch

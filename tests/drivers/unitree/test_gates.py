@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from strands_actors.contract.driver import Candidate, Driver, GateState, Observation, Reason
+from strands_actors.contract.driver import Candidate, Driver, GateState, Reason
+from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.motor_targets import KD, KP, TAU, Q
 from strands_actors.drivers.unitree.driver import G1Driver, Go2Driver
 from strands_actors.drivers.unitree.gates import CONTROL_S

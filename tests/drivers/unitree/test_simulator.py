@@ -9,7 +9,7 @@ import pytest
 import trio
 
 from strands_actors import Robot
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.unitree.config import UnitreeConfig
 from strands_actors.drivers.unitree.driver import G1Driver
 from strands_actors.drivers.unitree.link import Link

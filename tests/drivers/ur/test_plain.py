@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 import trio
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.ur import plain
 from strands_actors.drivers.ur import protocol as p
 from strands_actors.drivers.ur.arms import JOINTS

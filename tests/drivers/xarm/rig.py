@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import trio
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.twin import Faults
 from strands_actors.drivers.xarm import reports as r
 from strands_actors.drivers.xarm.driver import XArm

@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from strands_actors.contract.driver import Candidate, GateState, Observation, Reason
+from strands_actors.contract.driver import Candidate, GateState, Reason
+from strands_actors.contract.wire import Observation
 from strands_actors.drivers import get_native_driver_class
 from strands_actors.drivers.xarm.driver import XArm
 from strands_actors.kernel.messages import Refused

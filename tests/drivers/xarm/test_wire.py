@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 import trio
 
-from strands_actors.contract.driver import PermitDenied, WireDown
+from strands_actors.contract.wire import PermitDenied, WireDown
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.xarm import protocol as p
 from strands_actors.drivers.xarm.protocol import Register, State

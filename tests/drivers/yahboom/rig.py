@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 import pytest
 import trio
 
-from strands_actors.contract.driver import Candidate, GateState, Observation, WireDown
+from strands_actors.contract.driver import Candidate, GateState
+from strands_actors.contract.wire import Observation, WireDown
 from strands_actors.drivers.yahboom.config import YahboomConfig
 from strands_actors.drivers.yahboom.driver import Yahboom
 from strands_actors.drivers.yahboom.rosbridge import RosbridgeLink

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 import trio
 
-from strands_actors.contract.driver import WireDown
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.reporting_base import stop_until_it_stands
 from strands_actors.drivers.common.rtps import Participant

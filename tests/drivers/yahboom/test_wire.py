@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 import trio
 
-from strands_actors.contract.driver import MotorReport, PermitDenied, StopChannel, Wire, WireDown
+from strands_actors.contract.wire import MotorReport, PermitDenied, StopChannel, Wire, WireDown
 from strands_actors.drivers.common.reporting_base import TIMES
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.yahboom import messages as m
