@@ -118,6 +118,7 @@ class Crazyflie(Driver):
             arm_s=3.0,
             call_s=0.2 if port and _is_usb(port) else 0.0,
             open_s=25.0,
+            handover_s=6.0,
             safe_s=6.0,
         )
         self.gates = gates_of(self.table, self.timing.state_ttl_s)
