@@ -26,6 +26,9 @@ from tests.answers import json_of, state, status, until, why
 
 from .rig import SmallArm, pid_of
 
+pytestmark = pytest.mark.real_time
+"""The vendor's SDK asks a servo once, and waits for milliseconds."""
+
 STANDIN = Path(__file__).parent / "standin"
 MOTORS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
 
