@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.twin import Connection, Fault, Faults, Reply
@@ -62,7 +62,7 @@ class Client:
         self._started = False
         self._inputs: dict[int, p.Recipe] = {}
         self._waiting: deque[tuple[float, bytes]] = deque()
-        self._stale: Mapping[str, p.Value] = {}
+        self._stale: dict[str, p.Value] = {}
 
     async def serve(self) -> None:
         while True:
@@ -90,18 +90,19 @@ class Client:
     def wants(self, tick: int) -> bool:
         return self._started and self._outputs is not None and tick % self._every == 0
 
-    def queue(self, values: Mapping[str, p.Value], now_s: float) -> None:
+    def queue(self, sample: Sample, now_s: float) -> None:
         """Samples are not logged: a hundred a second, each as long as a page, would bury the
         rest."""
         assert self._outputs is not None
         faults = self._server.faults
         fault = faults.of(None)
+        values = {name: sample[name] for name in self._outputs.names}  # it computes what it is asked for
         if fault is Fault.STUCK:
             values = self._stale or values
-        elif fault is Fault.WRONG and "actual_q" in values:  # else another session, which reads none
+        elif fault is Fault.WRONG and "actual_q" in values:  # else a session that reads none
             wrong = values["actual_q"]
             assert isinstance(wrong, tuple)
-            values = {**values, "actual_q": tuple(rad + WRONG_BY_RAD for rad in wrong)}
+            values["actual_q"] = tuple(rad + WRONG_BY_RAD for rad in wrong)
         self._stale = values
         reply = faults.apply(Reply(0.0, self._outputs.pack(values)))
         if reply is not None:
@@ -160,6 +161,7 @@ class Client:
         types = [OUTPUTS[name][0] if name in OUTPUTS else c.NOT_FOUND for name in names]
         if c.NOT_FOUND not in types:
             self._outputs = p.Recipe(1, names, types)
+            self._stale = {}  # of the recipe before
             self._every = max(1, round(TICK_HZ / hz)) if hz > 0 else 1
         return b"\x01" + ",".join(types).encode()
 

@@ -15,6 +15,7 @@ from strands_actors.drivers.ur.arms import JOINTS
 from strands_actors.drivers.ur.config import URConfig
 from strands_actors.drivers.ur.driver import UR
 from strands_actors.drivers.ur.stop_channel import stop
+from strands_actors.drivers.ur.twin.rtde import WRONG_BY_RAD
 from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.testing import Twin
 from tests.answers import until
@@ -119,6 +120,40 @@ def test_a_clock_that_stands_still_confirms_nothing(twin: Twin, host: str) -> No
             trio.run(plain.look, host)
     finally:
         twin.fault("ok")
+
+
+@pytest.mark.parametrize("names", [("actual_q",), ("actual_q", "robot_status_bits")], ids=" and ".join)
+def test_wrong_readings_are_wrong_whoever_else_reads_and_come_with_the_others(
+    twin: Twin, host: str, names: tuple[str, ...]
+) -> None:
+    async def run() -> list[float]:
+        async with (
+            await trio.open_tcp_stream(host, p.RTDE_PORT) as one,
+            await trio.open_tcp_stream(host, p.RTDE_PORT) as other,
+        ):
+            await other.send_all(p.outputs_request(500.0, ["actual_q"]) + p.frame(p.Kind.START))
+            await one.send_all(p.outputs_request(500.0, names))
+            decoder, recipe, pans = p.Decoder(), None, list[float]()
+            with trio.fail_after(10):
+                while len(pans) < 50:
+                    for packet in decoder.feed(await one.receive_some(4096)):
+                        if packet.kind == p.Kind.OUTPUTS:
+                            recipe = p.outputs_answer(packet.payload, names)
+                            await one.send_all(p.frame(p.Kind.START))
+                        elif packet.kind == p.Kind.DATA:
+                            assert recipe is not None
+                            read = recipe.unpack(packet.payload)["actual_q"]
+                            assert isinstance(read, tuple)
+                            pans.append(read[0])
+            return pans
+
+    right = trio.run(run)
+    twin.fault("wrong")
+    try:
+        wrong = trio.run(run)
+    finally:
+        twin.fault("ok")
+    assert all(abs(pan - right[-1] - WRONG_BY_RAD) < 0.01 for pan in wrong)
 
 
 def test_nobody_there() -> None:
