@@ -14,7 +14,7 @@ from collections.abc import Generator
 import pytest
 
 NAMES = re.compile(
-    "(?<![a-z])(unitree|g1|go2|legs?|rtps|booster|t1|franka|panda|fr3|kuka|iiwa|kinova|gen3|rby1|xarm7?|lite6|fleet)(?![a-z0-9])"
+    "(?<![a-z])(ur5?e?|unitree|g1|go2|legs?|rtps|booster|t1|franka|panda|fr3|kuka|iiwa|kinova|gen3|rby1|xarm7?|lite6|fleet)(?![a-z0-9])"
 )
 """Parts of the names of such tests, or of their files: robots whose state is too old after 75 to
 200 ms, and many robots at a time. Others are marked ``real_time``."""

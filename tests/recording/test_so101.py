@@ -12,6 +12,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,8 @@ from strands_actors.testing import WireLog
 PATIENCE_S = 60.0
 PROGRAM = "from strands_actors.surfaces.cli import main; main()"
 REPLAYS = 100
+COMMAND = "strands_actors.surfaces.cli.record"
+"""Not as an attribute of the package, which has a function of that name."""
 
 
 def until(condition: Any, what: str) -> None:
@@ -235,7 +238,7 @@ def test_the_command_shows_the_first_difference(
 ) -> None:
     path, _ = run
     monkeypatch.setattr(lease, "_MAX_LIFETIME_NS", 50_000_000)
-    monkeypatch.setattr("strands_actors.surfaces.cli.record.__version__", "9.9.9")
+    monkeypatch.setattr(import_module(COMMAND), "__version__", "9.9.9")
     assert cli.run(["replay", str(path)]) == 1
     told = capsys.readouterr()
     assert "recorded by strands-actors 0.1.0, replayed by 9.9.9" in told.err
@@ -250,7 +253,7 @@ def test_the_command_shows_the_first_difference(
 def test_other_code_is_named(
     run: tuple[Path, str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("strands_actors.surfaces.cli.record.fingerprint", lambda driver: "0badc0de0bad")
+    monkeypatch.setattr(import_module(COMMAND), "fingerprint", lambda driver: "0badc0de0bad")
     assert cli.run(["replay", str(run[0])]) == 0
     assert "recorded by other code" in capsys.readouterr().err
 

@@ -39,8 +39,12 @@ def command(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 def clear(run_dir: Path) -> None:
-    for path in run_dir.iterdir():
-        shutil.rmtree(path) if path.is_dir() else path.unlink()
+    def cleared() -> bool:
+        for path in run_dir.iterdir():
+            shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink()
+        return not any(run_dir.iterdir())
+
+    until(cleared, "its root writes nothing more there")
 
 
 @pytest.mark.parametrize("verb", [("stop", "--all"), ("stop", "so101"), ("estop",), ("estop", "so101")])

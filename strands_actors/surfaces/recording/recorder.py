@@ -39,7 +39,7 @@ from .errors import RecordingError
 
 SOURCES = ("wire", "root")
 FIRST_S = 5.0
-"""How long to wait for the wire process at the beginning."""
+"""How long to wait for wire and root at the beginning."""
 ASK_S = 0.5
 RETRY_S = 0.02
 GONE_S = 2.0
@@ -171,8 +171,8 @@ class Source(Actor):
 
 class Recorder(Generic[SomeSink]):
     """Feeds a sink with all that one robot is told, decides and does. ``open_sink`` is called when
-    the wire process has presented itself; ``on_progress`` once a second, with the seconds it
-    runs."""
+    wire and root have presented themselves, with what the wire said; ``on_progress`` once a second,
+    with the seconds it runs."""
 
     def __init__(
         self,
@@ -183,7 +183,8 @@ class Recorder(Generic[SomeSink]):
         self._robot = robot
         self._open_sink = open_sink
         self._on_progress = on_progress
-        self._early: list[tuple[str, Batch]] = []  # what came before the wire process had presented itself
+        self._present: dict[str, Attached] = {}  # by source, until all are
+        self._early: list[tuple[str, Batch]] = []  # what came before all processes had presented themselves
         self._sink: SomeSink | None = None
         self._failure: Exception | None = None
         self._ended = ""
@@ -229,7 +230,8 @@ class Recorder(Generic[SomeSink]):
             now = trio.current_time()
             if self._sink is None:
                 if now > self._began + FIRST_S:
-                    self.fail(RecordingError(f"{self._robot}: its wire process does not answer"))
+                    silent = next(name for name in SOURCES if name not in self._present)
+                    self.fail(RecordingError(f"{self._robot}: its {silent} process does not answer"))
                 continue
             self._written(self._sink.flush)
             self._on_progress(now - self._began, self._sink)
@@ -244,8 +246,10 @@ class Recorder(Generic[SomeSink]):
         if isinstance(answer, Refused):
             if self._sink is None:
                 self.fail(RecordingError(f"{self._robot}: {answer.text}"))
-        elif name == "wire" and self._sink is None and self._failure is None:
-            self._written(self._start, answer)
+        elif self._sink is None and self._failure is None:
+            self._present[name] = answer
+            if len(self._present) == len(SOURCES):
+                self._written(self._start, self._present["wire"])
 
     def _start(self, attached: Attached) -> None:
         self._sink = sink = self._open_sink(attached)
@@ -260,6 +264,7 @@ class Recorder(Generic[SomeSink]):
             self._written(self._sink.add, name, batch)
 
     def _lost(self, name: str, why: str) -> None:
+        self._present.pop(name, None)
         self._early = [(source, batch) for source, batch in self._early if source != name]
         if self._sink is not None:
             self._written(self._sink.lost, name, why)
