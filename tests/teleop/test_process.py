@@ -17,6 +17,8 @@ from tests.robot.helpers import goals
 
 from .conftest import NEUTRAL, Pair
 
+pytestmark = pytest.mark.real_time
+
 ROOM_S = 1.0
 """Of a busy machine; the figures are benchmarks'."""
 RADIAN = 0.017453
