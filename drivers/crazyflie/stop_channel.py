@@ -78,8 +78,6 @@ class _OwnLink(StopChannel):
 
 class _UsbProcess(OwnProcess[CrazyflieConfig]):
     CHANNEL = f"{__package__}.usb_stop:UsbStop"
-    START_S = 4.0
-    """Two of them begin at a time, the root's and the standby's, on a busy machine."""
     ANSWER_S = STOP_S
 
     def failed(self, why: str) -> tuple[MotorReport, ...]:

@@ -14,14 +14,11 @@ from .config import SpotConfig
 
 Reports = tuple[MotorReport, ...]
 
-START_S = 4.0
-"""Of a process on a busy machine, and of a login."""
 ANSWER_S = 2.0
 
 
 class SpotStopChannel(OwnProcess[SpotConfig]):
     CHANNEL: ClassVar[str] = "strands_actors.drivers.spot.stop_process:EstopChannel"
-    START_S: ClassVar[float] = START_S
     ANSWER_S: ClassVar[float] = ANSWER_S
 
     def failed(self, why: str) -> Reports:

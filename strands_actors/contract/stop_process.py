@@ -58,8 +58,9 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
     CHANNEL: ClassVar[str]
     """``module:class`` of the stop channel, made in the child as ``class(config, descriptors,
     clock)``."""
-    START_S: ClassVar[float] = 2.0
-    """Within which a child has loaded and connected what it needs."""
+    START_S: ClassVar[float] = 4.0
+    """Within which a child has loaded and connected what it needs. Two of them begin at a time, the
+    root's and the standby's, on a busy machine."""
     ANSWER_S: ClassVar[float] = 0.6
     """Within which it has made safe. Two answers and a start are to fit into ``Timing.safe_s``."""
     AGAIN_S: ClassVar[float] = 0.2
