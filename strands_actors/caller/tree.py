@@ -268,29 +268,11 @@ class RobotTree:
         before)."""
         if self._stops != stops:
             return Refused("stopped", "resume: stopped meanwhile", "resume again when that is over")
-        answer: Message | None = None
-        failure: Exception = NotConnected("the wire ended while it was arming; try again")
         within_s = self.driver.timing.arm_s + 2.0  # how long arming may take, and a little more
-        async with trio.open_nursery() as nursery:
-            nursery.start_soon(self._watch_arming, nursery.cancel_scope)
-            try:
-                answer = await self._processes.gate.ask(Resume(self._processes.holder, lift), within_s)
-            except (AskTimeout, Unreachable) as error:
-                failure = error
-            nursery.cancel_scope.cancel()
-        if answer is None:
-            raise failure
-        return answer
-
-    async def _watch_arming(self, asked: trio.CancelScope) -> None:
-        """A gate that dies takes the question with it: its successor, which does not arm, gives it
-        away."""
-        idle = 0
-        while idle < 2:
-            await trio.sleep(0.2)
-            status = await self.status()
-            idle = 0 if status is None or status.mode in (Mode.ARMING, Mode.STOPPING) else idle + 1
-        asked.cancel()
+        try:
+            return await self._processes.gate.ask(Resume(self._processes.holder, lift), within_s)
+        except Unreachable as gone:
+            raise NotConnected(f"the wire ended while it was arming ({gone}); try again") from gone
 
     # -- reading
 

@@ -24,10 +24,12 @@ class Unreachable(Exception):
 class Answer:
     """The slot an ask waits on. The reply may come before the asker has parked."""
 
-    __slots__ = ("_task", "_value", "decode", "done", "expires_at", "way")
+    __slots__ = ("_task", "_value", "decode", "done", "expires_at", "to", "way")
 
     def __init__(self, decode: Callable[[msgspec.Raw], Message | None] | None) -> None:
         self.decode = decode
+        self.to = ""
+        """The address of another process that was asked."""
         self.way: object = None
         """Over which it was asked, and over which alone an answer counts."""
         self.done = False

@@ -130,7 +130,7 @@ class Ref:
                 await trio.lowlevel.checkpoint()
             return await answer.wait()
         cid = node.new_cid()
-        answer.way = node.way_to(self.address)
+        answer.to, answer.way = self.address, node.way_to(self.address)
         node.pending[cid] = answer
         try:
             if not node.send_frame(self.address, ASK, cid, self._sender, message):
@@ -158,7 +158,7 @@ class Ref:
         if link is None:
             return None
         cid, answer = node.new_cid(), Answer(self._protocol.decode_reply if self._protocol else None)
-        answer.way = link
+        answer.to, answer.way = self.address, link
         sent = Sent(node, cid, answer)
         node.pending[cid] = answer  # before it leaves: the loop may be quicker with the answer than this thread
         if not link.send_at_once(frame(self.address, ASK, cid, self._sender, node.address, message)):
@@ -176,7 +176,7 @@ class Sent:
         self._node, self._cid, self._answer = node, cid, answer
 
     async def answer(self, deadline_s: float) -> Message | None:
-        """Wait for it, as ``Ref.ask`` does. Raise ``AskTimeout``."""
+        """Wait for it, as ``Ref.ask`` does. Raise ``AskTimeout`` or ``Unreachable``."""
         try:
             if not self._answer.done:
                 self._node.deadlines.add(self._answer, deadline_s)

@@ -16,7 +16,7 @@ from typing import Any
 
 import msgspec
 
-from .asks import Answer, Deadlines
+from .asks import Answer, Deadlines, Unreachable
 from .clock import Clock
 from .frames import ASK, DOWN, HOSTS, REPLY, TELL, WATCH, Down, Frame, decode_frame, frame, read_reply
 from .inline_dispatch import InlineDispatch
@@ -170,7 +170,7 @@ class Router:
             self._routes[address] = way
         elif self._routes.get(address) is way:
             del self._routes[address]
-            self.lost(address)
+            self._lose(address, way)
 
     def detach(self, way: Way) -> None:
         """A link went down: everything behind it is gone."""
@@ -287,14 +287,19 @@ class Router:
         self._watchers.setdefault(address, set()).add(watcher)
         if address in self.cells:
             return
-        if (way := self.way_to(address)) is not None:
-            way.watch(address)  # first: what ends between the two is then seen by one of them
         if not self.send_frame(address, WATCH, 0, watcher, None):
             self._notify_down(address, "nobody hosts it")
 
     def lost(self, address: str) -> None:
-        """The node that hosted ``address`` cannot be reached any more."""
+        """The node that hosted ``address`` has left the mesh."""
+        if self.mesh is not None and self.way_to(address) is self.mesh:
+            self._lose(address, self.mesh)
+
+    def _lose(self, address: str, way: Way) -> None:
         self._notify_down(address, "unreachable")
+        for answer in self.pending.values():
+            if answer.to == address and answer.way is way:
+                answer.fail(Unreachable(f"{address} went away, perhaps with what it was asked"))
 
     def _notify_down(self, address: str, reason: str) -> None:
         for watcher in self._watchers.pop(address, ()):

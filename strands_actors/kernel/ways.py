@@ -1,4 +1,5 @@
-"""The ways by which frames travel between nodes: a link to one process, the mesh to all."""
+"""The ways by which frames travel between nodes: a link to one process, the mesh to all. Who can be
+reached no longer is told without being asked for: by ``node.detach``, ``node.lost``."""
 
 from __future__ import annotations
 
@@ -29,10 +30,6 @@ class Way(Protocol):
         ...
 
     def announce(self, address: str, hosted: bool) -> None: ...
-
-    def watch(self, address: str) -> None:
-        """Call ``node.lost(address)`` when the node that hosts it is gone."""
-        ...
 
 
 class Mesh(Way, Protocol):

@@ -113,9 +113,6 @@ class FromOutside:
     def announce(self, address: str, hosted: bool) -> None:
         """Nothing to do: there are these two keys."""
 
-    def watch(self, address: str) -> None:
-        """Nothing to do: who is elsewhere is not watched but expires."""
-
 
 class _Question:
     """The way of one frame that was asked, and of its answer: to who asked, and to nobody else."""
@@ -131,9 +128,6 @@ class _Question:
         return False
 
     def announce(self, address: str, hosted: bool) -> None:
-        """Nothing to do: it is one frame."""
-
-    def watch(self, address: str) -> None:
         """Nothing to do: it is one frame."""
 
 

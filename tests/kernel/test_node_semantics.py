@@ -15,6 +15,7 @@ from strands_actors.kernel.node import AskTimeout, Unreachable
 
 from .joints import Joint, Pair, code_of, reachable
 from .kernel import (
+    PATIENCE_S,
     Alarm,
     Block,
     Boom,
@@ -264,6 +265,47 @@ async def test_the_end_of_a_node_is_told(joint: Joint) -> None:
 
 
 @real_time
+async def test_who_has_asked_is_told_that_the_node_is_gone(joint: Joint) -> None:
+    """And does not wait for its deadline. What others were asked is still answered."""
+    async with joint() as pair:
+        cell, log = await pair.record()
+        other, _ = await pair.record("other")
+        here = await pair.host("here", lambda: Recorder([]), pair.here)
+
+        async def sever() -> None:
+            await until(lambda: Never() in log)
+            pair.sever()
+
+        pair.nursery.start_soon(sever)
+        start = trio.current_time()
+        with pytest.raises(Unreachable, match=f"{cell.address} went away, perhaps with what it was asked"):
+            await pair.here.ref(cell.address, Recorder).ask(Never(), 10 * PATIENCE_S)
+        assert trio.current_time() - start < PATIENCE_S
+        assert pair.here.pending == {}
+        with pytest.raises(Unreachable):
+            await pair.here.ref(other.address, Recorder).ask(Number(1), PATIENCE_S)
+        assert await pair.here.ref(here.address, Recorder).ask(Number(1), PATIENCE_S) == Number(1)
+
+
+@real_time
+async def test_who_asks_somebody_else_goes_on_waiting(joint: Joint) -> None:
+    async with joint() as pair:
+        cell, log = await pair.record()
+        gone, _ = await pair.record("gone")
+
+        async def leave() -> None:
+            await until(lambda: Never() in log)
+            pair.there.release(gone)
+            with suppress(AskTimeout, Unreachable):
+                while True:
+                    await pair.here.ref(gone.address, Recorder).ask(Number(1), 0.1)
+            pair.here.ref(cell.address).tell(LateAnswer())
+
+        pair.nursery.start_soon(leave)
+        assert await pair.here.ref(cell.address, Recorder).ask(Never(), PATIENCE_S) is not None
+
+
+@real_time
 async def test_who_watches_nobody_is_told_at_once(joint: Joint) -> None:
     async with joint() as pair:
         watcher = Watcher("strands/r/actor/none")
@@ -313,28 +355,6 @@ async def test_a_cut_node_is_gone_for_both_sides_until_it_is_healed() -> None:
             answer = await node.ref(f"strands/r/actor/{other.name}", Recorder).ask(Number(3), 1.0)
             assert answer == Number(3)
             assert logs[other.name] == [Number(3)]  # what was lost is not replayed
-        nursery.cancel_scope.cancel()
-
-
-@virtual_time
-async def test_an_answer_cut_off_is_a_timeout() -> None:
-    network, here, there = local_pair()
-    async with trio.open_nursery() as nursery:
-        for node in (here, there):
-            await nursery.start(node.run)
-        log: list[Message] = []
-        await nursery.start(there.cell("r/actor/recorder", lambda: Recorder(log)).run)
-        start = trio.current_time()
-
-        async def cut() -> None:
-            await trio.sleep(0.5)
-            network.cut(there)
-            there.ref("strands/r/actor/recorder").tell(LateAnswer())
-
-        nursery.start_soon(cut)
-        with pytest.raises(AskTimeout):
-            await here.ref("strands/r/actor/recorder", Recorder).ask(Never(), 1.0)
-        assert trio.current_time() - start == pytest.approx(1.0)
         nursery.cancel_scope.cancel()
 
 

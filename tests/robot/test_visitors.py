@@ -7,6 +7,7 @@ import contextlib
 import itertools
 import os
 import signal
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -187,6 +188,27 @@ def test_saf_017_nor_when_the_gate_is_frozen(arm: RealRobot, twin: Twin, run_dir
         assert answer["status"] == "success", answer
         assert len(json_of(answer)["motors"]) == len(IDS)
         assert limps(twin.log, began_ns)
+
+
+def test_saf_017_a_visitor_that_was_the_gate_and_leaves_ends_no_question(
+    arm: RealRobot, twin: Twin, run_dir: Path
+) -> None:
+    """Who has asked a gate is told when that goes; nobody else's going is it."""
+    json_of(arm.stop())
+    answers: list[dict[str, Any]] = []
+    with visitor(run_dir) as it:
+        it.claims(AT.gate)
+        time.sleep(0.3)
+        twin.fault("delayed:6")  # so that arming takes its time
+        until(lambda: "gripper" in status(arm)["faults"], "the fault is there")
+        resuming = threading.Thread(target=lambda: answers.append(arm.resume()))
+        resuming.start()
+        until(lambda: state(arm) == "arming", "it arms")
+    time.sleep(0.3)  # it has left
+    twin.fault("ok")
+    resuming.join()
+    json_of(answers[0])
+    assert state(arm) == "armed"
 
 
 def test_saf_017_a_visitor_does_not_write_as_the_policy_that_runs(

@@ -131,9 +131,6 @@ class Link:
     def announce(self, address: str, hosted: bool) -> None:
         self.send("", self._node.hosts_frame(address, hosted))
 
-    def watch(self, address: str) -> None:
-        """Nothing to do: ``detach`` reports every address behind a link that went down."""
-
     def _send(self, data: bytes | memoryview, descriptors: tuple[int, ...]) -> int:
         if descriptors:
             return socket.send_fds(self._socket, [data], list(descriptors))

@@ -29,8 +29,7 @@ class LocalNetwork:
         return LocalMesh(self)
 
     def cut(self, node: Node) -> None:
-        """Nothing from or to this node arrives any more; those who watch across the cut are
-        told."""
+        """Nothing from or to this node arrives any more; those beyond the cut are told."""
         self._cut.add(node.address)
         for mesh in list(self._meshes.values()):
             if mesh.node is not node:
@@ -64,7 +63,6 @@ class LocalMesh:
     def __init__(self, network: LocalNetwork) -> None:
         self.channel: Channel | None = None
         self._network = network
-        self._watched: set[str] = set()
         self.node: Node
 
     def attach(self, node: Node) -> None:
@@ -97,10 +95,6 @@ class LocalMesh:
     def announce(self, address: str, hosted: bool) -> None:
         """Nothing to do: delivery looks the address up."""
 
-    def watch(self, address: str) -> None:
-        self._watched.add(address)
-
     def peer_gone(self, peer: Node) -> None:
-        for address in [address for address in self._watched if address in peer.cells]:
-            self._watched.discard(address)
+        for address in (peer.address, *peer.cells):
             self.node.lost(address)

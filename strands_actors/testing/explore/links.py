@@ -6,6 +6,7 @@ from __future__ import annotations
 import os
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import msgspec
@@ -133,9 +134,6 @@ class SimLink:
     def announce(self, address: str, hosted: bool) -> None:
         self.send("", self._node.hosts_frame(address, hosted))
 
-    def watch(self, address: str) -> None:
-        """Nothing to do, as with ``Link``."""
-
 
 class Net:
     """Zenoh between the processes of one host. Messages of one sender and lane keep their order; an
@@ -154,6 +152,19 @@ class Net:
             if session.network == network and not session.process.gone and session.hosts(to):
                 return session
         return None
+
+    def join(self, session: SimMesh) -> None:
+        self.sessions.append(session)
+        session.process.at_end.append(lambda: self.leave(session))
+
+    def leave(self, session: SimMesh) -> None:
+        """Its tokens go: the others of its network are told, unless they are cut off."""
+        if session not in self.sessions:
+            return
+        self.sessions.remove(session)
+        for other in self.sessions:
+            if other.network == session.network and other.process.role not in self.cut:
+                other.process.post(partial(other.lose, session.addresses()))
 
     def carry(self, source: SimMesh, target: SimMesh, data: bytes, urgent: bool) -> None:
         if source.process.role in self.cut or target.process.role in self.cut:
@@ -214,22 +225,30 @@ class SimMesh:
     def attach(self, node: Node) -> None:
         self.node = node
         node.mesh = self
-        self.net.sessions.append(self)
+        self.net.join(self)
 
     def let_in(self, node: Node, address: str) -> None:
         self.node = node
         self._address = address
-        self.net.sessions.append(self)
+        self.net.join(self)
 
     async def let_guests_in(
         self, listen: Sequence[str], channel: Channel, addresses: Sequence[str], show: str
     ) -> None:
         """Nothing to do: in a simulation nobody visits."""
 
+    def addresses(self) -> list[str]:
+        return [self._address] if self._address else [self.node.address, *self.node.cells]
+
     def hosts(self, to: str) -> bool:
         if self._address:
             return to == self._address
         return to == self.node.address or to in self.node.cells
+
+    def lose(self, addresses: Sequence[str]) -> None:
+        if self.node.mesh is self:
+            for address in addresses:
+                self.node.lost(address)
 
     async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         task_status.started()
@@ -281,11 +300,8 @@ class SimMesh:
     def announce(self, address: str, hosted: bool) -> None:
         """Nothing to do: delivery looks the address up."""
 
-    def watch(self, address: str) -> None:
-        """Nothing to do: nobody of the tree watches over the mesh."""
-
     def close(self) -> None:
-        self.net.sessions.remove(self)
+        self.net.leave(self)
 
 
 def _note(process: Process, data: bytes) -> None:
