@@ -33,7 +33,7 @@ tick along (`kernel/ticker.py`): some 550 times a second instead of 1000. Setpoi
 do: zenoh's thread wakes, takes the interpreter's lock and wakes the loop. Over a private socket, with actions by
 column, it was 12 to 15 % in the same hours in which this is 24 to 29; gaps on the wire were the same, which is why
 there is none. What a wake-up costs is the machine's: `an empty tick` is trio waking 500 times a second with
-nothing to do, which took 2.2 % of a core on this machine in good hours, 3 to 4 in others, 6 to 9 in bad ones, in
+nothing to do, which took 2.2 % of a core on this machine in good hours, 3 to 4 in others, 6 to 12 in bad ones, in
 which a wake-up took 30 to 40 µs in a C loop of `clock_nanosleep`, 56 in Python's `sleep`, 104 to 158 in trio. The
 process of cyclonedds has no policy and checks nothing, its time goes into the encoding of 35 motors field by field,
 in Python. The policy in the caller keeps its interpreter's lock for 30 of every 50 ms

@@ -61,5 +61,7 @@ def at_line(robot: str, module: str, *args: str, peer: str = "", timeout_s: floa
 
 
 def at_home() -> None:
-    """Keep our own robots of this process apart from any others of this user's."""
-    os.environ["STRANDS_ACTORS_RUN"] = tempfile.mkdtemp(prefix="sa-")
+    """Keep our own robots of this process, and the locks of their e-stops, apart from any others of
+    this user's."""
+    os.environ["STRANDS_ACTORS_RUN"] = home = tempfile.mkdtemp(prefix="sa-")
+    os.environ["STRANDS_ACTORS_DATA"] = f"{home}/data"

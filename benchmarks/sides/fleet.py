@@ -207,6 +207,7 @@ def main() -> None:
     robots, seconds = SIZES[options.length]
     with tempfile.TemporaryDirectory(prefix="sa-") as directory:
         os.environ["STRANDS_ACTORS_RUN"] = f"{directory}/run"
+        os.environ["STRANDS_ACTORS_DATA"] = f"{directory}/data"
         told = run(options.robots or robots, options.hz, options.seconds or seconds, Path(directory))
     print(json.dumps(told), flush=True)
 

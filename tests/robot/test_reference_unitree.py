@@ -59,7 +59,8 @@ class Bench(NamedTuple):
         """For the reason that is meant, not because it was just let go."""
 
         def refused() -> bool:
-            self.robot.resume()
+            if status(self.robot)["state"] != "armed":
+                self.robot.resume()
             return says in why(self.robot.send_action(action))
 
         until(refused, f"{action} is refused: {says}")
