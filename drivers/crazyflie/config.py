@@ -25,7 +25,7 @@ DEFAULT_ADDRESS = "E7E7E7E7E7"
 LAST_CHANNEL = 125
 
 
-class Place(msgspec.Struct, frozen=True):
+class Endpoint(msgspec.Struct, frozen=True):
     """Where a Crazyflie is: a ``port`` that was parsed."""
 
     kind: Literal["udp", "tcp", "serial", "radio", "usb"]
@@ -42,7 +42,7 @@ class Place(msgspec.Struct, frozen=True):
         return self.kind in ("radio", "usb")
 
 
-def parse_port(port: str) -> Place:
+def parse_port(port: str) -> Endpoint:
     """Raise ``ValueError`` with what would be accepted."""
     scheme, found, rest = port.partition("://")
     if not found:
@@ -50,15 +50,15 @@ def parse_port(port: str) -> Place:
     match scheme:
         case "udp" | "tcp" as kind:
             host, number = parse_address(rest, UDP_PORT if kind == "udp" else TCP_PORT)
-            return Place(kind, host=host, number=number)
+            return Endpoint(kind, host=host, number=number)
         case "serial" if rest:
-            return Place("serial", path=rest if rest.startswith("/") else f"/dev/{rest}")
+            return Endpoint("serial", path=rest if rest.startswith("/") else f"/dev/{rest}")
         case "radio" if (match := _RADIO.fullmatch(rest)) and int(match[2]) <= LAST_CHANNEL:
             dongle, channel, rate, address = match.groups()
             where = bytes.fromhex(address or DEFAULT_ADDRESS)
-            return Place("radio", number=int(dongle), channel=int(channel), rate=RATES[rate], address=where)
+            return Endpoint("radio", number=int(dongle), channel=int(channel), rate=RATES[rate], address=where)
         case "usb" if rest.isdecimal():
-            return Place("usb", number=int(rest))
+            return Endpoint("usb", number=int(rest))
     raise ValueError(f"port is {port!r}. Give {ACCEPTED}")
 
 
@@ -73,7 +73,7 @@ class CrazyflieConfig(msgspec.Struct, frozen=True):
     fresh_s: float = 0.5
     """What was read is believed for so long."""
 
-    def place(self) -> Place:
+    def endpoint(self) -> Endpoint:
         """Raise ``WireDown`` for a port that is none."""
         try:
             return parse_port(self.port)

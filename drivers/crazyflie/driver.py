@@ -28,7 +28,7 @@ from strands_actors.contract.driver import (
 )
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.contract.sensors import Sensor, imu, place
+from strands_actors.contract.sensors import Sensor, imu, pose
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
 from strands_actors.contract.tool_verbs import STATUS, STOP, ToolVerb
 from strands_actors.kernel.messages import Refused
@@ -62,7 +62,7 @@ class Crazyflie(Driver):
         "a Crazyflie runs no policies: it is flown by send_action(), each command for 0.3 s, after takeoff()"
     )
     SENSORS: ClassVar[tuple[Sensor, ...]] = (
-        place("xyz_m", rpy="rpy_rad", frame="map"),
+        pose("xyz_m", rpy="rpy_rad", frame="map"),
         imu(rpy="rpy_rad"),
         Sensor("battery", {"voltage": "battery_v", "volts": "battery_v"}),
     )

@@ -12,7 +12,7 @@ from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import Observation
 from strands_actors.kernel.messages import Refused
 
-from .protocol import Battery, Bit, Flight, Place
+from .protocol import Battery, Bit, Flight, Position
 from .robots import VZ, Z
 
 Row = tuple[float, ...]
@@ -21,17 +21,17 @@ SETTLED_DEG = 15.0
 """Tilt above which it does not stand well enough to take off [assumed]."""
 
 
-def sensors_of(flight: Flight, place: Place, place_age_s: float, hover_s: float) -> dict[str, Row]:
+def sensors_of(flight: Flight, position: Position, position_age_s: float, hover_s: float) -> dict[str, Row]:
     """Return what is read, by name, unit in the name."""
     return {
-        "xyz_m": (place.x_m, place.y_m, flight.z_m),
-        "rpy_rad": (flight.roll_rad, flight.pitch_rad, place.yaw_rad),
+        "xyz_m": (position.x_m, position.y_m, flight.z_m),
+        "rpy_rad": (flight.roll_rad, flight.pitch_rad, position.yaw_rad),
         "velocity_m_s": flight.velocity_m_s,
-        "battery_v": (place.battery_v,),
+        "battery_v": (position.battery_v,),
         "battery_state": (float(flight.battery_state),),
         "supervisor": (float(flight.bits),),
         "hover_s": (hover_s,),
-        "place_age_s": (place_age_s,),
+        "position_age_s": (position_age_s,),
     }
 
 

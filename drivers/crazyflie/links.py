@@ -16,7 +16,7 @@ from strands_actors.drivers.common.tcp_port import TcpPort, open_tcp
 from strands_actors.drivers.common.udp_port import UdpPort, open_udp
 
 from . import cpx
-from .config import Place
+from .config import Endpoint
 
 BAUD = 576_000
 READY_S = 2.0
@@ -186,27 +186,27 @@ class SerialLink(Link):
         self._port.close()
 
 
-async def open_link(place: Place, descriptors: Sequence[int] = ()) -> Link:
+async def open_link(endpoint: Endpoint, descriptors: Sequence[int] = ()) -> Link:
     """Open a link that needs no USB. ``descriptors``: what ``Link.handover`` of an earlier one
     gave. Raise ``WireDown``."""
-    match place.kind:
+    match endpoint.kind:
         case "udp":
-            return UdpLink(open_udp(place.host, place.number))
+            return UdpLink(open_udp(endpoint.host, endpoint.number))
         case "tcp":
-            tcp = TcpLink(await open_tcp(place.host, place.number))
+            tcp = TcpLink(await open_tcp(endpoint.host, endpoint.number))
             tcp.bridge()
             return tcp
         case "serial" if descriptors:
-            return SerialLink(adopt_serial(descriptors[0], place.path), f"serial://{place.path}")
+            return SerialLink(adopt_serial(descriptors[0], endpoint.path), f"serial://{endpoint.path}")
         case "serial":
-            serial = SerialLink(open_serial(place.path, BAUD), f"serial://{place.path}")
+            serial = SerialLink(open_serial(endpoint.path, BAUD), f"serial://{endpoint.path}")
             try:
                 await serial.bridge()
             except BaseException:
                 serial.close()
                 raise
             return serial
-    raise WireDown(f"{place.kind}: only the wire process has this link")
+    raise WireDown(f"{endpoint.kind}: only the wire process has this link")
 
 
 def carried(packets: Sequence[bytes]) -> list[bytes]:

@@ -126,7 +126,7 @@ FLIGHT = Block(
 )
 """What must be known to fly."""
 
-PLACE = Block(
+POSITION = Block(
     2,
     (
         ("stateEstimate.x", _FLOAT),
@@ -315,8 +315,8 @@ class Flight(msgspec.Struct, frozen=True):
     bits: Bit
 
 
-class Place(msgspec.Struct, frozen=True):
-    """A row of ``PLACE``, SI."""
+class Position(msgspec.Struct, frozen=True):
+    """A row of ``POSITION``, SI."""
 
     x_m: float
     y_m: float
@@ -324,11 +324,11 @@ class Place(msgspec.Struct, frozen=True):
     battery_v: float
 
 
-def row_of(packet: bytes) -> tuple[int, Flight | Place] | None:
+def row_of(packet: bytes) -> tuple[int, Flight | Position] | None:
     """Return a row of our blocks, with the robot's clock (ms, 24 bits); None for what is no row of
     ours. Raise ``MalformedFrame`` for another length, and for numbers that are none."""
     port, channel, data = decode(packet)
-    block = next((block for block in (FLIGHT, PLACE) if data[:1] == bytes((block.number,))), None)
+    block = next((block for block in (FLIGHT, POSITION) if data[:1] == bytes((block.number,))), None)
     if (port, channel) != (Port.LOG, 2) or block is None:
         return None
     if len(data) != 4 + block.layout.size:
@@ -337,9 +337,9 @@ def row_of(packet: bytes) -> tuple[int, Flight | Place] | None:
     if not all(map(math.isfinite, values)):
         raise MalformedFrame("a row with a number that is none")
     stamp_ms = int.from_bytes(data[1:4], "little")
-    if block is PLACE:
+    if block is POSITION:
         x, y, yaw, volts = values
-        return stamp_ms, Place(x, y, _rad(yaw), volts)
+        return stamp_ms, Position(x, y, _rad(yaw), volts)
     z, vx, vy, vz, turn, roll, pitch, battery, bits = values
     # the firmware's pitch is positive with the nose up
     return stamp_ms, Flight(z, (vx, vy, vz), _rad(turn), _rad(roll), _rad(-pitch), battery, Bit(bits & _ALL_BITS))

@@ -24,14 +24,14 @@ WINDOW = 8
 
 
 class Session:
-    """``flight`` and ``place`` are the newest readings, each with the time it came; 0: none has."""
+    """``flight`` and ``position`` are the newest readings, each with the time it came; 0: none has."""
 
     def __init__(self, link: Link, clock: Clock) -> None:
         self.link = link
         self._clock = clock
         self.flight: p.Flight | None = None
-        self.place: p.Place | None = None
-        self.flight_ns = self.place_ns = 0
+        self.position: p.Position | None = None
+        self.flight_ns = self.position_ns = 0
         self.malformed = 0
         self._open: dict[p.Question, bytes | None] = {}
         self._served = False
@@ -80,7 +80,7 @@ class Session:
             if isinstance(reading, p.Flight):
                 self.flight, self.flight_ns = reading, self._clock.now_ns()
             else:
-                self.place, self.place_ns = reading, self._clock.now_ns()
+                self.position, self.position_ns = reading, self._clock.now_ns()
             return
         for question in self._open:
             if question.answered_by(packet):
@@ -135,7 +135,7 @@ TABLE_S = 10.0
 
 
 async def handshake(session: Session, period_s: float) -> dict[str, object]:
-    """Ask who it is, and for rows of the log: flight every ``period_s``, place ten times a second.
+    """Ask who it is, and for rows of the log: flight every ``period_s``, position ten times a second.
     Moves nothing. Return facts for status. Raise ``WireDown``."""
     name = session.link.name
     try:
@@ -153,7 +153,7 @@ async def handshake(session: Session, period_s: float) -> dict[str, object]:
     except MalformedFrame as malformed:
         raise WireDown(f"{name}: {malformed}. Is it a Crazyflie?") from None
     with trio.move_on_after(HANDSHAKE_S):
-        while session.flight is None or session.place is None:
+        while session.flight is None or session.position is None:
             await session.news(HANDSHAKE_S)
         return {
             "address": name,
@@ -170,7 +170,7 @@ async def _start_log(session: Session, name: str, period_s: float) -> int:
     count = p.log_count_of(await _must(session, name, p.LOG_INFO_QUESTION))
     items = await session.ask_all([p.log_item_question(at) for at in range(count)], TABLE_S)
     number_of = {p.log_name_of(item): at for at, item in enumerate(items) if item is not None}
-    for block, every_s in ((p.FLIGHT, period_s), (p.PLACE, PLACE_S)):
+    for block, every_s in ((p.FLIGHT, period_s), (p.POSITION, POSITION_S)):
         missing = [variable for variable, _ in block.variables if variable not in number_of]
         if missing:
             raise WireDown(f"{name}: its log has no {', '.join(missing)}. Update the firmware")
@@ -182,7 +182,7 @@ async def _start_log(session: Session, name: str, period_s: float) -> int:
     return count
 
 
-PLACE_S = 0.1
+POSITION_S = 0.1
 
 
 async def _must(session: Session, name: str, question: p.Question) -> bytes:

@@ -28,7 +28,7 @@ class CrazyflieStopChannel(StopChannel):
     """Of both kinds: which one, the port says."""
 
     def __init__(self, config: CrazyflieConfig, descriptors: Sequence[int], clock: Clock) -> None:
-        kind = _UsbProcess if config.place().is_usb else _OwnLink
+        kind = _UsbProcess if config.endpoint().is_usb else _OwnLink
         self._channel: StopChannel = kind(config, descriptors, clock)
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
@@ -54,15 +54,15 @@ class _OwnLink(StopChannel):
         self._link: Link | None = None
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        if self._config.place().kind == "udp":
-            self._link = await open_link(self._config.place())
+        if self._config.endpoint().kind == "udp":
+            self._link = await open_link(self._config.endpoint())
         task_status.started()
 
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         try:
             descriptors, self._descriptors = self._descriptors, ()  # they may be dead the next time
             link, self._link = self._link, None
-            link = link or await open_link(self._config.place(), descriptors)
+            link = link or await open_link(self._config.endpoint(), descriptors)
             try:
                 return (await bring_down(Session(link, self._clock), safe_state)).reports(AXES)
             finally:

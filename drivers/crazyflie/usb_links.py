@@ -18,7 +18,7 @@ import trio
 from strands_actors.contract.wire import Permit, WireDown
 from strands_actors.drivers.common.sdk import SdkCalls, load_sdk
 
-from .config import Place
+from .config import Endpoint
 from .links import Link
 from .protocol import NULL
 
@@ -116,34 +116,34 @@ _TIMEOUTS = (110, 60)
 """ETIMEDOUT, on Linux and on macOS."""
 
 
-async def open_usb_link(place: Place) -> Link:
+async def open_usb_link(endpoint: Endpoint) -> Link:
     """Open a radio or a drone. Sends no packet. Raise ``WireDown``."""
     core = load_sdk("usb.core", INSTALL)
-    name = f"radio://{place.number}" if place.kind == "radio" else f"usb://{place.number}"
+    name = f"radio://{endpoint.number}" if endpoint.kind == "radio" else f"usb://{endpoint.number}"
     calls = SdkCalls("pyusb", (OSError,))
-    found = await calls.open("opening", OPEN_S, _open, core, place)
+    found = await calls.open("opening", OPEN_S, _open, core, endpoint)
     if isinstance(found, str):
         raise WireDown(f"{name}: {found}")
-    return UsbLink(found, calls, core.USBError, place.kind == "radio", name)
+    return UsbLink(found, calls, core.USBError, endpoint.kind == "radio", name)
 
 
-def _open(core: Any, place: Place) -> Any:
+def _open(core: Any, endpoint: Endpoint) -> Any:
     """Return the device, set up, or a text that says why there is none. In a thread."""
-    vendor, product = RADIO_ID if place.kind == "radio" else DRONE_ID
-    what = "Crazyradio" if place.kind == "radio" else "Crazyflie"
+    vendor, product = RADIO_ID if endpoint.kind == "radio" else DRONE_ID
+    what = "Crazyradio" if endpoint.kind == "radio" else "Crazyflie"
     try:
         devices = list(core.find(find_all=True, idVendor=vendor, idProduct=product))
-        if place.number >= len(devices):
+        if endpoint.number >= len(devices):
             return f"there are {len(devices)} of {what} on USB. Plug it in, or give another number"
-        device = devices[place.number]
+        device = devices[endpoint.number]
         device.set_configuration(1)
-        if place.kind == "usb":
+        if endpoint.kind == "usb":
             device.ctrl_transfer(VENDOR_OUT, CRTP_BY_USB, 1, 1, ())
             return device
         settings: tuple[tuple[int, int, bytes], ...] = (
-            (SET_RATE, place.rate, b""),
-            (SET_CHANNEL, place.channel, b""),
-            (SET_ADDRESS, 0, place.address),
+            (SET_RATE, endpoint.rate, b""),
+            (SET_CHANNEL, endpoint.channel, b""),
+            (SET_ADDRESS, 0, endpoint.address),
             (SET_POWER, FULL_POWER, b""),
             (SET_RETRY_DELAY, RETRY_BYTES, b""),
             (SET_RETRIES, RETRIES, b""),

@@ -23,7 +23,7 @@ class UsbStop(StopChannel):
 
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         try:
-            link = await open_usb_link(self._config.place())
+            link = await open_usb_link(self._config.endpoint())
             try:
                 return (await bring_down(Session(link, self._clock), safe_state)).reports(AXES)
             finally:

@@ -71,12 +71,12 @@ class CrazyflieWire(Wire):
         return facts
 
     async def _open_link(self) -> Link:
-        place = self._config.place()
-        if not place.is_usb:
-            return await open_link(place)
+        endpoint = self._config.endpoint()
+        if not endpoint.is_usb:
+            return await open_link(endpoint)
         from .usb_links import open_usb_link  # pyusb: only for who has such a link
 
-        return await open_usb_link(place)
+        return await open_usb_link(endpoint)
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         task_status.started()
@@ -256,8 +256,8 @@ class CrazyflieWire(Wire):
         return self._session_or_none
 
     def _observation(self, session: Session) -> Observation:
-        flight, place = session.flight, session.place
-        if flight is None or place is None:
+        flight, position = session.flight, session.position
+        if flight is None or position is None:
             raise WireDown("read: nothing was read yet. Check radio and power")
         hover = self._hover
         hover_s = 0.0 if hover is None else hover.still_s(self._clock.now_ns())
@@ -267,7 +267,7 @@ class CrazyflieWire(Wire):
             t_ns=session.flight_ns,
             position=position,
             stamp_ns=(session.flight_ns,) * len(position),
-            sensors=sensors_of(flight, place, (self._clock.now_ns() - session.place_ns) / NS, hover_s),
+            sensors=sensors_of(flight, position, (self._clock.now_ns() - session.position_ns) / NS, hover_s),
             faults={"drone": ", ".join(faults).lower()} if faults else {},
         )
 

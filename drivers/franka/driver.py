@@ -15,7 +15,7 @@ from strands_actors.contract.axis import Axis, Part, PartKind
 from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason, Service, Timing
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.contract.sensors import Sensor, place
+from strands_actors.contract.sensors import Sensor, pose
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
 from strands_actors.contract.tool_verbs import STATUS, STOP, ToolVerb
 
@@ -42,7 +42,7 @@ class Franka(Driver):
     WIRE: ClassVar[str] = "strands_actors.drivers.franka.wire:FrankaWire"
     STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.franka.stop_channel:FrankaStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.franka.twin:main"
-    SENSORS: ClassVar[tuple[Sensor, ...]] = (place("flange_m", frame="base"),)
+    SENSORS: ClassVar[tuple[Sensor, ...]] = (pose("flange_m", frame="base"),)
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (READ_SENSORS, STATUS, STOP)
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(Options)
     WHOLE_ACTIONS: ClassVar[bool] = True

@@ -22,7 +22,7 @@ from strands_actors.contract.driver import (
 )
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options, secrets_of
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.contract.sensors import Sensor, place
+from strands_actors.contract.sensors import Sensor, pose
 from strands_actors.contract.tool_verbs import STATE, STATUS, STOP, ToolVerb
 from strands_actors.kernel.messages import Refused
 
@@ -48,7 +48,7 @@ class Kinova(Driver):
     STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.kinova.stop_channel:KinovaStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.kinova.twin:main"
     SENSORS: ClassVar[tuple[Sensor, ...]] = (
-        place("tool_position_m", frame="base", tcp_position="tool_position_m"),
+        pose("tool_position_m", frame="base", tcp_position="tool_position_m"),
     )
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (STATE, STATUS, STOP)
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(Options)

@@ -20,7 +20,7 @@ class KukaConfig(msgspec.Struct, frozen=True):
     connect_timeout_s: float
     stream_ttl_s: float
 
-    def place(self) -> tuple[str, int]:
+    def address(self) -> tuple[str, int]:
         """Return the controller's address, empty for any, and the UDP port of both ends: the one
         that ``port`` names, else ``fri_port``. Raise ``ValueError`` for a ``port`` that is no
         address."""
@@ -30,14 +30,14 @@ class KukaConfig(msgspec.Struct, frozen=True):
         """Return the controller's address if it is given as a number; empty: not known without
         asking."""
         try:
-            return str(IPv4Address(self.place()[0]))
+            return str(IPv4Address(self.address()[0]))
         except ValueError:
             return ""
 
     async def listen(self) -> UdpListener:
         """Open the UDP port. Raise ``WireDown``."""
         try:
-            host, number = self.place()
+            host, number = self.address()
         except ValueError as error:
             raise WireDown(f"open: {error}") from None
         return await listen_udp(number, host)

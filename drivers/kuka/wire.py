@@ -46,7 +46,7 @@ class KukaWire(Wire):
         with trio.move_on_after(config.connect_timeout_s):
             said = await first_message(port)
         if said is None:
-            host, number = config.place()
+            host, number = config.address()
             raise WireDown(
                 f"open: no FRI message of {host or 'any controller'} at UDP port {number} within "
                 f"{config.connect_timeout_s:g} s. Start the FRI session in the robot program, and check the "

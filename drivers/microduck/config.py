@@ -21,7 +21,7 @@ _SSH = re.compile(
 )
 
 
-class Place(msgspec.Struct, frozen=True):
+class Endpoint(msgspec.Struct, frozen=True):
     """Where robotd listens: a path here, or one on ``host``, which ssh reaches."""
 
     path: str
@@ -33,23 +33,23 @@ class Place(msgspec.Struct, frozen=True):
         return f"ssh://{self.host}" if self.host else self.path
 
 
-def parse_port(port: str, user: str = USER) -> Place:
+def parse_port(port: str, user: str = USER) -> Endpoint:
     """Raise ``ValueError`` with what would be accepted. A host never begins with a dash: to ssh
     that would be an option."""
     scheme, found, rest = port.partition("://")
     if not found:
         scheme, rest = "unix", port
     if scheme == "unix" and rest.startswith("/"):
-        return Place(rest)
+        return Endpoint(rest)
     if scheme == "ssh" and (match := _SSH.fullmatch(rest.removesuffix("/"))):
         number = int(match["port"] or 0)
         if number < 65536:
             host = match["host"].strip("[]")
-            return Place(ROBOT_SOCKET, f"{match['user'] or user}@{host}", number)
+            return Endpoint(ROBOT_SOCKET, f"{match['user'] or user}@{host}", number)
     raise ValueError(f"port is {port!r}. Give {ACCEPTED}")
 
 
-def place_of_environment(environment: Mapping[str, str]) -> str:
+def endpoint_of_environment(environment: Mapping[str, str]) -> str:
     """Return the port that ``MICRODUCK_SOCKET`` or ``MICRODUCK_HOST`` names, else the one of a
     program on the duck itself."""
     if path := environment.get("MICRODUCK_SOCKET"):
@@ -73,7 +73,7 @@ class MicroduckConfig(msgspec.Struct, frozen=True):
     silent_s: float = 0.6
     """Without a state for so long the link counts as lost."""
 
-    def place(self) -> Place:
+    def endpoint(self) -> Endpoint:
         """Raise ``WireDown`` for a port that is none."""
         try:
             return parse_port(self.port, self.user)

@@ -25,7 +25,7 @@ from strands_actors.contract.wire import Observation
 from strands_actors.kernel.messages import Refused
 
 from . import verbs
-from .config import USER, MicroduckConfig, parse_port, place_of_environment
+from .config import USER, MicroduckConfig, parse_port, endpoint_of_environment
 from .gates import CONDITIONS, DURATION, INTENTS, MOVES, USUAL_S, all_gates, parse
 from .protocol import API_VERSION
 from .robots import HEAD, HEAD_AT, MOUTH, OPEN, POSE, POSE_AT, TABLES, TWIST, axes_of, modes_of
@@ -91,17 +91,17 @@ class Microduck(Driver):
 
     @classmethod
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
-        smuggled = ("place", "user")
+        smuggled = ("endpoint", "user")
         read = read_options(
             robot, MicroduckOptions, {key: one for key, one in options.items() if key not in smuggled}
         )
-        place = options.get("place") or place_of_environment(os.environ)
+        endpoint = options.get("endpoint") or endpoint_of_environment(os.environ)
         user = options.get("user") or os.environ.get("DUCK_BOARD_USER") or USER
         try:
-            parse_port(place, user)
+            parse_port(endpoint, user)
         except ValueError as error:
             raise ValueError(f"{robot}: MICRODUCK_SOCKET or MICRODUCK_HOST: {error}") from None
-        return {**plain(read), "place": place, "user": user}
+        return {**plain(read), "endpoint": endpoint, "user": user}
 
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
         resolved = self.resolve(robot, options)
@@ -116,7 +116,7 @@ class Microduck(Driver):
         timeout_s = float(resolved["timeout"])
         self.config = MicroduckConfig(
             robot=self.robot,
-            port=port or resolved["place"],
+            port=port or resolved["endpoint"],
             user=resolved["user"],
             axes=self.axes,
             ids=self.ids,

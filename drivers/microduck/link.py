@@ -17,7 +17,7 @@ from strands_actors.drivers.common.unix_port import open_unix
 from strands_actors.kernel.clock import NS, Clock
 
 from . import protocol as p
-from .config import MicroduckConfig, Place
+from .config import MicroduckConfig, Endpoint
 
 ANSWER_S = 0.2
 """Within which a stop must be answered."""
@@ -34,17 +34,17 @@ class Way:
         self._forward: SshForward | None = None
 
     @property
-    def place(self) -> Place:
-        return self._config.place()
+    def endpoint(self) -> Endpoint:
+        return self._config.endpoint()
 
     async def open(self, remote: str = "") -> ByteStream:
         """Connect to robotd, or to another daemon's socket ``remote``. Raise ``WireDown``."""
-        place = self.place
-        if not place.host:
-            return await open_unix(remote or place.path)
+        endpoint = self.endpoint
+        if not endpoint.host:
+            return await open_unix(remote or endpoint.path)
         if self._forward is None:
-            self._forward = SshForward(place.host, place.ssh_port, (place.path, p.TOF_SOCKET))
-        return await self._forward.open(remote or place.path, self._config.timeout_s)
+            self._forward = SshForward(endpoint.host, endpoint.ssh_port, (endpoint.path, p.TOF_SOCKET))
+        return await self._forward.open(remote or endpoint.path, self._config.timeout_s)
 
     def close(self) -> None:
         if self._forward is not None:

@@ -89,7 +89,7 @@ class MicroduckStopChannel(KeptSession[MicroduckConfig, DuckLink]):
             await link.greet(GREET_S)
         except MalformedFrame as malformed:
             link.close()
-            raise WireDown(f"{self.config.place().name}: {malformed}. Check what is served there") from None
+            raise WireDown(f"{self.config.endpoint().name}: {malformed}. Check what is served there") from None
         except BaseException:
             link.close()
             raise

@@ -79,7 +79,7 @@ class MicroduckWire(Wire):
 
     async def open(self) -> dict[str, Any]:
         self.close()
-        place = self._config.place()
+        endpoint = self._config.endpoint()
         within_s = self._config.timeout_s
         why = f"robotd did not shake hands within {within_s:g} s"
         with trio.move_on_after(within_s):
@@ -89,7 +89,7 @@ class MicroduckWire(Wire):
                 why = f"{malformed}. Check what is served there"
             except WireDown as down:
                 why = str(down)
-        raise WireDown(f"{place.name}: {why}" if place.name not in why else why)
+        raise WireDown(f"{endpoint.name}: {why}" if endpoint.name not in why else why)
 
     async def _shake_hands(self, within_s: float) -> dict[str, Any]:
         link = self._link
@@ -101,7 +101,7 @@ class MicroduckWire(Wire):
         await self._look(services)
         await link.until_state(lambda _: True)
         facts: dict[str, Any] = {
-            "robotd": self._config.place().name,
+            "robotd": self._config.endpoint().name,
             "api_version": hello.api_version,
             "daemon_version": hello.daemon_version,
             "mode": self._mode,

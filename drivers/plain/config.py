@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 from .members import Declared
-from .place import ClassPlace
+from .class_location import ClassLocation
 
 
 class Deadlines(msgspec.Struct, frozen=True):
@@ -34,7 +34,7 @@ class PlainConfig(msgspec.Struct, frozen=True):
     object of it, by ``stop_channel(port)``."""
 
     robot: str
-    place: ClassPlace
+    location: ClassLocation
     keywords: dict[str, Any]
     declared: Declared
     has_channel: bool = False
@@ -43,7 +43,7 @@ class PlainConfig(msgspec.Struct, frozen=True):
     @property
     def name(self) -> str:
         """Return the name of the class."""
-        return self.place.name
+        return self.location.name
 
     @property
     def axes(self) -> tuple[str, ...]:

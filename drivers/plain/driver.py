@@ -33,7 +33,7 @@ from strands_actors.kernel.messages import Refused
 from .config import Deadlines, PlainConfig
 from .gates import CONDITIONS, all_gates
 from .members import SENSED, declared_by
-from .place import place_of_class
+from .class_location import location_of_class
 
 MARGIN_S = 0.5
 LEAVING = (Reason.CLEANUP, Reason.CALLER, Reason.ROOT)
@@ -108,8 +108,8 @@ class PlainDriver(Driver):
         has_channel = callable(getattr(driver_class, "stop_channel", None))
         secrets = {keyword: value for keyword, value in given.items() if _is_secret(keyword)}
         shown = {keyword: value for keyword, value in given.items() if keyword not in secrets}
-        place, declared = place_of_class(driver_class), declared_by(driver_class, name)
-        config = PlainConfig(robot, place, shown, declared, has_channel, cls.DEADLINES)
+        location, declared = location_of_class(driver_class), declared_by(driver_class, name)
+        config = PlainConfig(robot, location, shown, declared, has_channel, cls.DEADLINES)
         return {"config": msgspec.to_builtins(config), "secrets": secrets}
 
     @classmethod

@@ -11,7 +11,7 @@ from typing import Any
 
 from .config import PlainConfig
 from .members import SENSED, failure_of, rows_of
-from .place import load_class
+from .class_location import load_class
 
 _log = logging.getLogger("strands_actors")
 
@@ -44,7 +44,7 @@ class Instance:
         """Import the class."""
 
         def run() -> None:
-            self._class = self._class or load_class(self._config.place)
+            self._class = self._class or load_class(self._config.location)
 
         return _told("import", run)
 

@@ -67,7 +67,7 @@ class PlainWire(Wire):
             raise WireDown(trouble)
         self._alive = os.pipe()
         return {
-            "driver_class": f"{self._config.place.module}.{self._config.name}",
+            "driver_class": f"{self._config.location.module}.{self._config.name}",
             "axes_from": self._config.declared.source,
             "stop_channel": channel_of(self._config),
         }

@@ -17,7 +17,7 @@ from strands_actors.contract.axis import Part, PartKind
 from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Service, Timing
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.contract.sensors import Sensor, imu, place
+from strands_actors.contract.sensors import Sensor, imu, pose
 from strands_actors.contract.tool_verbs import ToolVerb
 from strands_actors.kernel.messages import Refused
 
@@ -62,7 +62,7 @@ class Reachy(Driver):
             quaternion="quaternion_wxyz",
             orientation="quaternion_wxyz",
         ),
-        place("head_xyz_m", rpy="head_rpy_rad", frame="base", quat="quaternion_wxyz"),
+        pose("head_xyz_m", rpy="head_rpy_rad", frame="base", quat="quaternion_wxyz"),
         Sensor("battery", {"pct": "battery_pct"}),
     )
     CAMERAS: ClassVar[Mapping[str, str]] = {"head": "strands_actors.drivers.reachy.cameras:open_camera"}

@@ -16,7 +16,7 @@ from msgspec import Meta
 from strands_actors.contract.axis import Part, PartKind
 from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason, Timing
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
-from strands_actors.contract.sensors import Sensor, place
+from strands_actors.contract.sensors import Sensor, pose
 from strands_actors.contract.tool_verbs import STATE, STATUS, STOP, ToolVerb
 from strands_actors.contract.wire import Observation
 
@@ -53,7 +53,7 @@ class UR(Driver):
     WIRE: ClassVar[str] = "strands_actors.drivers.ur.wire:URWire"
     STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.ur.stop_channel:URStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.ur.twin:main"
-    SENSORS: ClassVar[tuple[Sensor, ...]] = (place("tcp_pose_m_rad", frame="base", tcp_pose="tcp_pose_m_rad"),)
+    SENSORS: ClassVar[tuple[Sensor, ...]] = (pose("tcp_pose_m_rad", frame="base", tcp_pose="tcp_pose_m_rad"),)
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (STATE, STATUS, STOP)
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(UROptions)
 

@@ -14,7 +14,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from strands_actors.contract.axis import Part, PartKind
 from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason, Timing
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
-from strands_actors.contract.sensors import Sensor, place
+from strands_actors.contract.sensors import Sensor, pose
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
 from strands_actors.contract.tool_verbs import STATE, STATUS, STOP, ToolVerb
 
@@ -37,7 +37,7 @@ class XArm(Driver):
     WIRE: ClassVar[str] = "strands_actors.drivers.xarm.wire:XArmWire"
     STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.xarm.stop_channel:XArmStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.xarm.twin:main"
-    SENSORS: ClassVar[tuple[Sensor, ...]] = (place("tcp_xyz_m", rpy="tcp_rpy_rad", frame="base"),)
+    SENSORS: ClassVar[tuple[Sensor, ...]] = (pose("tcp_xyz_m", rpy="tcp_rpy_rad", frame="base"),)
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(XArmOptions)
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (READ_SENSORS, STATE, STATUS, STOP)
 

@@ -84,7 +84,7 @@ def imu(**sensors: str) -> Sensor:
     return Sensor("imu", {**sensors, **more})
 
 
-def place(xyz: str, *, rpy: str = "", frame: str, **more: str) -> Sensor:
+def pose(xyz: str, *, rpy: str = "", frame: str, **more: str) -> Sensor:
     """Return the topic ``pose`` of a row of three positions: ``x``, ``y``, ``z`` and ``xyz``; of a
     row of three angles ``rpy`` and ``theta``, the turn about z."""
     fields = {"xyz": xyz, "x": f"{xyz}[0]", "y": f"{xyz}[1]", "z": f"{xyz}[2]", **more}

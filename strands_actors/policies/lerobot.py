@@ -224,7 +224,7 @@ def _eyes(config: Any, robot: str, cameras: Sequence[str], rename_map: Mapping[s
     if not wanted:
         return []
     from strands_actors.surfaces.cameras import attach_camera
-    from strands_actors.surfaces.cameras.places import cameras_of
+    from strands_actors.surfaces.cameras.picture_files import cameras_of
 
     cameras = cameras or cameras_of(robot)  # who asks from elsewhere does not know them
     named = {rename_map.get(f"{IMAGES}{camera}", f"{IMAGES}{camera}"): camera for camera in cameras}

@@ -23,7 +23,7 @@ from strands_actors.supervisors.gate.messages import GetStatus, Status
 from strands_actors.supervisors.root.guardian import Guardian
 from strands_actors.supervisors.root.lock_keeper import LockKeeper
 from strands_actors.supervisors.root.locks import Locks
-from strands_actors.supervisors.wire.group import InlinePlace
+from strands_actors.supervisors.wire.group import InlineWire
 
 from .fake import HARDWARE, FakeDriver, FakeHardware
 
@@ -40,12 +40,12 @@ class InlineTree:
     gate: Ref
     guardian: Ref
     keeper: Guardian
-    places: list[InlinePlace]
+    wires_made: list[InlineWire]
 
     @property
-    def place(self) -> InlinePlace:
+    def wire(self) -> InlineWire:
         """The present life of the wire group."""
-        return self.places[-1]
+        return self.wires_made[-1]
 
     async def status(self) -> Status:
         answer = await self.gate.ask(GetStatus(), 1.0)
@@ -79,14 +79,14 @@ async def open_inline_tree(
     driver = driver or FakeDriver("fake", port, {})
     at = addresses.of(port)
     node = Node(port, clock or VirtualClock())
-    places: list[InlinePlace] = []
+    wires_made: list[InlineWire] = []
     roots, wires = pair()
     try:
         async with trio.open_nursery() as nursery:
 
-            def start_wire(state: State, cause: str) -> InlinePlace:
-                places.append(InlinePlace(node, nursery, driver, port, state, cause, wires))
-                return places[-1]
+            def start_wire(state: State, cause: str) -> InlineWire:
+                wires_made.append(InlineWire(node, nursery, driver, port, state, cause, wires))
+                return wires_made[-1]
 
             await nursery.start(node.run)
             keeper = None if locks is None else LockKeeper(locks)
@@ -103,7 +103,7 @@ async def open_inline_tree(
                 node.ref(at.gate, Gate),
                 node.ref(at.guardian, Guardian),
                 guardian,
-                places,
+                wires_made,
             )
             await tree.until("disarmed")
             yield tree

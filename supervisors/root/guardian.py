@@ -44,7 +44,7 @@ from strands_actors.supervisors.wire.messages import HandOverAgain
 from strands_actors.supervisors.wire.watchdog import Tick
 
 from .lock_keeper import Kept, LockKeeper
-from .places import Place, StandbyPlace
+from .guarded import GuardedWire, GuardedStandby
 from .stop_channel import INSIST_S, LINGER_S, all_safe, attempt, attempt_anew, pauses_s
 from .stopped_detector import LOOK_EVERY, LOOKS, StoppedDetector
 
@@ -68,7 +68,7 @@ class WireBroken(Exception):
 
 class Guardian(Actor):
     """``start_wire(start, cause)`` starts the wire group from a failsafe state, with what led to
-    it, and returns its place. ``gate`` is told when one of the processes that ``writers`` names has
+    it, and returns it. ``gate`` is told when one of the processes that ``writers`` names has
     been stopped, and when the lock of an e-stop is kept by the ``keeper``. ``on_report`` is told
     what became of each attempt to make the robot safe, ``on_dying`` of a writer that has been
     killed and waits for a processor to die on. ``standby``: None in tests of one process. ``owed``:
@@ -78,14 +78,14 @@ class Guardian(Actor):
         self,
         driver: Driver,
         heartbeat: Heartbeat,
-        start_wire: Callable[[State, str], Place],
+        start_wire: Callable[[State, str], GuardedWire],
         on_state: Callable[[StateIs], None] | None = None,
         gate: str = "",
         writers: Callable[[], Iterable[int]] = tuple,
         keeper: LockKeeper | None = None,
         on_report: Callable[[StopReport], None] | None = None,
         on_dying: Callable[[int], None] = lambda _: None,
-        standby: StandbyPlace | None = None,
+        standby: GuardedStandby | None = None,
         transport: str = "",
         owed: Owed | None = None,
         on_decided: Callable[[Decided], None] = lambda _: None,
@@ -112,7 +112,7 @@ class Guardian(Actor):
         self._confirmed = True
         self._leaving = self._released = False
         self._ticks = 0
-        self._place: Place | None = None  # of the wire that lives
+        self._guarded: GuardedWire | None = None  # of the wire that lives
         self._stopped_looks = 0
         self._failure_detector = self._listen()
         self._silent_until_ns = 0
@@ -145,7 +145,7 @@ class Guardian(Actor):
                 self._renews = True
                 self._break(Reason.WIRE, message.why)
             case StateIs():
-                if self._place is not None:  # the dead say nothing any more
+                if self._guarded is not None:  # the dead say nothing any more
                     self.state = message
                     self._confirmed = message.mode in SAFE_MODES
                     self._keep_lock()
@@ -179,8 +179,8 @@ class Guardian(Actor):
 
     def _look_at_wire(self) -> None:
         """One that dies is not waited for: its end is told after its memory was taken."""
-        place = self._place
-        if place is not None and self._failure_detector.heard_ns and not self._released and place.dying():
+        guarded = self._guarded
+        if guarded is not None and self._failure_detector.heard_ns and not self._released and guarded.dying():
             self._break(Reason.WIRE, DYING)
 
     def _look_at_writers(self) -> None:
@@ -193,9 +193,9 @@ class Guardian(Actor):
 
     def _look_at_start(self) -> None:
         """A wire that was stopped before its first heartbeat is not missed by its silence."""
-        if self._place is None or self._failure_detector.heard_ns:
+        if self._guarded is None or self._failure_detector.heard_ns:
             return
-        standing = self._place.standing()
+        standing = self._guarded.standing()
         self._stopped_looks = self._stopped_looks + 1 if standing is not None and standing.stopped else 0
         if self._stopped_looks == LOOKS:
             self._break(Reason.WIRE, "the wire process was stopped before it had begun")
@@ -273,13 +273,13 @@ class Guardian(Actor):
         """What moves goes on: root and wire are both there. Nothing is armed before there is
         another."""
         self.context.note(Happened("there is no standby", why))
-        if self._place is not None:
+        if self._guarded is not None:
             self._gate.tell(StandbyIs(f"{why}; another is being started"))
 
     def begin_standby(self) -> None:
         """A new one has begun. The wire that is open hands over again; one that is not does when it
         opens."""
-        if self._place is not None and self._stop_channel is not None:
+        if self._guarded is not None and self._stop_channel is not None:
             self._transport.tell(HandOverAgain())
 
     def _drop_stop_channel(self) -> None:
@@ -333,10 +333,10 @@ class Guardian(Actor):
         """End the wire, after ``leave``, and return when the robot has been made safe once
         (``reported``), or was. ``confirmed``: the gate's own stop was. Then the wire ends by
         itself, and its exit code says whether that still holds; else it is fenced."""
-        place = self._place
-        if place is not None and confirmed:
+        guarded = self._guarded
+        if guarded is not None and confirmed:
             self._released = True
-            place.let_go()
+            guarded.let_go()
             with trio.move_on_after(END_S):
                 await self.idle.wait()
         self._break(reason, by)
@@ -377,20 +377,20 @@ class Guardian(Actor):
         self._stopped_looks = 0
         locked_by = self.state.locked_by
         start = State(Mode.DOWN if self._confirmed else Mode.LOST, self.state.epoch + 1, locked_by)
-        place = self._place = self._start_wire(start, self.state.cause)
-        self._failure_detector = self._listen(place.standing)
+        guarded = self._guarded = self._start_wire(start, self.state.cause)
+        self._failure_detector = self._listen(guarded.standing)
         try:
             task_status.started()
-            await self._until_broken(place)
+            await self._until_broken(guarded)
         finally:
             with trio.CancelScope(shield=True):
-                await self._take_over(place, start.epoch)
+                await self._take_over(guarded, start.epoch)
 
-    async def _until_broken(self, place: Place) -> None:
+    async def _until_broken(self, guarded: GuardedWire) -> None:
         async with trio.open_nursery() as nursery:
 
             async def watch() -> None:
-                self._break(Reason.WIRE, await place.ended())
+                self._break(Reason.WIRE, await guarded.ended())
 
             async def watch_start() -> None:
                 await trio.sleep(START_DEADLINE_S)
@@ -402,14 +402,14 @@ class Guardian(Actor):
             await self._broken.wait()
             nursery.cancel_scope.cancel()
 
-    async def _take_over(self, place: Place, epoch: int) -> None:
-        fenced = await self._fence_place(place)
+    async def _take_over(self, guarded: GuardedWire, epoch: int) -> None:
+        fenced = await self._fence_guarded(guarded)
         if fenced and self._why[1] == DYING:
-            self._why = self._why[0], await place.ended()
-        self._place = None
+            self._why = self._why[0], await guarded.ended()
+        self._guarded = None
         self.context.note(Happened("the wire has ended", self._why[1]))
         self._failure_detector = self._listen()
-        if self._released and place.left_safe:
+        if self._released and guarded.left_safe:
             self._confirmed = True
             self._owed.safe_state = False
         else:
@@ -418,11 +418,11 @@ class Guardian(Actor):
         if self._standby is not None:
             await self._standby.let_go()
         while not fenced:  # two processes at one port would be worse than none
-            fenced = await place.fence()
+            fenced = await guarded.fence()
         self.reported.set()
         self.idle.set()
 
-    async def _fence_place(self, place: Place) -> bool:
+    async def _fence_guarded(self, guarded: GuardedWire) -> bool:
         """Write, then fence. A root that dies in between leaves a wire that acts by itself, or a
         safe robot.
 
@@ -430,11 +430,11 @@ class Guardian(Actor):
         wire could write a setpoint after the safe frame. The wire would make safe by itself if the
         root died before the fence."""
         async with trio.open_nursery() as nursery:
-            if self._stop_channel is not None and place.alive and self._broken.is_set():
+            if self._stop_channel is not None and guarded.alive and self._broken.is_set():
                 nursery.start_soon(attempt, self._stop_channel, self._driver, self._driver.fallbacks[Reason.WIRE])
                 for _ in range(2):  # by the second one it has run, as far as its first wait
                     await trio.lowlevel.checkpoint()
-            fenced = await place.fence()
+            fenced = await guarded.fence()
             nursery.cancel_scope.cancel()
         return fenced
 

@@ -45,7 +45,7 @@ from strands_actors.supervisors.gate.messages import Stop, StopReport
 from strands_actors.supervisors.instrument import Attached, InstrumentKeeper, name_of
 from strands_actors.supervisors.introspection import Introspector
 from strands_actors.supervisors.loading import import_ours, load_driver, without_secrets
-from strands_actors.supervisors.mesh.place import MeshPlace
+from strands_actors.supervisors.mesh.service import MeshService
 from strands_actors.supervisors.page import ROOT, STANDBY, WIRE, Owed
 from strands_actors.supervisors.root.messages import (
     ActorInfo,
@@ -62,7 +62,7 @@ from strands_actors.supervisors.root.messages import (
     TaskStatus,
     TreeReport,
 )
-from strands_actors.supervisors.wire.group import UNCONFIRMED, ProcessPlace
+from strands_actors.supervisors.wire.group import UNCONFIRMED, WireProcess
 from strands_actors.supervisors.wire.watchdog import Tick
 
 from .audit import Audit
@@ -175,7 +175,7 @@ class Tree:
             lambda: self.guardian.state.mode in LINKED,
         )
         rings = (lambda: self.cameras.rings) if args.get("cameras") else None
-        self.mesh = MeshPlace(self.node, self.robot, self.driver, lambda: self.tasks.status, rings, self.audit.note)
+        self.mesh = MeshService(self.node, self.robot, self.driver, lambda: self.tasks.status, rings, self.audit.note)
         self.keeper = LockKeeper(Locks(Path(args["locks"]), self.robot, args["lock_port"]))
         self.standby = StandbyKeeper(
             self.node,
@@ -204,14 +204,14 @@ class Tree:
         )
         self.standby.on_lost = self.guardian.lose_standby
         self.standby.on_begun = self.guardian.begin_standby
-        self.wire: ProcessPlace | None = None
+        self.wire: WireProcess | None = None
         self.supervisor = Supervisor([ChildSpec("wire", self.guardian.keep)], budget=WIRE_BUDGET)
         self.failed = ""
         self._shutdown = trio.Event()
         self._end: tuple[Reason, str] = (Reason.CLEANUP, "")
         self._waiting: list[Deferred] = []
 
-    def start_wire(self, state: State, cause: str) -> ProcessPlace:
+    def start_wire(self, state: State, cause: str) -> WireProcess:
         args = {
             "robot": self.robot,
             "driver": self.args["driver"],
@@ -230,7 +230,7 @@ class Tree:
             "page": self.ahead.page,
             "label": self.args["label"],
         }
-        self.wire = ProcessPlace(self.node, self.nursery, args, self.ahead.wire)
+        self.wire = WireProcess(self.node, self.nursery, args, self.ahead.wire)
         self.standby.wire_started(self.wire.process)
         self.guardian.context.note(Happened("the wire process was started", cause, self.wire.process.pid))
         return self.wire
@@ -277,8 +277,8 @@ class Tree:
             if self.driver.PORT_KIND == "serial":
                 self._keep("the kernel's workers", keep_them_early)
             self._keep("the mesh of the actors", self._join_mesh)
-            place: dict[str, Any] = self.args["mesh"]
-            self._keep("the place on the mesh", self.mesh.run, place["listen"], place["connect"], place["settings"])
+            mesh: dict[str, Any] = self.args["mesh"]
+            self._keep("the service on the mesh", self.mesh.run, mesh["listen"], mesh["connect"], mesh["settings"])
             await self._shutdown.wait()
             await self._leave()
 

@@ -120,7 +120,7 @@ def instrument_keeper(node: Node, driver: Driver, description: dict[str, Any], r
     return InstrumentKeeper(names, attached, remember)
 
 
-class ProcessPlace:
+class WireProcess:
     """The wire group in a child process."""
 
     def __init__(self, node: Node, nursery: trio.Nursery, args: dict[str, Any], ahead: ForkedAhead) -> None:
@@ -168,7 +168,7 @@ class ProcessPlace:
         return suspected(self.process.pid)
 
 
-class InlinePlace:
+class InlineWire:
     """The wire group in this process's loop: for tests, under virtual time too."""
 
     def __init__(

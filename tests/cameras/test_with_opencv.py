@@ -17,7 +17,7 @@ from strands_actors.caller.run_directory import notes
 from strands_actors.kernel.channels.frame_ring import FrameRing
 from strands_actors.kernel.channels.zenoh_session import config
 from strands_actors.surfaces.cameras import Frame, Stale, attach_camera
-from strands_actors.surfaces.cameras.places import ring_path
+from strands_actors.surfaces.cameras.picture_files import ring_path
 from tests.answers import status
 
 from .looking import until

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from strands_actors.surfaces.dataset.frames import NS, PATIENCE_S, Assembler, Axes, missed
 from strands_actors.surfaces.dataset.staging import Row
-from strands_actors.surfaces.recording.lines import Command, Gap, Lifecycle, Safe, Seen
+from strands_actors.surfaces.recording.rows import Command, Gap, Lifecycle, Safe, Seen
 
 PERIOD_NS = NS // 10
 AXES = Axes(("a", "v"), frozenset({"v"}))

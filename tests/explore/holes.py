@@ -24,7 +24,7 @@ from strands_actors.supervisors.gate.messages import Stop
 from strands_actors.supervisors.root import process
 from strands_actors.supervisors.root.lock_keeper import Kept, LockKeeper
 from strands_actors.supervisors.root.tasks import Tasks
-from strands_actors.supervisors.wire.group import ProcessPlace
+from strands_actors.supervisors.wire.group import WireProcess
 from strands_actors.supervisors.wire.transport import Transport
 from strands_actors.testing.explore.askers import Asker
 
@@ -43,8 +43,8 @@ def a_stop_writes_nothing_on_a_lost_link(patch: pytest.MonkeyPatch) -> None:
 def a_resume_is_obeyed_while_the_tree_ends(patch: pytest.MonkeyPatch) -> None:
     """The gate knows no end, and a stop that it has confirmed once is taken for the last word."""
     patch.setattr(failsafe, "ENDING_REASONS", frozenset())
-    patch.setattr(ProcessPlace, "left_safe", True)
-    patch.setattr(ProcessPlace, "let_go", lambda self: self.process.kill())
+    patch.setattr(WireProcess, "left_safe", True)
+    patch.setattr(WireProcess, "let_go", lambda self: self.process.kill())
 
 
 def a_hold_takes_readings_of_any_age(patch: pytest.MonkeyPatch) -> None:

@@ -233,8 +233,8 @@ def test_more_than_a_few_commands_a_second_are_refused() -> None:
 def test_nothing_on_a_command_key_waits_for_a_robot_that_comes_later() -> None:
     async def test() -> None:
         hardware = FakeHardware()
-        async with robot_on_mesh(hardware) as (robot, tree, place), mesh() as client:
-            place.close()
+        async with robot_on_mesh(hardware) as (robot, tree, service), mesh() as client:
+            service.close()
             answer = await client.request(robot, mesh_json.Stop())
             assert isinstance(answer, Refused)
             await trio.sleep(0.3)

@@ -22,7 +22,7 @@ from strands_actors.kernel.node import Node
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.gate.messages import GetStatus, Stop, StopReport
 from strands_actors.supervisors.mesh import schemas as mesh_json
-from strands_actors.supervisors.mesh.place import MeshPlace
+from strands_actors.supervisors.mesh.service import MeshService
 from strands_actors.supervisors.root.messages import TaskStatus
 from strands_actors.testing.fake import HARDWARE, FakeDriver, FakeHardware
 
@@ -65,12 +65,12 @@ def test_saf_007_an_estop_waits_for_no_loop_of_the_root(monkeypatch: pytest.Monk
         name = Name(ROBOT)
         endpoint = unix_endpoint(name.socket("mesh"))
         node = Node("root", MonotonicClock())
-        place = MeshPlace(node, ROBOT, FakeDriver("fake", ROBOT, {}), TaskStatus)
+        service = MeshService(node, ROBOT, FakeDriver("fake", ROBOT, {}), TaskStatus)
         async with trio.open_nursery() as nursery:
             await nursery.start(node.run)
             await nursery.start(Link(node, ours).run)
-            nursery.start_soon(place.run, [endpoint], [], {})
-            await place.settled.wait()
+            nursery.start_soon(service.run, [endpoint], [], {})
+            await service.settled.wait()
             await until(lambda: node.route(addresses.of(ROBOT).gate), "the gate is known")
             session = await trio.to_thread.run_sync(zenoh.open, config([], [endpoint], {}))
             answers: list[dict[str, object]] = []
@@ -92,7 +92,7 @@ def test_saf_007_an_estop_waits_for_no_loop_of_the_root(monkeypatch: pytest.Monk
             assert len(told) == 1, "and nobody stops it twice"
             subscriber.undeclare()
             await trio.to_thread.run_sync(session.close)
-            place.close()
+            service.close()
             nursery.cancel_scope.cancel()
         name.release()
 

@@ -12,7 +12,7 @@ from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.mesh.motion import Motion
 from strands_actors.surfaces.mesh.client import MeshClient
-from strands_actors.surfaces.mesh.words import send
+from strands_actors.surfaces.mesh.mapping_commands import send
 from strands_actors.testing import FakeHardware
 from strands_actors.testing.fake import FakeDriver
 

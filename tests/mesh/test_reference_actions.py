@@ -16,7 +16,7 @@ from strands_actors import Robot, broadcast, estop, get_peers, open_mesh, tell
 from strands_actors.caller.robot import RealRobot
 from strands_actors.kernel.messages import Refused
 from strands_actors.surfaces.mesh.client import MeshClient
-from strands_actors.surfaces.mesh.words import send
+from strands_actors.surfaces.mesh.mapping_commands import send
 from strands_actors.testing import Twin
 from tests.answers import json_of, until, why
 

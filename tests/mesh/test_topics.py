@@ -152,7 +152,7 @@ def test_only_sensors_that_a_robot_has_are_published(plain: list[Plain], monkeyp
 
 def test_a_robot_is_found_by_its_token_and_missed_without(plain: list[Plain]) -> None:
     async def test() -> None:
-        async with robot_on_mesh() as (robot, _, place):
+        async with robot_on_mesh() as (robot, _, service):
             alive: dict[str, bool] = {}
 
             def on_change(sample: zenoh.Sample) -> None:
@@ -163,7 +163,7 @@ def test_a_robot_is_found_by_its_token_and_missed_without(plain: list[Plain]) ->
                 "strands/*/alive", zenoh.handlers.Callback(on_change, indirect=False), history=True
             )
             await until(lambda: alive == {f"strands/{robot}/alive": True}, "the token is there")
-            place.close()
+            service.close()
             await until(lambda: alive == {f"strands/{robot}/alive": False}, "the token is gone")
             del watch
 

@@ -18,7 +18,7 @@ from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.gate.messages import Resume
 from strands_actors.supervisors.mesh import schemas as mesh_json
-from strands_actors.supervisors.mesh.place import MeshPlace
+from strands_actors.supervisors.mesh.service import MeshService
 from strands_actors.supervisors.root.messages import TaskStatus
 from strands_actors.surfaces.mesh.client import MeshClient, open_mesh
 from strands_actors.surfaces.mesh.config import TLS, MeshConfig
@@ -31,24 +31,24 @@ PATIENCE_S = 20.0
 @contextlib.asynccontextmanager
 async def robot_on_mesh(
     hardware: FakeHardware | None = None, config: MeshConfig | Callable[[str], MeshConfig] | None = None
-) -> AsyncIterator[tuple[str, InlineTree, MeshPlace]]:
-    """Armed. Its name, its tree, its place on the mesh. ``config`` may depend on its name."""
+) -> AsyncIterator[tuple[str, InlineTree, MeshService]]:
+    """Armed. Its name, its tree, its service on the mesh. ``config`` may depend on its name."""
     async with open_inline_tree(hardware, MonotonicClock()) as tree, trio.open_nursery() as nursery:
         robot = tree.gate.address.split("/")[1]
         name = Name(robot)
         endpoint = unix_endpoint(name.socket("mesh"))
-        place = MeshPlace(tree.node, robot, tree.driver, TaskStatus)
+        service = MeshService(tree.node, robot, tree.driver, TaskStatus)
         config = config(robot) if callable(config) else config or MeshConfig()
-        nursery.start_soon(place.run, [endpoint, *config.listens], config.connects, config.robot_settings())
-        await place.settled.wait()
-        assert not place.problem
+        nursery.start_soon(service.run, [endpoint, *config.listens], config.connects, config.robot_settings())
+        await service.settled.wait()
+        assert not service.problem
         name.publish(Note(robot, "fake", 0, [], [endpoint]))
         await tree.gate.ask(Resume("the test"), 5.0)
         await tree.until("armed")
         try:
             yield robot, tree, place
         finally:
-            place.close()
+            service.close()
             name.release()
             nursery.cancel_scope.cancel()
 

@@ -26,7 +26,7 @@ from strands_actors.supervisors.instrument import (
 )
 from strands_actors.supervisors.wire.group import instrument_keeper
 from strands_actors.surfaces.recording.file import Recording, decode_entries, new_info
-from strands_actors.surfaces.recording.lines import Gap, Journal
+from strands_actors.surfaces.recording.rows import Gap, Journal
 from strands_actors.testing import InlineTree, open_inline_tree
 
 

@@ -24,7 +24,7 @@ from strands_actors.supervisors.root.messages import Happened, StateIs
 from strands_actors.surfaces.recording import RecordingError
 from strands_actors.surfaces.recording.code import build_driver
 from strands_actors.surfaces.recording.file import METADATA, RecordingFile, new_info, read
-from strands_actors.surfaces.recording.lines import CHANNELS, Gap, schema
+from strands_actors.surfaces.recording.rows import CHANNELS, Gap, schema
 from strands_actors.surfaces.recording.views import View
 from strands_actors.testing import run_virtual
 

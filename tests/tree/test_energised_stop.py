@@ -104,7 +104,7 @@ def test_saf_008_a_crash_of_the_wire_leaves_it_held_and_disarmed() -> None:
         async with open_inline_tree() as tree:
             await moving(tree)
             crashed_ns = tree.node.clock.now_ns()
-            tree.place._scope.cancel()
+            tree.wire._scope.cancel()
             await tree.until("disarmed")
             safe = tree.hardware.of("safe", crashed_ns)
             assert (safe[0].path, safe[0].safe_state) == ("stop_channel", "hold")

@@ -160,7 +160,7 @@ def test_a_spent_process_is_replaced_after_a_stop_and_is_no_failure() -> None:
                 safe = tree.hardware.of("safe", since_ns)[0]
                 assert (safe.path, safe.safe_state) == ("stop_channel", "limp")
                 await tree.until("disarmed")
-                assert len(tree.places) == life + 1
+                assert len(tree.wires_made) == life + 1
                 assert not tree.hardware.of("setpoint", safe.t_ns + 1), "a restart resumes no motion"
                 assert tree.keeper.last_report is not None
                 assert tree.keeper.last_report.confirmed
@@ -184,7 +184,7 @@ def test_saf_003_the_root_does_not_wait_for_the_end_of_a_wire_that_dies(monkeypa
             freeze(tree, "transport")
             freeze(tree, "gate")
             since_ns = tree.node.clock.now_ns()
-            monkeypatch.setattr(tree.place, "dying", lambda: True)
+            monkeypatch.setattr(tree.wire, "dying", lambda: True)
             assert await fenced_after_ms(tree, since_ns) < DYING_MS < FakeDriver.timing.heartbeat_ttl_s * 1000
             assert tree.hardware.of("safe", since_ns)[0].path == "stop_channel"
             await trio.sleep(0.1)
@@ -200,7 +200,7 @@ def test_a_wire_that_was_let_go_and_ends_is_not_broken(monkeypatch: pytest.Monke
     async def run() -> None:
         async with open_inline_tree() as tree:
             await armed(tree)
-            monkeypatch.setattr(tree.place, "dying", lambda: True)
+            monkeypatch.setattr(tree.wire, "dying", lambda: True)
             freeze(tree, "watchdog")  # it beats no more
             tree.keeper._released = True
             since_ns = tree.node.clock.now_ns()

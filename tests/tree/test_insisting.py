@@ -22,7 +22,7 @@ LIMP = [False, False]
 
 
 async def kill(tree: InlineTree) -> None:
-    tree.place._scope.cancel()
+    tree.wire._scope.cancel()
     await trio.sleep(0.05)
 
 
@@ -59,7 +59,7 @@ def test_saf_005_a_motor_that_stays_silent_does_not_keep_the_next_wire_away() ->
             tree.hardware.silent.add("b")
             await kill(tree)
             await trio.sleep(INSIST_S + 1.0)
-            assert len(tree.places) == 2
+            assert len(tree.wires_made) == 2
             await tree.until("unconfirmed")
             tree.hardware.silent.clear()
             await tree.until("disarmed", within_s=1.0)
@@ -77,7 +77,7 @@ def test_saf_020_a_wire_that_dies_before_it_found_the_robot_again_is_no_end_of_i
             tree.hardware.plugged = False
             await kill(tree)
             await trio.sleep(INSIST_S + 1.0)
-            assert len(tree.places) == 2
+            assert len(tree.wires_made) == 2
             back_ns = tree.node.clock.now_ns()
             tree.hardware.plugged = True
             await kill(tree)
@@ -103,7 +103,7 @@ def test_saf_018_a_tree_that_ends_stays_for_a_motor_that_is_not_confirmed() -> N
             await trio.sleep(2.5)
             assert tree.keeper.idle.is_set() and tree.keeper.confirmed
             assert tree.hardware.energised == LIMP
-            assert len(tree.places) == 1, "no other wire"
+            assert len(tree.wires_made) == 1, "no other wire"
 
     run_virtual(run)
 
@@ -151,7 +151,7 @@ def test_saf_018_a_wire_that_does_not_end_by_itself_is_made_safe_by_the_root() -
     async def run() -> None:
         async with open_inline_tree() as tree:
             await armed(tree)
-            tree.place.let_go = lambda: None  # type: ignore[method-assign]  # it hangs
+            tree.wire.let_go = lambda: None  # type: ignore[method-assign]  # it hangs
             await end(tree, confirmed=True)
             assert tree.hardware.energised == LIMP
             assert tree.hardware.of("safe")[-1].path == "stop_channel"
@@ -165,7 +165,7 @@ def test_saf_018_a_wire_that_dies_as_it_is_to_end_is_made_safe_by_the_root() -> 
     async def run() -> None:
         async with open_inline_tree() as tree:
             await armed(tree)
-            tree.place.let_go = tree.place._scope.cancel  # type: ignore[method-assign]
+            tree.wire.let_go = tree.wire._scope.cancel  # type: ignore[method-assign]
             await end(tree, confirmed=True)
             assert tree.hardware.energised == LIMP
             assert [entry.path for entry in tree.hardware.of("safe")] == ["stop_channel"]
@@ -202,7 +202,7 @@ def test_saf_003_a_fence_that_sees_no_end_is_no_reason_not_to_write() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             await armed(tree)
-            place, began_s = tree.place, trio.current_time()
+            place, began_s = tree.wire, trio.current_time()
             fence = place.fence
 
             async def slow() -> bool:
@@ -216,9 +216,9 @@ def test_saf_003_a_fence_that_sees_no_end_is_no_reason_not_to_write() -> None:
             assert isinstance(report, StopReport) and report.confirmed and report.path == "stop_channel"
             assert tree.hardware.energised == LIMP
             await trio.sleep(1.0)
-            assert len(tree.places) == 1, "no two processes at one port"
+            assert len(tree.wires_made) == 1, "no two processes at one port"
             await trio.sleep(5.0)
-            assert len(tree.places) == 2
+            assert len(tree.wires_made) == 2
 
     run_virtual(run)
 
@@ -231,7 +231,7 @@ def test_saf_003_a_wire_that_has_handed_over_its_port_waits_for_no_deadline() ->
             await armed(tree)
             tree.keeper._failure_detector.heard_ns = 0
             tree.keeper._heartbeat.forget()
-            place = tree.place
+            place = tree.wire
             transport = tree.node.cells[tree.gate.address.replace("gate", "transport")].actor
             freeze(tree, "watchdog")
             await transport._hand_over(transport._wire)  # type: ignore[attr-defined]
@@ -250,7 +250,7 @@ def test_saf_003_a_wire_that_is_stopped_before_it_has_begun_waits_for_no_deadlin
             await armed(tree)
             tree.keeper._failure_detector.heard_ns = 0
             tree.keeper._heartbeat.forget()
-            place = tree.place
+            place = tree.wire
             freeze(tree, "watchdog")
             place.standing = lambda: Standing(0, 0, False, True)  # type: ignore[method-assign,assignment,return-value]
             await trio.sleep(0.2)

@@ -76,7 +76,7 @@ def test_a_robot_that_answers_slowly_is_not_taken_for_a_frozen_one(kind: type[_K
             for _ in range(20):
                 assert isinstance(await writer.send(ttl_s=0.3, **moving(kind)), Accepted)
                 await trio.sleep(0.15)
-            assert len(tree.places) == 1 and peer.of("safe") == []
+            assert len(tree.wires_made) == 1 and peer.of("safe") == []
 
     run_virtual(run)
 
@@ -87,7 +87,7 @@ def test_saf_003_a_dead_wire_is_made_safe_by_the_stop_channel(kind: type[_Kind])
         async with tree_of(kind) as (tree, peer, writer):
             assert isinstance(await writer.send(ttl_s=0.3, **moving(kind)), Accepted)
             began_ns = tree.node.clock.now_ns()
-            await tree.places[-1].fence()
+            await tree.wires_made[-1].fence()
             await trio.sleep(0.05)
             safe = peer.of("safe", began_ns)[0]
             assert safe.path == "stop_channel" and safe.safe_state == kind.fallbacks[Reason.WIRE]
@@ -167,7 +167,7 @@ def test_a_stop_from_the_mesh_lets_a_drone_land_and_does_not_fence_its_wire() ->
             assert isinstance(report, StopReport) and report.confirmed
             assert tree.node.clock.now_ns() - began_ns >= LANDING_S * 1e9
             assert [sent.path for sent in peer.of("safe", began_ns)] == ["wire"]
-            assert len(tree.places) == 1, "no wire was fenced"
+            assert len(tree.wires_made) == 1, "no wire was fenced"
 
     run_virtual(run)
 

@@ -82,7 +82,7 @@ def test_saf_020_a_stop_is_written_in_the_middle_of_a_handshake(reason: Reason) 
             assert [motor.written for motor in report.motors] == [True, True]
             assert tree.hardware.of("safe", stopped_ns)[0].t_ns - stopped_ns <= 20 * MS
             assert tree.hardware.energised == [False, False]
-            assert len(tree.places) == 1
+            assert len(tree.wires_made) == 1
 
     run_virtual(run)
 
@@ -108,9 +108,9 @@ def test_saf_020_a_wire_that_starts_on_a_lost_link_begins_with_the_safe_frame() 
         async with open_inline_tree() as tree:
             await armed(tree)
             tree.hardware.plugged = False
-            tree.place._scope.cancel()
+            tree.wire._scope.cancel()
             await trio.sleep(2.6)  # the guardian tries for two seconds first
-            assert len(tree.places) > 1
+            assert len(tree.wires_made) > 1
             tree.hardware.plugged = True
             plugged_ns = tree.node.clock.now_ns()
             await tree.until("disarmed", within_s=5.0)
@@ -129,7 +129,7 @@ def test_saf_020_a_wire_whose_root_is_gone_makes_safe_what_it_has_lost() -> None
             gone_ns = tree.node.clock.now_ns()
             tree.node.ref(tree.gate.address.replace("gate", "watchdog")).tell(RootGone())
             with trio.fail_after(1.0):
-                await tree.place.ended()
+                await tree.wire.ended()
             safe = tree.hardware.of("safe", gone_ns)
             assert safe[0].path == "wire" and safe[0].t_ns - gone_ns <= 20 * MS
             assert tree.hardware.energised == [False, False]
@@ -275,6 +275,6 @@ def test_saf_020_a_stop_channel_that_finds_nobody_breaks_nothing(monkeypatch: py
             monkeypatch.setattr(FakeStopChannel, "serve", nobody, raising=False)
             report = await tree.gate.ask(Stop(Reason.STOP), 1.0)
             assert isinstance(report, StopReport) and not report.confirmed
-            assert len(tree.places) == 1
+            assert len(tree.wires_made) == 1
 
     run_virtual(run)

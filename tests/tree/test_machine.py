@@ -134,7 +134,7 @@ class Player:
 
     async def _crash(self) -> None:
         self.history.crashes.append(self.now())
-        self.tree.place._scope.cancel()
+        self.tree.wire._scope.cancel()
         await trio.sleep(0.05)
 
     async def _link_loss(self) -> None:

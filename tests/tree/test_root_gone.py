@@ -40,7 +40,7 @@ class Root:
         self.dead = False
         self.over = trio.Event()
         self.steps: list[str] = []
-        guardian, place = tree.keeper, tree.place
+        guardian, place = tree.keeper, tree.wire
         second = guardian._stop_channel
         assert second is not None
         make_safe, fence = second.make_safe, place.fence
@@ -73,7 +73,7 @@ class Root:
 
     def die(self) -> None:
         self.dead = True
-        self._tree.place.let_go()
+        self._tree.wire.let_go()
 
 
 @asynccontextmanager
@@ -130,7 +130,7 @@ def test_saf_002_a_root_that_ends_beside_a_healthy_wire_fences_it_before_it_writ
 
     async def run() -> None:
         async with moving_tree() as (tree, root):
-            assert tree.place.alive
+            assert tree.wire.alive
         assert root.steps[:3] == [STEPS[1], STEPS[2], "it is about to write"]
 
     run_virtual(run)
@@ -146,7 +146,7 @@ def test_saf_018_a_motor_that_is_silent_when_the_root_dies_is_released_when_it_i
             root.die()
             await trio.sleep(10.0)
             assert tree.hardware.energised == [False, True]
-            assert tree.place.alive, "it has not ended: it has a robot to make safe"
+            assert tree.wire.alive, "it has not ended: it has a robot to make safe"
             tree.hardware.silent.clear()
             await trio.sleep(2.5)
             assert tree.hardware.energised == LIMP
@@ -160,9 +160,9 @@ def test_saf_018_a_wire_without_a_root_tries_no_longer_than_is_said() -> None:
             tree.hardware.silent.add("b")
             root.die()
             await trio.sleep(LINGER_S / 2)
-            assert tree.place.alive
+            assert tree.wire.alive
             await trio.sleep(LINGER_S / 2 + 10.0)
-            assert not tree.place.alive and not tree.place.left_safe
+            assert not tree.wire.alive and not tree.wire.left_safe
 
     run_virtual(run)
 
@@ -218,7 +218,7 @@ def test_saf_003_a_transport_that_hangs_as_the_root_dies_is_passed_by() -> None:
             root.die()
             await trio.sleep(3.0)
             assert tree.hardware.energised == LIMP
-            assert not tree.place.alive and tree.place.left_safe
+            assert not tree.wire.alive and tree.wire.left_safe
 
     run_virtual(run)
 
@@ -230,7 +230,7 @@ def test_a_wire_that_has_energised_nothing_ends_with_its_root_at_once() -> None:
         async with open_inline_tree() as tree:
             tree.hardware.plugged = False
             await tree.until("down")
-            place = tree.place
+            place = tree.wire
             place.let_go()
             await trio.sleep(0.1)
             assert not place.alive

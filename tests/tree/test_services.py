@@ -327,7 +327,7 @@ def test_no_arming_before_the_stop_channel_is_ready(monkeypatch: pytest.MonkeyPa
                 assert trio.current_time() - began >= 1.0
                 await armed(tree)
                 assert ended == []
-                tree.place._scope.cancel()  # the wire ends: its path is used, closed, and made anew
+                tree.wire._scope.cancel()  # the wire ends: its path is used, closed, and made anew
                 await tree.until("disarmed")
                 assert ended == ["served"]
 
@@ -349,7 +349,7 @@ def test_a_stop_channel_that_cannot_be_had_keeps_the_robot_unarmed(monkeypatch: 
     async def run() -> None:
         async with open_inline_tree() as tree:
             assert len(attempts) == 4
-            assert len(tree.places) == 1
+            assert len(tree.wires_made) == 1
             await armed(tree)
 
     run_virtual(run)
@@ -372,7 +372,7 @@ def test_saf_003_a_stop_channel_that_is_lost_stops_the_robot(monkeypatch: pytest
             assert isinstance(await writer.send(latched=True, a=1.0), Accepted)
             before, lost = lost, trio.Event()
             before.set()
-            while len(tree.places) < 2:  # noqa: ASYNC110  # the tree's own record
+            while len(tree.wires_made) < 2:  # noqa: ASYNC110  # the tree's own record
                 await trio.sleep(0.01)
             await tree.until("disarmed")
             assert tree.keeper.last_report is not None and tree.keeper.last_report.path == "stop_channel"

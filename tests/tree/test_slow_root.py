@@ -12,7 +12,7 @@ from strands_actors.supervisors.gate.failsafe import Mode, State
 from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.gate.messages import GetStatus, Status
 from strands_actors.supervisors.root.guardian import Guardian
-from strands_actors.supervisors.wire.group import InlinePlace
+from strands_actors.supervisors.wire.group import InlineWire
 from strands_actors.testing import FakeHardware, run_virtual
 from strands_actors.testing.fake import HARDWARE, FakeDriver
 
@@ -28,7 +28,7 @@ async def status_with_a_root_after(late_s: float) -> Status:
     try:
         async with trio.open_nursery() as nursery:
             await nursery.start(node.run)
-            InlinePlace(node, nursery, driver, "late", State(Mode.DOWN, 1, ""), "", wires)
+            InlineWire(node, nursery, driver, "late", State(Mode.DOWN, 1, ""), "", wires)
             await trio.sleep(late_s)
             guardian = Guardian(driver, roots, lambda *_: None)  # type: ignore[arg-type, return-value]
             await nursery.start(node.cell(AT.path("guardian"), lambda: guardian).run)

@@ -141,12 +141,12 @@ def test_saf_003_a_write_that_takes_longer_than_declared_is_a_frozen_wire(monkey
             tree.hardware.write_s = 0.3
             writer.ref.tell(writer.setpoint(ttl_s=0.5, latched=True, a=1.0))
             await trio.sleep(0.8)
-            assert len(tree.places) == 1 and setpoints(tree)
+            assert len(tree.wires_made) == 1 and setpoints(tree)
             began_ns = tree.node.clock.now_ns()
             tree.hardware.write_s = 60.0
             writer.ref.tell(writer.setpoint(latched=True, a=2.0))
             await trio.sleep(0.9)
-            assert len(tree.places) > 1
+            assert len(tree.wires_made) > 1
             safe = tree.hardware.of("safe", began_ns)[0]
             assert safe.path == "stop_channel" and tree.hardware.after("setpoint", safe) == []
 

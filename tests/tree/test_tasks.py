@@ -169,7 +169,7 @@ def test_saf_003_a_stop_of_a_task_beside_a_dead_wire_ends_no_actor() -> None:
             await trio.sleep(0.1)
             freeze(tree, "policy")
             slow(tree.keeper._stop_channel)
-            tree.place._scope.cancel()
+            tree.wire._scope.cancel()
             status = await tasks.ask(StopTask(), 2.0)
             assert isinstance(status, TaskStatus) and not status.running, status
             assert "the wire is gone" in status.exit_detail

@@ -88,7 +88,7 @@ def test_saf_007_lockout_binds_every_writer_and_outlives_a_crash() -> None:
                 answer = await writer.send(a=1.0)
                 assert isinstance(answer, Refused) and answer.code == "locked_out"
                 assert "the operator" in answer.reason
-            tree.place._scope.cancel()
+            tree.wire._scope.cancel()
             await trio.sleep(0.1)
             status = await tree.until("disarmed")
             assert status.locked_by == "the operator"
@@ -107,7 +107,7 @@ def test_saf_008_a_restart_resumes_nothing() -> None:
             await writer.send(latched=True, a=5.0)
             await trio.sleep(0.05)
             old = writer.setpoint(ttl_s=5.0, a=9.0)
-            tree.place._scope.cancel()
+            tree.wire._scope.cancel()
             await trio.sleep(0.05)
             assert "the wire group ended" in (await tree.until("disarmed")).cause
             restarted_ns = tree.node.clock.now_ns()
@@ -165,9 +165,9 @@ def test_saf_005_a_fence_before_the_link_is_back_names_every_motor() -> None:
         async with open_inline_tree() as tree:
             await armed(tree)
             tree.hardware.plugged = False
-            tree.place._scope.cancel()
+            tree.wire._scope.cancel()
             await trio.sleep(3.0)  # fenced, not confirmed; the next wire looks for the link
-            assert len(tree.places) > 1
+            assert len(tree.wires_made) > 1
             report = await tree.guardian.ask(Fence(Reason.STOP, "test"), 1.0)
             assert isinstance(report, StopReport) and not report.confirmed
             assert report.unconfirmed == ["a", "b"]
@@ -276,12 +276,12 @@ def test_the_budget_is_for_failures_in_a_row() -> None:
             for _ in range(3):
                 await armed(tree)
                 crashed_ns = tree.node.clock.now_ns()
-                tree.place._scope.cancel()
+                tree.wire._scope.cancel()
                 await trio.sleep(0.02)
                 await tree.until("disarmed")
                 assert tree.hardware.of("safe", crashed_ns)
                 assert tree.hardware.energised == [False, False]
-            assert len(tree.places) == 4
+            assert len(tree.wires_made) == 4
 
     run_virtual(run)
 
@@ -307,7 +307,7 @@ def test_status_and_observation_are_answered_while_a_stop_is_confirmed() -> None
                 assert (await tree.status()).mode == "stopping"
                 assert not isinstance(await tree.gate.ask(GetObservation(), 1.0), Refused)
                 assert trio.current_time() - asked_s < 0.01
-            assert len(tree.places) == 1, "a bounded confirmation is not mistaken for a freeze"
+            assert len(tree.wires_made) == 1, "a bounded confirmation is not mistaken for a freeze"
 
     run_virtual(run)
 

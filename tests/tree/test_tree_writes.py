@@ -39,7 +39,7 @@ def test_saf_001_deadline_is_checked_at_the_wire_by_the_transport_alone() -> Non
             assert isinstance(await writer.send(ttl_s=0.03, a=5.0), Accepted)
             freeze(tree, "gate")
             await trio.sleep(0.08)
-            assert len(tree.places) == 1, "not yet fenced"
+            assert len(tree.wires_made) == 1, "not yet fenced"
             assert setpoints(tree) == []
 
     run_virtual(run)
@@ -121,7 +121,7 @@ def test_saf_002_the_last_safe_frame_comes_after_the_fence() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
-            place, second = tree.place, tree.keeper._stop_channel
+            place, second = tree.wire, tree.keeper._stop_channel
             assert second is not None
             make_safe = second.make_safe
             ended: list[bool] = []

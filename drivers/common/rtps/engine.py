@@ -17,7 +17,7 @@ from . import discovery, messages, parameters
 from .discovery import TRANSIENT_LOCAL, VOLATILE, EndpointData, ParticipantData
 from .matching import Matching
 from .messages import Data, Fragment, Heartbeat, Send
-from .places import Place
+from .peer_address import PeerAddress
 from .reader import MAX_SAMPLE, Reader, Sample
 from .reassembly import Reassembly
 from .wire_types import (
@@ -66,7 +66,7 @@ class Counters:
 
 
 class _Peer:
-    def __init__(self, data: ParticipantData, host: str, own_host: str, only: Place | None) -> None:
+    def __init__(self, data: ParticipantData, host: str, own_host: str, only: PeerAddress | None) -> None:
         self.data = data
         self.host = host  # from where it was heard
         self._only = only
@@ -88,7 +88,7 @@ class Engine:
         announce_to: Sequence[Address],
         send: Send,
         on_match: Callable[[], object] = lambda: None,
-        only: Place | None = None,
+        only: PeerAddress | None = None,
     ) -> None:
         """``announce_to``: where strangers may be: the multicast group, the ports of configured
         peers. ``on_match``: what is matched may have changed. Called often. ``only``: where a

@@ -60,7 +60,7 @@ class Fragment(NamedTuple):
     reader: bytes
     writer: bytes
     sequence: int
-    place: int  # of the first piece in here, from 0
+    first: int  # number of the first piece in here, from 0
     pieces: int
     size: int  # of a piece; the last one of a sample may be shorter
     total: int  # of the sample
@@ -197,7 +197,7 @@ def _fragment(body: memoryview, flags: int, order: Order, source: bytes) -> Subm
     _, skip, reader, writer, high, low, number, count, size, total = order.fragment.unpack_from(body)
     payload, disposed, _ = _content(body, flags, order, skip, order.fragment.size)
     if not number or not count or not size or total > size * MAX_FRAGMENTS:
-        raise MalformedFrame("a fragment without place")
+        raise MalformedFrame("a fragment without a number")
     index = number - 1
     length = min(count * size, total - index * size)
     if (index + count - 1) * size >= total or len(payload) < length:

@@ -19,7 +19,7 @@ from strands_actors.kernel.clock import Clock, MonotonicClock
 from . import wire_types
 from .discovery import ParticipantData
 from .engine import Counters, Engine, OnSample
-from .places import parse_place
+from .peer_address import parse_peer_address
 from .reader import MAX_SAMPLE, Reader
 from .sockets import ANCILLARY, age_ns, is_host, open_sockets
 from .wire_types import Address, Buffer
@@ -86,8 +86,8 @@ class Participant:
         here = [sock.getsockname() for sock in self._sockets[:2]]
         prefix = wire_types.VENDOR + os.urandom(wire_types.PREFIX_SIZE - len(wire_types.VENDOR))
         data = ParticipantData(prefix, (here[0],), (here[1],), lease_s)
-        place = parse_place(only) if only else None
-        self._engine = Engine(data, asked, self._send, self._changed.unpark_all, place)
+        peer = parse_peer_address(only) if only else None
+        self._engine = Engine(data, asked, self._send, self._changed.unpark_all, peer)
         self._engine.tick(self._clock.now_ns())
 
     @property

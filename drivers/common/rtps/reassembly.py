@@ -45,9 +45,9 @@ class Reassembly:
             self._drop(name)
             raise MalformedFrame("fragments of one sample that do not fit together")
         part.t_ns = now_ns
-        at = fragment.place * fragment.size
+        at = fragment.first * fragment.size
         part.payload[at : at + len(fragment.payload)] = fragment.payload
-        part.have[fragment.place : fragment.place + fragment.pieces] = b"\x01" * fragment.pieces
+        part.have[fragment.first : fragment.first + fragment.pieces] = b"\x01" * fragment.pieces
         if 0 in part.have:
             return None
         self._remove(name)

@@ -20,7 +20,7 @@ from strands_actors.drivers.ur.arms import JOINTS, arm_of
 from . import state_packets
 from .body import URBody
 from .controller import TICK_HZ, Controller
-from .lines import Dashboard, ScriptPort
+from .text_ports import Dashboard, ScriptPort
 from .outputs import Sample
 from .rtde import RtdeServer
 

@@ -13,7 +13,7 @@ from strands_actors.kernel.channels.frame_ring import create
 
 from .config import MAX_SIDE, ROBOT, SCENE, source_of, stale_s
 from .frames import Frame, Stale, StaleFrame
-from .places import remove, ring_path, sweep
+from .picture_files import remove, ring_path, sweep
 from .reader import CameraReader
 
 ENTRY = "strands_actors.surfaces.cameras.process:main"

@@ -12,7 +12,7 @@ from strands_actors.kernel.channels.frame_ring import FrameRing, NoRing, Shot
 
 from . import told as words
 from .frames import Frame, Stale
-from .places import cameras_of, ring_path
+from .picture_files import cameras_of, ring_path
 from .told import Told
 
 LOOK_S = 0.5

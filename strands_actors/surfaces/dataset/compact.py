@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 from .dataset import Index
 from .episode import index_table
 from .errors import DatasetError
-from .layout import DATA_MB, INFO, STAGING, STATS, TASKS, VIDEO_MB, Place
+from .layout import DATA_MB, INFO, STAGING, STATS, TASKS, VIDEO_MB, FileSlot
 from .storage import STAGED_SUFFIX, Storage
 from .video import concatenate, setup_of
 
@@ -60,7 +60,7 @@ def compact(root: Path, copy: Path, storage: Storage | None = None) -> Compacted
     for row in rows:
         row |= {"meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0}
     if rows:
-        path = staged / Place(0, 0).episodes
+        path = staged / FileSlot(0, 0).episodes
         path.parent.mkdir(parents=True)
         pq.write_table(index_table(rows, index.marks), path)
     info = index.info | {"splits": {"train": f"0:{len(rows)}"}}
@@ -76,32 +76,32 @@ def compact(root: Path, copy: Path, storage: Storage | None = None) -> Compacted
 
 
 def _join_data(index: Index, rows: list[dict[str, Any]], staged: Path) -> None:
-    for place, group in _placed(_groups(rows, [_data_path(index, row) for row in rows], DATA_MB)):
+    for slot, group in _slotted(_groups(rows, [_data_path(index, row) for row in rows], DATA_MB)):
         tables = []
         for number in group:
             table = pq.read_table(_data_path(index, rows[number]))
             tables.append(table.filter(pc.equal(table["episode_index"], number)))
-            rows[number] |= {"data/chunk_index": place.chunk, "data/file_index": place.file}
-        path = staged / place.data
+            rows[number] |= {"data/chunk_index": slot.chunk, "data/file_index": slot.file}
+        path = staged / slot.data
         path.parent.mkdir(parents=True, exist_ok=True)
         pq.write_table(pa.concat_tables(tables), path, compression="snappy")
 
 
 def _data_path(index: Index, row: dict[str, Any]) -> Path:
-    return index.root / Place(row["data/chunk_index"], row["data/file_index"]).data
+    return index.root / FileSlot(row["data/chunk_index"], row["data/file_index"]).data
 
 
 def _join_videos(index: Index, rows: list[dict[str, Any]], key: str, staged: Path) -> None:
     assert index.info is not None
     fps = index.info["fps"]
     paths = [
-        index.root / Place(row[f"videos/{key}/chunk_index"], row[f"videos/{key}/file_index"]).video(key)
+        index.root / FileSlot(row[f"videos/{key}/chunk_index"], row[f"videos/{key}/file_index"]).video(key)
         for row in rows
     ]
     if len(set(paths)) < len(paths):
         raise DatasetError(f"{index.root}: several episodes share a video. it is compact already")
-    for place, group in _placed(_groups(rows, paths, VIDEO_MB, [setup_of(path) for path in paths])):
-        path = staged / place.video(key)
+    for slot, group in _slotted(_groups(rows, paths, VIDEO_MB, [setup_of(path) for path in paths])):
+        path = staged / slot.video(key)
         path.parent.mkdir(parents=True, exist_ok=True)
         concatenate([paths[number] for number in group], path, fps, [rows[number]["length"] for number in group])
         before = 0
@@ -109,8 +109,8 @@ def _join_videos(index: Index, rows: list[dict[str, Any]], key: str, staged: Pat
             length = rows[number]["length"]
             # Divided, not added up: the hundredth episode begins as exactly as the first.
             rows[number] |= {
-                f"videos/{key}/chunk_index": place.chunk,
-                f"videos/{key}/file_index": place.file,
+                f"videos/{key}/chunk_index": slot.chunk,
+                f"videos/{key}/file_index": slot.file,
                 f"videos/{key}/from_timestamp": before / fps,
                 f"videos/{key}/to_timestamp": (before + length) / fps,
             }
@@ -135,8 +135,8 @@ def _groups(
         yield group
 
 
-def _placed(groups: Iterator[Group]) -> Iterator[tuple[Place, Group]]:
-    place = Place(0, 0)
+def _slotted(groups: Iterator[Group]) -> Iterator[tuple[FileSlot, Group]]:
+    slot = FileSlot(0, 0)
     for group in groups:
-        yield place, group
-        place = place.next
+        yield slot, group
+        slot = slot.next

@@ -36,7 +36,7 @@ from .layout import (
     STATS,
     TASKS,
     Layout,
-    Place,
+    FileSlot,
     difference_of,
     layout_of,
     read_info,
@@ -115,16 +115,16 @@ class Index:
             found += [path for path in self.root.glob(pattern) if path not in self.files]
         return sorted(found)
 
-    def last_place(self) -> Place | None:
-        places = [Place(int(path.parent.name[6:]), int(path.stem[5:])) for path in self.files]
-        return max(places, default=None)
+    def last_slot(self) -> FileSlot | None:
+        slots = [FileSlot(int(path.parent.name[6:]), int(path.stem[5:])) for path in self.files]
+        return max(slots, default=None)
 
 
 def files_of(row: dict[str, Any], videos: list[str]) -> Iterator[Path]:
     """The data and the videos of an episode."""
-    yield Place(row["data/chunk_index"], row["data/file_index"]).data
+    yield FileSlot(row["data/chunk_index"], row["data/file_index"]).data
     for key in videos:
-        yield Place(row[f"videos/{key}/chunk_index"], row[f"videos/{key}/file_index"]).video(key)
+        yield FileSlot(row[f"videos/{key}/chunk_index"], row[f"videos/{key}/file_index"]).video(key)
 
 
 def _read(path: Path) -> pa.Table:
@@ -161,7 +161,7 @@ class Dataset:
         self._frames = index.frames
         self._tasks = index.tasks
         self._figures = aggregate([figures_in(row) for row in index.rows])
-        self._last = index.last_place()
+        self._last = index.last_slot()
         self._info = index.info
 
     @property
@@ -235,24 +235,24 @@ class Dataset:
         if not frames:
             raise DatasetError(f"{folder} has no complete frame. `strands-actors dataset repair --drop` removes it")
         table = staged.table.slice(0, frames).combine_chunks()
-        number, place = len(self.episodes), self._last.next if self._last else Place(0, 0)
+        number, slot = len(self.episodes), self._last.next if self._last else FileSlot(0, 0)
         task = staged.about.task
         tasks = self._tasks if task in self._tasks else [*self._tasks, task]
         columns = columns_of(layout, table, number, self._frames, tasks.index(task))
         videos = {camera.name: self._video(staged, camera.name, frames) for camera in layout.cameras}
         figures = figures_of(staged, columns, layout, videos)
         marks = marks_of(staged, table)
-        row = index_row(number, task, self._frames, frames, place, layout, figures)
+        row = index_row(number, task, self._frames, frames, slot, layout, figures)
         total = aggregate([self._figures, figures]) if self._figures else figures
         info = layout.info(number + 1, self._frames + frames, len(tasks))
 
-        first = {place.video(camera.key): videos[camera.name] for camera in layout.cameras} | {
+        first = {slot.video(camera.key): videos[camera.name] for camera in layout.cameras} | {
             TASKS: self._stage(folder, "tasks.parquet", _parquet(tasks_table(tasks))),
             STATS: self._stage(folder, "stats.json", _json(total)),
         }
         counted = {
-            place.data: self._stage(folder, "data.parquet", _parquet(data_table(columns))),
-            place.episodes: self._stage(folder, "index.parquet", _parquet(index_table([row], {number: marks}))),
+            slot.data: self._stage(folder, "data.parquet", _parquet(data_table(columns))),
+            slot.episodes: self._stage(folder, "index.parquet", _parquet(index_table([row], {number: marks}))),
         }
         last = {INFO: self._stage(folder, "info.json", _json(info))}
         where = [str(path) for path in (*first, *counted)]
@@ -264,7 +264,7 @@ class Dataset:
 
         self._info, self.layout = info, layout
         self._frames += frames
-        self._tasks, self._figures, self._last = tasks, total, place
+        self._tasks, self._figures, self._last = tasks, total, slot
         self.episodes.append(Episode(number, task, frames, marks))
         self.storage.remove(folder)
         return self.episodes[-1]

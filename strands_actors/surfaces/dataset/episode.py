@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from .layout import VECTORS, Layout, Place
+from .layout import VECTORS, Layout, FileSlot
 from .staging import GAP, STALE, Staged
 from .statistics import Figures, PictureFigures, of_column
 from .video import pictures_of
@@ -98,25 +98,25 @@ def figures_of(
 
 
 def index_row(
-    episode: int, task: str, first: int, frames: int, place: Place, layout: Layout, figures: Mapping[str, Figures]
+    episode: int, task: str, first: int, frames: int, slot: FileSlot, layout: Layout, figures: Mapping[str, Figures]
 ) -> dict[str, Any]:
     row: dict[str, Any] = {
         "episode_index": episode,
         "tasks": [task],
         "length": frames,
-        "data/chunk_index": place.chunk,
-        "data/file_index": place.file,
+        "data/chunk_index": slot.chunk,
+        "data/file_index": slot.file,
         "dataset_from_index": first,
         "dataset_to_index": first + frames,
     }
     for camera in layout.cameras:
         row |= {
-            f"videos/{camera.key}/chunk_index": place.chunk,
-            f"videos/{camera.key}/file_index": place.file,
+            f"videos/{camera.key}/chunk_index": slot.chunk,
+            f"videos/{camera.key}/file_index": slot.file,
             f"videos/{camera.key}/from_timestamp": 0.0,
             f"videos/{camera.key}/to_timestamp": frames / layout.fps,
         }
-    row |= {"meta/episodes/chunk_index": place.chunk, "meta/episodes/file_index": place.file}
+    row |= {"meta/episodes/chunk_index": slot.chunk, "meta/episodes/file_index": slot.file}
     for feature, values in figures.items():
         row |= {f"stats/{feature}/{name}": value for name, value in values.items()}
     return row

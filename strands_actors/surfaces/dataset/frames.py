@@ -13,7 +13,7 @@ from typing import TypeVar
 
 import msgspec
 
-from strands_actors.surfaces.recording.lines import Command, Gap, Lifecycle, Safe, Seen
+from strands_actors.surfaces.recording.rows import Command, Gap, Lifecycle, Safe, Seen
 from strands_actors.surfaces.recording.views import Row as JournalRow
 
 from .staging import Picture, Row

@@ -109,15 +109,15 @@ class Layout(msgspec.Struct, frozen=True):
         }
 
 
-class Place(msgspec.Struct, frozen=True, order=True):
+class FileSlot(msgspec.Struct, frozen=True, order=True):
     """One file among its kind."""
 
     chunk: int
     file: int
 
     @property
-    def next(self) -> Place:
-        return Place(*divmod(self.chunk * CHUNK_FILES + self.file + 1, CHUNK_FILES))
+    def next(self) -> FileSlot:
+        return FileSlot(*divmod(self.chunk * CHUNK_FILES + self.file + 1, CHUNK_FILES))
 
     def _below(self, folder: str, suffix: str) -> Path:
         return Path(folder) / f"chunk-{self.chunk:03d}" / f"file-{self.file:03d}{suffix}"

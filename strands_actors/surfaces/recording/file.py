@@ -28,7 +28,7 @@ from strands_actors.supervisors.instrument import FORMAT, Attached, Batch, Entry
 from strands_actors.version import __version__  # noqa: E402
 
 from .errors import RecordingError  # noqa: E402
-from .lines import CHANNELS, SCHEMA_NAMES, Gap, Journal, schema  # noqa: E402
+from .rows import CHANNELS, SCHEMA_NAMES, Gap, Journal, schema  # noqa: E402
 from .views import Row, View, decode_entries  # noqa: E402
 
 METADATA = "strands-actors"

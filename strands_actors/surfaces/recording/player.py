@@ -28,7 +28,7 @@ from strands_actors.supervisors.wire.watchdog import Watchdog, WatchdogMemory
 from .code import build_driver
 from .errors import RecordingError
 from .file import Recording, entries_of
-from .lines import Gap
+from .rows import Gap
 from .phrases import in_words
 from .replay_context import Effect, ReplayContext, ReplayDeferred, answer_effect
 

@@ -37,7 +37,7 @@ from strands_actors.supervisors.root.messages import (
 )
 from strands_actors.supervisors.wire.messages import MakeSafe
 
-from .lines import Command, Gap, Lifecycle, Log, Motor, Refusal, Safe, Seen
+from .rows import Command, Gap, Lifecycle, Log, Motor, Refusal, Safe, Seen
 
 INFO, WARNING, ERROR = 2, 3, 4
 

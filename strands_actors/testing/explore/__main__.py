@@ -58,7 +58,7 @@ def search(seeds: range, robot: str, jobs: int, keep_going: bool) -> int:
     with Progress(*columns, console=console) as progress:
         task = progress.add_task(robot, total=len(seeds), pace="")
         for done, result in enumerate(run_seeds(seeds, robot, jobs), 1):
-            progress.update(task, completed=done, pace=pace(done, len(seeds), time.monotonic() - began_s))
+            progress.update(task, completed=done, pace=progress_text(done, len(seeds), time.monotonic() - began_s))
             if result.violations:
                 failed.append(result)
                 progress.console.print(f"seed {result.plan.seed}: {result.violations[0].invariant}", style="red")
@@ -72,7 +72,7 @@ def search(seeds: range, robot: str, jobs: int, keep_going: bool) -> int:
     return 1
 
 
-def pace(done: int, of: int, passed_s: float) -> str:
+def progress_text(done: int, of: int, passed_s: float) -> str:
     """Since the beginning: results come by the dozen, and what the last ones took tells nothing."""
     left = timedelta(seconds=round((of - done) * passed_s / done))
     return f"{done / passed_s:.1f} seeds/s, {left} left"

@@ -27,8 +27,8 @@ from .robot_model import RobotModel, Seam
 from .world import World
 
 
-class NoPlace:
-    """Stands in for the robot's place on the mesh of other hosts: topics, commands in JSON, the
+class NoMesh:
+    """Stands in for the robot's service on the mesh of other hosts: topics, commands in JSON, the
     gateway."""
 
     problem = ""
@@ -112,7 +112,7 @@ def seams(world: World, net: Net, starter: Starter, model: RobotModel) -> Iterat
         (process, "MonotonicClock", VirtualClock),
         (process, "Link", SimLink),
         (process, "ZenohMesh", SimMesh),
-        (process, "MeshPlace", NoPlace),
+        (process, "MeshService", NoMesh),
         (process, "Locks", SimLocks),
         (process, "Unconfirmed", lambda _: Told(world)),
         (process, "words_of", words_of),

@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.crazyflie import cpx
 from strands_actors.drivers.crazyflie import protocol as p
-from strands_actors.drivers.crazyflie.config import Place, parse_port
+from strands_actors.drivers.crazyflie.config import Endpoint, parse_port
 from strands_actors.drivers.crazyflie.protocol import Bit
 from tests.drivers.disturbed import DISTURBED
 
 FLIGHT_ROW = p.encode(5, 2, b"\1\x10\x20\0" + struct.pack("<7eBH", 0.5, 0.1, 0, 0, 90, 1, -2, 3, 27))
-PLACE_ROW = p.encode(5, 2, b"\2\0\0\0" + struct.pack("<4f", 1.0, 2.0, 180.0, 3.75))
+POSITION_ROW = p.encode(5, 2, b"\2\0\0\0" + struct.pack("<4f", 1.0, 2.0, 180.0, 3.75))
 
 
 # -- what is commanded
@@ -27,14 +27,14 @@ PLACE_ROW = p.encode(5, 2, b"\2\0\0\0" + struct.pack("<4f", 1.0, 2.0, 180.0, 3.7
 def test_setpoints_are_si_here_and_degrees_on_the_wire() -> None:
     assert p.hover(0.1, -0.2, math.pi / 2, 0.4) == bytes((0x7C, 10)) + struct.pack("<4f", 0.1, -0.2, 90.0, 0.4)
     assert p.velocity(0.1, 0.2, 0.3, -math.pi) == bytes((0x7C, 8)) + struct.pack("<4f", 0.1, 0.2, 0.3, -180.0)
-    flight, place = p.row_of(FLIGHT_ROW), p.row_of(PLACE_ROW)
-    assert flight and place
+    flight, position = p.row_of(FLIGHT_ROW), p.row_of(POSITION_ROW)
+    assert flight and position
     assert flight[0] == 0x2010
-    assert isinstance(flight[1], p.Flight) and isinstance(place[1], p.Place)
+    assert isinstance(flight[1], p.Flight) and isinstance(position[1], p.Position)
     assert flight[1].wz_rad_s == pytest.approx(math.pi / 2)
     assert flight[1].pitch_rad == pytest.approx(math.radians(2.0)), "up is positive there, down is here"
     assert flight[1].bits == Bit.CAN_BE_ARMED | Bit.ARMED | Bit.CAN_FLY | Bit.FLYING
-    assert place[1].yaw_rad == pytest.approx(math.pi) and place[1].battery_v == 3.75
+    assert position[1].yaw_rad == pytest.approx(math.pi) and position[1].battery_v == 3.75
 
 
 def test_orders_are_the_firmwares_bytes() -> None:
@@ -52,7 +52,7 @@ def test_a_safe_hover_differs_from_a_setpoint_of_zero_by_a_sign_only() -> None:
 
 
 def test_our_blocks_fit_into_the_packets_that_make_and_carry_them() -> None:
-    for block in (p.FLIGHT, p.PLACE):
+    for block in (p.FLIGHT, p.POSITION):
         numbers = range(300, 300 + len(block.variables))
         assert len(p.log_create_question(block, numbers).packet) <= p.LONGEST
         assert 5 + block.layout.size <= p.LONGEST
@@ -79,7 +79,7 @@ def test_airborne_is_who_flies_with_motors() -> None:
     [
         FLIGHT_ROW[:-1],
         FLIGHT_ROW + b"\0",
-        PLACE_ROW[:-1],
+        POSITION_ROW[:-1],
         p.encode(5, 2, b"\1\0\0\0" + struct.pack("<7eBH", math.nan, 0, 0, 0, 0, 0, 0, 0, 0)),
         p.encode(5, 2, b"\2\0\0\0" + struct.pack("<4f", math.inf, 0, 0, 0)),
         b"",
@@ -103,7 +103,7 @@ def test_any_bytes_are_a_row_none_of_ours_or_malformed(data: bytes) -> None:
         row = p.row_of(data)
     except MalformedFrame:
         return
-    assert row is None or isinstance(row[1], p.Flight | p.Place)
+    assert row is None or isinstance(row[1], p.Flight | p.Position)
 
 
 def test_disturbed_packets_raise_nothing_but_malformed() -> None:
@@ -119,7 +119,7 @@ def test_disturbed_packets_raise_nothing_but_malformed() -> None:
         p.firmware_of,
     )
     for _ in range(DISTURBED):
-        packet = bytearray(chance.choice((FLIGHT_ROW, PLACE_ROW, p.ARM, p.land(2.0))))
+        packet = bytearray(chance.choice((FLIGHT_ROW, POSITION_ROW, p.ARM, p.land(2.0))))
         for _ in range(chance.randint(1, 4)):
             packet[chance.randrange(len(packet))] = chance.randrange(256)
         cut = bytes(packet[: chance.randint(0, len(packet))])
@@ -173,23 +173,23 @@ def test_noise_on_a_serial_line_takes_no_memory() -> None:
 
 
 @pytest.mark.parametrize(
-    ("port", "place"),
+    ("port", "endpoint"),
     [
-        ("192.0.2.1", Place("udp", host="192.0.2.1", number=19850)),
-        ("udp://192.0.2.1:19851", Place("udp", host="192.0.2.1", number=19851)),
-        ("tcp://192.0.2.1:5000", Place("tcp", host="192.0.2.1", number=5000)),
-        ("serial://ttyUSB0", Place("serial", path="/dev/ttyUSB0")),
-        ("serial:///dev/ttyACM1", Place("serial", path="/dev/ttyACM1")),
-        ("radio://0/80/2M", Place("radio", channel=80, rate=2, address=bytes.fromhex("E7E7E7E7E7"))),
+        ("192.0.2.1", Endpoint("udp", host="192.0.2.1", number=19850)),
+        ("udp://192.0.2.1:19851", Endpoint("udp", host="192.0.2.1", number=19851)),
+        ("tcp://192.0.2.1:5000", Endpoint("tcp", host="192.0.2.1", number=5000)),
+        ("serial://ttyUSB0", Endpoint("serial", path="/dev/ttyUSB0")),
+        ("serial:///dev/ttyACM1", Endpoint("serial", path="/dev/ttyACM1")),
+        ("radio://0/80/2M", Endpoint("radio", channel=80, rate=2, address=bytes.fromhex("E7E7E7E7E7"))),
         (
             "radio://1/5/250K/E7E7E7E701",
-            Place("radio", number=1, channel=5, rate=0, address=bytes.fromhex("E7E7E7E701")),
+            Endpoint("radio", number=1, channel=5, rate=0, address=bytes.fromhex("E7E7E7E701")),
         ),
-        ("usb://0", Place("usb")),
+        ("usb://0", Endpoint("usb")),
     ],
 )
-def test_a_port_says_where_the_drone_is(port: str, place: Place) -> None:
-    assert parse_port(port) == place
+def test_a_port_says_where_the_drone_is(port: str, endpoint: Endpoint) -> None:
+    assert parse_port(port) == endpoint
 
 
 @pytest.mark.parametrize(

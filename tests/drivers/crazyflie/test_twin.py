@@ -60,7 +60,7 @@ def test_a_client_of_others_scans_reads_its_tables_flies_it_and_lands_it(tmp_pat
     seen = json.loads(done.stdout)
     assert seen["answers_a_scan"] == "ff"
     assert (seen["name"], seen["protocol"]) == ("Bitcraze Crazyflie", 12)
-    assert {variable for variable, _ in (*p.FLIGHT.variables, *p.PLACE.variables)} <= set(seen["log"])
+    assert {variable for variable, _ in (*p.FLIGHT.variables, *p.POSITION.variables)} <= set(seen["log"])
     assert "commander.enHighLevel" in seen["parameters"]
     assert (seen["read"], seen["written"]) == (2, 1)
     assert seen["block"] == [0, 0]

@@ -11,7 +11,7 @@ from trio.testing import MockClock
 from strands_actors.contract.wire import PermitDenied, WireDown
 from strands_actors.drivers.crazyflie import protocol as p
 from strands_actors.drivers.crazyflie import wire as wire_module
-from strands_actors.drivers.crazyflie.config import CrazyflieConfig, Place
+from strands_actors.drivers.crazyflie.config import CrazyflieConfig, Endpoint
 from strands_actors.drivers.crazyflie.links import Link
 from strands_actors.drivers.crazyflie.protocol import Bit
 from strands_actors.drivers.crazyflie.robots import TABLES
@@ -116,7 +116,7 @@ def fly(
         firmware = Firmware(TABLES.table("crazyflie"), trio.current_time, auto_arm=auto_arm)
         air = Air(firmware)
 
-        async def open_link(place: Place) -> Link:
+        async def open_link(endpoint: Endpoint) -> Link:
             return air
 
         monkeypatch.setattr(wire_module, "open_link", open_link)

@@ -224,12 +224,12 @@ def test_an_unknown_option_is_refused_with_the_nearest() -> None:
 
 
 def test_the_port_names_the_controller_and_may_name_the_port_of_both_ends() -> None:
-    def place(port: str, **options: Any) -> tuple[str, int]:
-        return Kuka("kuka_iiwa", port, options).config.place()
+    def address(port: str, **options: Any) -> tuple[str, int]:
+        return Kuka("kuka_iiwa", port, options).config.address()
 
-    assert place("") == ("", 30200)
-    assert place("192.0.2.10") == ("192.0.2.10", 30200)
-    assert place("192.0.2.10", fri_port=30201) == ("192.0.2.10", 30201)
-    assert place("192.0.2.10:30202") == ("192.0.2.10", 30202)
+    assert address("") == ("", 30200)
+    assert address("192.0.2.10") == ("192.0.2.10", 30200)
+    assert address("192.0.2.10", fri_port=30201) == ("192.0.2.10", 30201)
+    assert address("192.0.2.10:30202") == ("192.0.2.10", 30202)
     with pytest.raises(ValueError, match="port is '192"):
-        place("192.0.2.10:x")
+        address("192.0.2.10:x")

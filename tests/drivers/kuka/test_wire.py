@@ -322,7 +322,7 @@ def test_a_stranger_that_speaks_later_is_not_answered(tmp_path: Path) -> None:
             stranger.bind(("127.0.0.1", 0))
             stranger.setblocking(False)
             for _ in range(20):
-                stranger.sendto(encode_monitoring(said), ("127.0.0.1", rig.driver.config.place()[1]))
+                stranger.sendto(encode_monitoring(said), ("127.0.0.1", rig.driver.config.address()[1]))
                 await trio.sleep(0.005)
             with pytest.raises(BlockingIOError):
                 stranger.recv(100)
@@ -511,7 +511,7 @@ def test_saf_003_the_root_answers_in_the_wires_place_and_moves_nothing(tmp_path:
         rig.log.no_setpoint_after_safe(began_ns)
         channel.close()
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-            free.bind(("127.0.0.1", rig.driver.config.place()[1]))
+            free.bind(("127.0.0.1", rig.driver.config.address()[1]))
         await rig.until(lambda: rig.controller.state == State.MONITORING_WAIT)
 
     on_a_twin(tmp_path, test)
@@ -550,7 +550,7 @@ def test_the_root_does_not_answer_a_stranger_in_its_place(tmp_path: Path) -> Non
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
             stranger.bind(("127.0.0.1", 0))
             stranger.setblocking(False)
-            stranger.sendto(encode_monitoring(said), ("127.0.0.1", rig.driver.config.place()[1]))
+            stranger.sendto(encode_monitoring(said), ("127.0.0.1", rig.driver.config.address()[1]))
             assert all_safe(await channel.make_safe("hold"))
             with pytest.raises(BlockingIOError):
                 stranger.recv(100)

@@ -9,7 +9,7 @@ import pytest
 
 from strands_actors.contract.driver import Candidate, GateState
 from strands_actors.contract.wire import Observation
-from strands_actors.drivers.microduck.config import Place, parse_port, place_of_environment
+from strands_actors.drivers.microduck.config import Endpoint, parse_port, endpoint_of_environment
 from strands_actors.drivers.microduck.driver import Microduck
 from strands_actors.drivers.microduck.gates import HEADS, MOUTHS, MOVES, POSES, UNTIL
 from strands_actors.kernel.messages import Refused
@@ -214,17 +214,17 @@ def test_services_take_what_they_declare(service: str, arguments: dict[str, Any]
 
 
 @pytest.mark.parametrize(
-    ("port", "place"),
+    ("port", "endpoint"),
     [
-        ("/run/robotd.sock", Place("/run/robotd.sock")),
-        ("unix:///tmp/duck.sock", Place("/tmp/duck.sock")),
-        ("ssh://duck.local", Place("/run/robotd.sock", "radxa@duck.local")),
-        ("ssh://me@192.0.2.7:2222", Place("/run/robotd.sock", "me@192.0.2.7", 2222)),
-        ("ssh://[2001:db8::7]", Place("/run/robotd.sock", "radxa@2001:db8::7")),
+        ("/run/robotd.sock", Endpoint("/run/robotd.sock")),
+        ("unix:///tmp/duck.sock", Endpoint("/tmp/duck.sock")),
+        ("ssh://duck.local", Endpoint("/run/robotd.sock", "radxa@duck.local")),
+        ("ssh://me@192.0.2.7:2222", Endpoint("/run/robotd.sock", "me@192.0.2.7", 2222)),
+        ("ssh://[2001:db8::7]", Endpoint("/run/robotd.sock", "radxa@2001:db8::7")),
     ],
 )
-def test_a_port_is_a_path_or_a_host(port: str, place: Place) -> None:
-    assert parse_port(port) == place
+def test_a_port_is_a_path_or_a_host(port: str, endpoint: Endpoint) -> None:
+    assert parse_port(port) == endpoint
 
 
 @pytest.mark.parametrize(
@@ -237,15 +237,15 @@ def test_what_is_neither_is_refused(port: str) -> None:
 
 
 def test_the_environment_says_where_a_duck_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert place_of_environment({}) == "/run/robotd.sock"
-    assert place_of_environment({"MICRODUCK_HOST": "duck.local"}) == "ssh://duck.local"
-    assert place_of_environment({"MICRODUCK_HOST": "a@duck", "MICRODUCK_SOCKET": "/tmp/s"}) == "/tmp/s"
+    assert endpoint_of_environment({}) == "/run/robotd.sock"
+    assert endpoint_of_environment({"MICRODUCK_HOST": "duck.local"}) == "ssh://duck.local"
+    assert endpoint_of_environment({"MICRODUCK_HOST": "a@duck", "MICRODUCK_SOCKET": "/tmp/s"}) == "/tmp/s"
     monkeypatch.setenv("MICRODUCK_HOST", "duck.local")
     monkeypatch.setenv("DUCK_BOARD_USER", "me")
     driver = Microduck("microduck", "", {})
-    assert driver.config.place() == Place("/run/robotd.sock", "me@duck.local")
+    assert driver.config.endpoint() == Endpoint("/run/robotd.sock", "me@duck.local")
     assert driver.timing.open_s > duck().timing.open_s, "ssh has to connect, here and in the root"
-    assert Microduck("microduck", "/tmp/s", {}).config.place() == Place("/tmp/s")
+    assert Microduck("microduck", "/tmp/s", {}).config.endpoint() == Endpoint("/tmp/s")
     monkeypatch.setenv("MICRODUCK_HOST", "-oProxyCommand=x")
     with pytest.raises(ValueError, match="MICRODUCK_HOST"):
         Microduck.resolve("microduck", {})

@@ -81,7 +81,7 @@ def test_fragments(size: int) -> None:
         (part,) = decoded(piece)
         assert isinstance(part, Fragment)
         assert (part.reader, part.writer, part.sequence, part.total) == (READER, PEER + WRITER, 9, size)
-        whole[part.place * part.size : part.place * part.size + len(part.payload)] = part.payload
+        whole[part.first * part.size : part.first * part.size + len(part.payload)] = part.payload
         covered += len(part.payload)
     assert covered == size
     assert whole == payload

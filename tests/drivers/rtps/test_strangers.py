@@ -8,7 +8,7 @@ import pytest
 from strands_actors.drivers.common.rtps import discovery, messages, parameters, wire_types
 from strands_actors.drivers.common.rtps.discovery import EndpointData, ParticipantData
 from strands_actors.drivers.common.rtps.engine import MAX_PEERS, RESERVED
-from strands_actors.drivers.common.rtps.places import Place, parse_place
+from strands_actors.drivers.common.rtps.peer_address import PeerAddress, parse_peer_address
 from strands_actors.drivers.common.rtps.reader import LEAP, MAX_SAMPLE, REORDERED
 
 from .pair import A, B, C, Network, Pair, payloads
@@ -159,7 +159,7 @@ def test_saf_017_who_claims_the_robots_address_is_no_peer() -> None:
     network = Network()
     robot = network.participant(A, [B])
     driver = network.participant(B, [A])
-    driver._only = Place(A)
+    driver._only = PeerAddress(A)
     stranger = bytes(range(12))
     claim = ParticipantData(stranger, ((A, 7410), (C, 7410)), ((C, 7411),), 10.0)
     handshake = messages.data(
@@ -184,7 +184,7 @@ def test_saf_017_who_claims_the_robots_address_is_no_peer() -> None:
 )
 def test_a_place_is_where_it_is_heard_from(only: str, sender: tuple[str, int], is_there: bool) -> None:
     data = ParticipantData(bytes(12), ((A, 7410),), ((A, 7411),), 10.0)
-    assert parse_place(only).has(data, sender) is is_there
+    assert parse_peer_address(only).has(data, sender) is is_there
 
 
 def test_saf_017_strangers_do_not_take_the_robots_place_in_the_table() -> None:

@@ -184,7 +184,7 @@ def test_saf_020_replies_are_lost_and_writes_pass(cable_class: NewCable) -> None
                 assert not report.confirmed and all(motor.written for motor in report.motors)
                 assert min(cable.limps(stopped_s)) - stopped_s <= 0.02
                 assert cable.torque() == [0] * 6
-            assert len(tree.places) == 1, "nothing of it was taken for a freeze"
+            assert len(tree.wires_made) == 1, "nothing of it was taken for a freeze"
 
     virtual(main)
 

@@ -16,7 +16,7 @@ from strands_actors import Robot
 from strands_actors.caller.robot import RealRobot
 from strands_actors.drivers.common.rtps import CDR, Participant, discovery, messages, wire_types
 from strands_actors.drivers.common.rtps.discovery import ParticipantData
-from strands_actors.drivers.common.rtps.places import parse_place
+from strands_actors.drivers.common.rtps.peer_address import parse_peer_address
 from strands_actors.drivers.unitree import protocol as p
 from strands_actors.drivers.unitree import rpc
 from strands_actors.drivers.unitree.driver import G1Driver
@@ -404,7 +404,7 @@ def test_saf_017_a_stranger_who_knows_the_robots_name_ends_nothing_and_hears_not
         far = messages.header(guid[:12]) + messages.data(wire_types.UNKNOWN, guid[12:], 1 << 40, CDR + b"garbage!")
         claim = ParticipantData(
             stranger.guid_prefix,
-            (parse_place(g1.twin.port), *stranger._engine.data.discovery),
+            (parse_peer_address(g1.twin.port), *stranger._engine.data.discovery),
             stranger._engine.data.user,
             10.0,
         )

@@ -8,7 +8,7 @@ from .discovery import ParticipantData
 from .wire_types import Address
 
 
-class Place(NamedTuple):
+class PeerAddress(NamedTuple):
     host: str
     port: int = 0  # of the socket that it announces, and speaks from; 0: any
 
@@ -22,7 +22,7 @@ class Place(NamedTuple):
         return self.holds(sender) and (not self.port or tuple(self) in data.discovery)
 
 
-def parse_place(text: str) -> Place:
+def parse_peer_address(text: str) -> PeerAddress:
     """``host`` or ``host:port``."""
     host, _, port = text.partition(":")
-    return Place(host, int(port or 0))
+    return PeerAddress(host, int(port or 0))

@@ -9,7 +9,7 @@ from strands_actors.kernel.health.processor import Standing
 from strands_actors.kernel.messages import Refused
 
 
-class Place(Protocol):
+class GuardedWire(Protocol):
     """Where the wire group lives: a process of its own, or this one (tests)."""
 
     @property
@@ -47,7 +47,7 @@ class Place(Protocol):
         ...
 
 
-class StandbyPlace(Protocol):
+class GuardedStandby(Protocol):
     """Who keeps the standby: a third process, which makes safe when root and wire are gone."""
 
     async def guard(self, descriptors: Sequence[int]) -> Refused | None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from strands_actors.drivers.plain.driver import PlainDriver
-from strands_actors.drivers.plain.place import load_class, place_of_class
+from strands_actors.drivers.plain.class_location import load_class, location_of_class
 from strands_actors.supervisors.loading import describe_driver, load_driver, without_secrets
 
 from .small_arm import DeclaredArmDriver, SmallArmDriver
@@ -40,10 +40,10 @@ def run(script: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_a_class_is_loaded_by_its_module() -> None:
-    place = place_of_class(DeclaredArmDriver)
-    assert (place.module, place.name, place.script) == ("tests.drivers.plain.small_arm", "DeclaredArmDriver", "")
-    assert Path(place.folder) == Path(__file__).resolve().parents[3]
-    assert load_class(place) is DeclaredArmDriver
+    location = location_of_class(DeclaredArmDriver)
+    assert (location.module, location.name, location.script) == ("tests.drivers.plain.small_arm", "DeclaredArmDriver", "")
+    assert Path(location.folder) == Path(__file__).resolve().parents[3]
+    assert load_class(location) is DeclaredArmDriver
 
 
 def test_a_class_within_a_function_is_refused() -> None:
@@ -51,7 +51,7 @@ def test_a_class_within_a_function_is_refused() -> None:
         pass
 
     with pytest.raises(ValueError, match="is made within a function"):
-        place_of_class(Local)
+        location_of_class(Local)
 
 
 def test_keywords_that_cannot_travel_are_refused() -> None:

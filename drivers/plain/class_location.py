@@ -19,7 +19,7 @@ not done."""
 _loading = False
 
 
-class ClassPlace(msgspec.Struct, frozen=True):
+class ClassLocation(msgspec.Struct, frozen=True):
     """A class that another process can load. ``folder``: where its module is looked for after
     everywhere else; ``script``: its file, when the class stands in the script itself; ``digest``:
     of its file, so that a stop drill counts for the very code that was drilled."""
@@ -31,7 +31,7 @@ class ClassPlace(msgspec.Struct, frozen=True):
     digest: str
 
 
-def place_of_class(cls: type[Any]) -> ClassPlace:
+def location_of_class(cls: type[Any]) -> ClassLocation:
     """Return where ``cls`` stands. Raise ``ValueError`` for one that another process cannot
     load."""
     name = cls.__qualname__
@@ -55,7 +55,7 @@ def place_of_class(cls: type[Any]) -> ClassPlace:
     source = path.read_bytes()
     digest = hashlib.sha256(source).hexdigest()[:16]
     if cls.__module__ != "__main__":
-        return ClassPlace(cls.__module__, name, str(_folder(path, cls.__module__)), "", digest)
+        return ClassLocation(cls.__module__, name, str(_folder(path, cls.__module__)), "", digest)
     if not _is_guarded(source):
         raise ValueError(
             f"Robot: {name} stands in {path.name}, which its process would run as a whole. Put the class into a "
@@ -63,23 +63,23 @@ def place_of_class(cls: type[Any]) -> ClassPlace:
         )
     spec = getattr(module, "__spec__", None)
     if spec is not None:  # python -m
-        return ClassPlace(spec.name, name, str(_folder(path, spec.name)), "", digest)
-    return ClassPlace(SCRIPT, name, str(path.parent), str(path), digest)
+        return ClassLocation(spec.name, name, str(_folder(path, spec.name)), "", digest)
+    return ClassLocation(SCRIPT, name, str(path.parent), str(path), digest)
 
 
-def load_class(place: ClassPlace) -> type[Any]:
+def load_class(location: ClassLocation) -> type[Any]:
     """Import the class. Raise whatever its module raises, ``AttributeError`` when it is not there
     any more."""
     global _loading
-    if place.folder not in sys.path:
-        sys.path.append(place.folder)
+    if location.folder not in sys.path:
+        sys.path.append(location.folder)
     _loading = True
     try:
-        module = _script(place.script) if place.script else importlib.import_module(place.module)
+        module = _script(location.script) if location.script else importlib.import_module(location.module)
     finally:
         _loading = False
     found: Any = module
-    for part in place.name.split("."):
+    for part in location.name.split("."):
         found = getattr(found, part)
     loaded: type[Any] = found
     return loaded

@@ -1,4 +1,4 @@
-"""The robot's place on the mesh: telemetry, commands and safety orders, in the root process.
+"""What the robot is on the mesh of other hosts: telemetry, commands and safety orders, in the root process.
 
 They are supervised by themselves: what breaks here is started again, and if that does not help the
 robot goes on without, under its local caller.
@@ -35,7 +35,7 @@ from .telemetry import Telemetry
 BUDGET = Budget(restarts=3, within_s=5.0, backoff_s=0.05)
 
 
-class MeshPlace:
+class MeshService:
     """``problem``: why the robot is not on the mesh; known once ``settled``."""
 
     def __init__(
