@@ -52,17 +52,18 @@ QUESTION = Question(
     limit="""Measured on a machine on which a wake-up takes two to three times as long as on that of before (22
 November, 0.7 to 1.6 ms, all goals met): in turns on the machine of now, the code of then took 1.2 to 2.3 ms on
 a UR, 6 to 9 on the third row of a G1, and today's 1.0 to 3.0 (once 5.1), and 3 to 6. The call crosses from the
-caller's thread to its loop and from there to the wire process: 0.6 to 1.8 ms, whatever the policy does, half of it waking up (two fifths of all samples are in epoll; see `setpoint`).
-On a UR the frame is ur-rtde's, which waits until the script has taken the setpoint before. The G1's policy of
-the third row computes in the caller for 30 of its 32 ms, and keeps the interpreter's lock: it is asked for four
-times on the way, every 0.1 ms (5 ms were Python's own: 12 ms then). An e-stop over the mesh (`estop_button`) is
-zenoh's and ur-rtde's first of all: `plain zenoh and the SDK`, a `put` and a process that does nothing but move
-one arm, took 0.8 to 1 ms in six runs and 2 in one. Ours, medians of 16 stamped hop by hop: 0.26 for the `put`,
-which zenoh has slept before; 0.3 in zenoh's threads; 0.1 in the root's, which sends the stop on itself; 0.16
-until the gate has it; 0.3 to the transport and into the thread that may wait for ur-rtde; 0.3 there. The order
-reaches two robots at once, whose processes share two cores with two twins and two callers: when the callers and
-the roots heard of it at once, too, that took another 0.5 to 1 ms of it, so they hear of it 3 and 4 ms later.
-The reference's e-stop of a blocked issuer takes 2 s.""",
+caller's thread to its loop and from there to the wire process: 0.6 to 1.8 ms, whatever the policy does, half of
+it waking up (two fifths of all samples are in epoll; see `setpoint`). On a UR the frame is ur-rtde's, which
+waits until the script has taken the setpoint before. The G1's policy of the third row computes in the caller
+for 30 of its 32 ms, and keeps the interpreter's lock: it is asked for four times on the way, every 0.1 ms (5 ms
+were Python's own: 12 ms then). An e-stop over the mesh (`estop_button`) is zenoh's and ur-rtde's first of all:
+`plain zenoh and the SDK`, a `put` and a process that does nothing but move one arm, took 0.8 to 1 ms in six
+runs and 2 in one. Ours, medians of 16 stamped hop by hop: 0.26 for the `put`, which zenoh has slept before; 0.3
+in zenoh's threads; 0.1 in the root's, which sends the stop on itself; 0.16 until the gate has it; 0.3 to the
+transport and into the thread that may wait for ur-rtde; 0.3 there. The order reaches two robots at once, whose
+processes share two cores with two twins and two callers: when the callers and the roots heard of it at once,
+too, that took another 0.5 to 1 ms of it, so they hear of it 3 and 4 ms later. The reference's e-stop of a
+blocked issuer takes 2 s.""",
     ground="plain zenoh and the SDK",
     rounds=1,
 )

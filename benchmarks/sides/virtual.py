@@ -31,8 +31,8 @@ from strands_actors.supervisors.gate.messages import Accepted, Acquire, Beat, Le
 from strands_actors.supervisors.instrument import Acknowledge, Attach, Attached, Batch, Detach, InstrumentKeeper
 from strands_actors.supervisors.wire.group import instrument_keeper
 from strands_actors.surfaces.recording.file import Recording, new_info
-from strands_actors.surfaces.recording.rows import Gap, Journal
 from strands_actors.surfaces.recording.player import replay
+from strands_actors.surfaces.recording.rows import Gap, Journal
 from strands_actors.testing import InlineTree, open_inline_tree, run_virtual
 
 from .common import answer

@@ -261,12 +261,12 @@ class CrazyflieWire(Wire):
             raise WireDown("read: nothing was read yet. Check radio and power")
         hover = self._hover
         hover_s = 0.0 if hover is None else hover.still_s(self._clock.now_ns())
-        position = (*flight.velocity_m_s, flight.wz_rad_s, flight.z_m)
+        axes = (*flight.velocity_m_s, flight.wz_rad_s, flight.z_m)
         faults = [bit.name or "" for bit in (Bit.TUMBLED, Bit.LOCKED, Bit.CRASHED) if bit in flight.bits]
         return Observation(
             t_ns=session.flight_ns,
-            position=position,
-            stamp_ns=(session.flight_ns,) * len(position),
+            position=axes,
+            stamp_ns=(session.flight_ns,) * len(axes),
             sensors=sensors_of(flight, position, (self._clock.now_ns() - session.position_ns) / NS, hover_s),
             faults={"drone": ", ".join(faults).lower()} if faults else {},
         )

@@ -47,9 +47,7 @@ class Kinova(Driver):
     WIRE: ClassVar[str] = "strands_actors.drivers.kinova.wire:KinovaWire"
     STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.kinova.stop_channel:KinovaStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.kinova.twin:main"
-    SENSORS: ClassVar[tuple[Sensor, ...]] = (
-        pose("tool_position_m", frame="base", tcp_position="tool_position_m"),
-    )
+    SENSORS: ClassVar[tuple[Sensor, ...]] = (pose("tool_position_m", frame="base", tcp_position="tool_position_m"),)
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (STATE, STATUS, STOP)
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(Options)
     SECRETS: ClassVar[frozenset[str]] = secrets_of(Options)

@@ -17,7 +17,7 @@ from strands_actors.drivers.common.unix_port import open_unix
 from strands_actors.kernel.clock import NS, Clock
 
 from . import protocol as p
-from .config import MicroduckConfig, Endpoint
+from .config import Endpoint, MicroduckConfig
 
 ANSWER_S = 0.2
 """Within which a stop must be answered."""

@@ -6,8 +6,8 @@ from typing import Any
 
 import msgspec
 
-from .members import Declared
 from .class_location import ClassLocation
+from .members import Declared
 
 
 class Deadlines(msgspec.Struct, frozen=True):

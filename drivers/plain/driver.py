@@ -30,10 +30,10 @@ from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
 from strands_actors.contract.wire import WireDown
 from strands_actors.kernel.messages import Refused
 
+from .class_location import location_of_class
 from .config import Deadlines, PlainConfig
 from .gates import CONDITIONS, all_gates
 from .members import SENSED, declared_by
-from .class_location import location_of_class
 
 MARGIN_S = 0.5
 LEAVING = (Reason.CLEANUP, Reason.CALLER, Reason.ROOT)

@@ -9,9 +9,9 @@ import logging
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from .class_location import load_class
 from .config import PlainConfig
 from .members import SENSED, failure_of, rows_of
-from .class_location import load_class
 
 _log = logging.getLogger("strands_actors")
 

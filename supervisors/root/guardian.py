@@ -43,8 +43,8 @@ from strands_actors.supervisors.root.messages import (
 from strands_actors.supervisors.wire.messages import HandOverAgain
 from strands_actors.supervisors.wire.watchdog import Tick
 
+from .guarded import GuardedStandby, GuardedWire
 from .lock_keeper import Kept, LockKeeper
-from .guarded import GuardedWire, GuardedStandby
 from .stop_channel import INSIST_S, LINGER_S, all_safe, attempt, attempt_anew, pauses_s
 from .stopped_detector import LOOK_EVERY, LOOKS, StoppedDetector
 

@@ -175,7 +175,9 @@ class Tree:
             lambda: self.guardian.state.mode in LINKED,
         )
         rings = (lambda: self.cameras.rings) if args.get("cameras") else None
-        self.mesh = MeshService(self.node, self.robot, self.driver, lambda: self.tasks.status, rings, self.audit.note)
+        self.mesh = MeshService(
+            self.node, self.robot, self.driver, lambda: self.tasks.status, rings, self.audit.note
+        )
         self.keeper = LockKeeper(Locks(Path(args["locks"]), self.robot, args["lock_port"]))
         self.standby = StandbyKeeper(
             self.node,

@@ -46,7 +46,7 @@ async def robot_on_mesh(
         await tree.gate.ask(Resume("the test"), 5.0)
         await tree.until("armed")
         try:
-            yield robot, tree, place
+            yield robot, tree, service
         finally:
             service.close()
             name.release()

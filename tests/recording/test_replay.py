@@ -17,8 +17,8 @@ from strands_actors.supervisors.instrument import Kind
 from strands_actors.supervisors.wire.messages import RootGone
 from strands_actors.surfaces.recording import RecordingError
 from strands_actors.surfaces.recording.file import Recording, entries_of
-from strands_actors.surfaces.recording.rows import Gap, Journal
 from strands_actors.surfaces.recording.player import Outcome, replay
+from strands_actors.surfaces.recording.rows import Gap, Journal
 from strands_actors.testing import run_virtual
 from strands_actors.testing.fake import HARDWARE, FakeDriver, FakeHardware
 from tests.tree.test_machine import EVENTS, Player

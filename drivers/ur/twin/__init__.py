@@ -20,9 +20,9 @@ from strands_actors.drivers.ur.arms import JOINTS, arm_of
 from . import state_packets
 from .body import URBody
 from .controller import TICK_HZ, Controller
-from .text_ports import Dashboard, ScriptPort
 from .outputs import Sample
 from .rtde import RtdeServer
+from .text_ports import Dashboard, ScriptPort
 
 STATE_HZ = 10.0
 """Of 30001 and 30002. The real-time port tells each tick."""

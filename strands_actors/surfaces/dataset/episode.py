@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from .layout import VECTORS, Layout, FileSlot
+from .layout import VECTORS, FileSlot, Layout
 from .staging import GAP, STALE, Staged
 from .statistics import Figures, PictureFigures, of_column
 from .video import pictures_of

@@ -16,8 +16,8 @@ from strands_actors.supervisors.mesh.schemas import ESTOP_ANSWER_S
 
 from .client import AWAY_S, MeshClient, open_mesh
 from .config import MeshConfig
-from .outcome import Outcome
 from .mapping_commands import peers, send, send_to_all
+from .outcome import Outcome
 
 
 def estop(*, mesh: MeshConfig | None = None, by: str = "", within_s: float = ESTOP_ANSWER_S) -> list[Outcome]:

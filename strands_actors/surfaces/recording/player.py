@@ -28,9 +28,9 @@ from strands_actors.supervisors.wire.watchdog import Watchdog, WatchdogMemory
 from .code import build_driver
 from .errors import RecordingError
 from .file import Recording, entries_of
-from .rows import Gap
 from .phrases import in_words
 from .replay_context import Effect, ReplayContext, ReplayDeferred, answer_effect
+from .rows import Gap
 
 _EFFECTS = frozenset({Kind.ANSWERED, Kind.DEFERRED, Kind.SETTLED, Kind.SENT, Kind.SAW})
 

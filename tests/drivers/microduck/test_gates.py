@@ -9,7 +9,7 @@ import pytest
 
 from strands_actors.contract.driver import Candidate, GateState
 from strands_actors.contract.wire import Observation
-from strands_actors.drivers.microduck.config import Endpoint, parse_port, endpoint_of_environment
+from strands_actors.drivers.microduck.config import Endpoint, endpoint_of_environment, parse_port
 from strands_actors.drivers.microduck.driver import Microduck
 from strands_actors.drivers.microduck.gates import HEADS, MOUTHS, MOVES, POSES, UNTIL
 from strands_actors.kernel.messages import Refused

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from strands_actors.drivers.plain.driver import PlainDriver
 from strands_actors.drivers.plain.class_location import load_class, location_of_class
+from strands_actors.drivers.plain.driver import PlainDriver
 from strands_actors.supervisors.loading import describe_driver, load_driver, without_secrets
 
 from .small_arm import DeclaredArmDriver, SmallArmDriver
@@ -41,7 +41,11 @@ def run(script: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 
 def test_a_class_is_loaded_by_its_module() -> None:
     location = location_of_class(DeclaredArmDriver)
-    assert (location.module, location.name, location.script) == ("tests.drivers.plain.small_arm", "DeclaredArmDriver", "")
+    assert (location.module, location.name, location.script) == (
+        "tests.drivers.plain.small_arm",
+        "DeclaredArmDriver",
+        "",
+    )
     assert Path(location.folder) == Path(__file__).resolve().parents[3]
     assert load_class(location) is DeclaredArmDriver
 

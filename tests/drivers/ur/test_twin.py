@@ -8,9 +8,9 @@ import pytest
 
 from strands_actors.drivers.ur import protocol as p
 from strands_actors.drivers.ur.twin import commands as c
-from strands_actors.drivers.ur.twin.text_ports import Dashboard
 from strands_actors.drivers.ur.twin.model import HOME_RAD
 from strands_actors.drivers.ur.twin.script import program_of
+from strands_actors.drivers.ur.twin.text_ports import Dashboard
 from tests.drivers.ur.world import SCRIPT, World
 
 
