@@ -58,7 +58,8 @@ def search(seeds: range, robot: str, jobs: int, keep_going: bool) -> int:
     with Progress(*columns, console=console) as progress:
         task = progress.add_task(robot, total=len(seeds), progress="")
         for done, result in enumerate(run_seeds(seeds, robot, jobs), 1):
-            progress.update(task, completed=done, progress=progress_text(done, len(seeds), time.monotonic() - began_s))
+            told = progress_text(done, len(seeds), time.monotonic() - began_s)
+            progress.update(task, completed=done, progress=told)
             if result.violations:
                 failed.append(result)
                 progress.console.print(f"seed {result.plan.seed}: {result.violations[0].invariant}", style="red")
