@@ -127,13 +127,17 @@ class Recorder(Actor):
                 self._late.append(late)
                 return late
             case LateAnswer():
-                for late in self._late:
-                    late.send(Number(-1))
+                self.answer()
             case Boom():
                 raise ValueError(message.text)
             case _:
                 return message
         return None
+
+    def answer(self) -> None:
+        """To whoever asked ``Never``."""
+        for late in self._late:
+            late.send(Number(-1))
 
 
 @asynccontextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from contextlib import suppress
 
 import msgspec
@@ -13,7 +14,7 @@ from strands_actors.kernel.frames import DOWN, Down, frame
 from strands_actors.kernel.messages import MAX_MESSAGE_BYTES, Message
 from strands_actors.kernel.node import AskTimeout, Unreachable
 
-from .joints import Joint, Pair, code_of, reachable
+from .joints import Joint, Pair, by_zenoh, code_of, reachable
 from .kernel import (
     PATIENCE_S,
     Alarm,
@@ -262,6 +263,28 @@ async def test_the_end_of_a_node_is_told(joint: Joint) -> None:
         assert watcher.downs == [Down(cell.address, "unreachable")]
         with pytest.raises(Unreachable):
             await pair.here.ref(cell.address, Recorder).ask(Number(1), 5.0)
+
+
+@real_time
+async def test_an_answer_that_came_before_the_end_counts() -> None:
+    """However much came before it, and however late all of it is read."""
+    async with by_zenoh() as pair:
+        cell, log = await pair.record()
+        listener = await pair.host("listener", lambda: Recorder([]), pair.here)
+        asked = pair.here.ref(cell.address, Recorder)
+
+        async def answer_and_go() -> None:
+            await until(lambda: Never() in log)
+            talker = pair.there.ref(listener.address)
+            for number in range(900):  # more than the mesh reads at a time, no more than a mailbox holds
+                talker.tell(Number(number))
+            assert isinstance(cell.actor, Recorder)
+            cell.actor.answer()
+            pair.sever()
+            time.sleep(0.3)  # noqa: ASYNC251  # nobody's loop runs, and what comes waits
+
+        pair.nursery.start_soon(answer_and_go)
+        assert await asked.ask(Never(), PATIENCE_S) == Number(-1)
 
 
 @real_time

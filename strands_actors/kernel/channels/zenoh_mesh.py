@@ -14,7 +14,7 @@ from __future__ import annotations
 import os
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import trio
@@ -37,6 +37,12 @@ EVERYBODY = f"{PREFIX}/**/alive"
 """The tokens of all actors and nodes."""
 
 
+class Gone(NamedTuple):
+    """Its token has gone. In the queue of the frames: what it had sent before is read before."""
+
+    address: str
+
+
 class ZenohMesh:
     """One session of one process. ``attach`` a node, then run ``run`` as long as the node lives."""
 
@@ -46,8 +52,7 @@ class ZenohMesh:
         self._session = session
         self._pid = os.getpid()
         self._urgent: deque[tuple[ZenohMesh, bytes]] = deque() if main is None else main._urgent
-        self._inbox: deque[tuple[ZenohMesh, bytes]] = deque() if main is None else main._inbox
-        self._lost: deque[str] = deque() if main is None else main._lost
+        self._inbox: deque[tuple[ZenohMesh, bytes | Gone]] = deque() if main is None else main._inbox
         self._waker: Waker = Waker() if main is None else main._waker
         self._guests: ZenohMesh | None = None
         self._shown: zenoh.Publisher | None = None
@@ -123,18 +128,19 @@ class ZenohMesh:
 
     async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         """Carry frames from zenoh's thread into the node's loop."""
-        urgent, inbox, lost = self._urgent, self._inbox, self._lost
+        urgent, inbox = self._urgent, self._inbox
         task_status.started()
         while True:
             await self._waker.wait()
             with self.node.dispatch:
                 for _ in range(min(len(urgent) + len(inbox), _WAKE_BATCH)):
                     way, data = urgent.popleft() if urgent else inbox.popleft()
+                    if isinstance(data, Gone):
+                        self.node.lost(data.address)
+                        continue
                     if way._shown is not None:
                         _show(way._shown, data)
                     self.node.receive_frame(data, way)
-            while lost:
-                self.node.lost(lost.popleft())
             if inbox:
                 self._waker.wake()
 
@@ -274,7 +280,7 @@ class ZenohMesh:
         if self._threads is not None:
             self._threads.fail(address, f"{address} went away")
         if self.node.mesh is self:  # of guests' words none is believed
-            self._lost.append(address)
+            self._inbox.append((self, Gone(address)))
             self._waker.wake()
 
 

@@ -45,6 +45,7 @@ class Arm:
         return answer
 
     def told(self, joint: str = "joint1") -> float:
+        until(lambda: "commanded_rad" in status(self.robot)["sensors"], "it says what it was commanded")
         row: list[float] = status(self.robot)["sensors"]["commanded_rad"]
         return row[AXES.index(joint)]
 

@@ -290,6 +290,10 @@ def test_saf_002_a_robot_whose_answers_are_damaged_is_told_to_stand_still_on_a_c
     until(lambda: state(spot) in ("lost", "down", None), "no connection can be heard")
     began_ns = time.monotonic_ns()
     assert "not confirmed" in why(spot.stop())
+    until(
+        lambda: any(one.safe_state == "hold" for one in twin.log.host("safe", began_ns)),
+        "it is told to stand still",
+    )
     safe = next(one for one in twin.log.host("safe", began_ns) if one.safe_state == "hold")
     assert (safe.t_ns - began_ns) / 1e9 < 0.3 + SLACK_S
     assert "stop_request" in read("RobotCommand", safe)["command"]["full_body_command"]
