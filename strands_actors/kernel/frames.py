@@ -31,9 +31,7 @@ class Frame(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 class Down(Message, frozen=True):
-    """A watched actor is gone."""
-
-    lane = "urgent"
+    """A watched actor is gone. It comes behind all that the actor had told before."""
 
     address: str
     reason: str

@@ -266,6 +266,35 @@ async def test_the_end_of_a_node_is_told(joint: Joint) -> None:
 
 
 @real_time
+async def test_what_a_node_had_told_is_read_before_its_end(joint: Joint) -> None:
+    async with joint() as pair:
+        cell, _ = await pair.record()
+        log: list[Message] = []
+
+        class Heir(Actor):
+            async def started(self) -> None:
+                self.context.watch(cell.address)
+
+            def receive(self, message: Number | Alarm | Down) -> Number | Alarm | None:
+                log.append(message)
+                return None if isinstance(message, Down) else message
+
+        heir = await pair.host("heir", Heir, pair.here)
+        await reachable(pair.here, pair.there.address)
+        log.clear()
+        told = [Number(number) for number in range(900)]  # more than the mesh reads at a time
+        for number in told:
+            pair.there.ref(heir.address).tell(number)
+        pair.sever()
+        time.sleep(0.3)  # noqa: ASYNC251  # nobody's loop runs, and what comes waits
+        await until(lambda: any(isinstance(message, Down) for message in log))
+        await trio.sleep(0.1)
+        heard = len(log) - 1  # what had not left when it was severed is lost
+        assert heard > 0
+        assert log == [*told[:heard], Down(cell.address, "unreachable")]
+
+
+@real_time
 async def test_an_answer_that_came_before_the_end_counts() -> None:
     """However much came before it, and however late all of it is read."""
     async with by_zenoh() as pair:
