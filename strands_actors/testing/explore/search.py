@@ -86,6 +86,7 @@ def _begin(chunk: list[Plan], waiting: selectors.BaseSelector) -> None:
         code = 1
         try:
             gc.disable()
+            os.nice(10)  # a search takes every core for hours: what else runs here comes first
             results = [Result(plan, run.violations, run.digest()) for plan in chunk for run in (run_here(plan),)]
             with os.fdopen(writer, "wb", closefd=False) as pipe:
                 pipe.write(_encode(results))
