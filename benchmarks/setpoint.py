@@ -23,8 +23,8 @@ QUESTION = Question(
         Goal("feetech_late_us", "strands-robots", at_most=1.0),
         Goal("ur_late_us", "strands-robots", at_most=1.0),
     ),
-    limit="""Two thirds of the median are waking up: the wire process, on a UR the thread that may wait for ur-
-rtde, the twin. The caller's own loop, which was a third wake-up and 0.2 to 0.4 ms of it, is no longer on the
+    limit="""Two thirds of the median are waking up: the wire process, on a UR the thread that may wait for
+ur-rtde, the twin. The caller's own loop, which was a third wake-up and 0.2 to 0.4 ms of it, is no longer on the
 way. The p99 on Feetech's half-duplex bus is a line in use: a setpoint waits for the end of a reading (1.5 ms,
 30 a second; so it was in eight of the ten slowest of 400), while the reference in this comparison neither reads
 nor repeats anything. On a UR it is waking up again, of a process and of a thread that slept; three of the 18

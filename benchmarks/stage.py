@@ -60,8 +60,8 @@ def at_line(robot: str, module: str, *args: str, peer: str = "", timeout_s: floa
                 line.kill()
 
 
-def at_home() -> None:
+def at_home(home: str = "") -> None:
     """Keep our own robots of this process, and the locks of their e-stops, apart from any others of
-    this user's."""
-    os.environ["STRANDS_ACTORS_RUN"] = home = tempfile.mkdtemp(prefix="sa-")
+    this user's: in ``home``, else in a new directory."""
+    os.environ["STRANDS_ACTORS_RUN"] = home = home or tempfile.mkdtemp(prefix="sa-")
     os.environ["STRANDS_ACTORS_DATA"] = f"{home}/data"

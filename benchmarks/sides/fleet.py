@@ -22,6 +22,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from benchmarks.stage import at_home
 from strands_actors import Robot
 from strands_actors.caller.robot import RealRobot
 from strands_actors.testing import WireLog
@@ -206,8 +207,7 @@ def main() -> None:
     options = parser.parse_args()
     robots, seconds = SIZES[options.length]
     with tempfile.TemporaryDirectory(prefix="sa-") as directory:
-        os.environ["STRANDS_ACTORS_RUN"] = f"{directory}/run"
-        os.environ["STRANDS_ACTORS_DATA"] = f"{directory}/data"
+        at_home(f"{directory}/run")
         told = run(options.robots or robots, options.hz, options.seconds or seconds, Path(directory))
     print(json.dumps(told), flush=True)
 

@@ -1,4 +1,5 @@
-"""What the robot is on the mesh of other hosts: telemetry, commands and safety orders, in the root process.
+"""What the robot is on the mesh of other hosts: telemetry, commands and safety orders, in the root
+process.
 
 They are supervised by themselves: what breaks here is started again, and if that does not help the
 robot goes on without, under its local caller.

@@ -149,7 +149,7 @@ class Net:
 
     def route(self, network: str, to: str) -> SimMesh | None:
         for session in self.sessions:
-            if session.network == network and not session.process.gone and session.hosts(to):
+            if session.network == network and to in session.addresses():
                 return session
         return None
 
@@ -238,12 +238,8 @@ class SimMesh:
         """Nothing to do: in a simulation nobody visits."""
 
     def addresses(self) -> list[str]:
+        """Return what is reached by this session."""
         return [self._address] if self._address else [self.node.address, *self.node.cells]
-
-    def hosts(self, to: str) -> bool:
-        if self._address:
-            return to == self._address
-        return to == self.node.address or to in self.node.cells
 
     def lose(self, addresses: Sequence[str]) -> None:
         if self.node.mesh is self:
