@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import shutil
 import signal
+import subprocess
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import pytest
@@ -56,3 +57,15 @@ def run_dir(run_dirs: list[Path], monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("STRANDS_ACTORS_RUN", str(path))
     monkeypatch.setenv("STRANDS_ACTORS_DATA", str(path / "data"))
     return path
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    call: pytest.CallInfo[None],
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """A command that failed says why on its own output, which the exception keeps to itself."""
+    report = yield
+    error = None if call.excinfo is None else call.excinfo.value
+    if isinstance(error, subprocess.CalledProcessError):
+        report.sections.append(("output of the command", f"{error.stdout or ''}\n{error.stderr or ''}"))
+    return report

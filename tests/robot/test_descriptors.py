@@ -35,9 +35,9 @@ def told(allowed: int) -> dict[str, Any]:
         capture_output=True,
         text=True,
         timeout=120,
+        check=True,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
     )
-    assert done.returncode == 0, done.stderr
     answer: dict[str, Any] = json.loads(done.stdout)
     return answer
 
