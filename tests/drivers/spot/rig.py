@@ -57,6 +57,7 @@ class World:
         self.streams: list[MemoryStream] = []
         self.frozen = False  # it takes nothing, and says nothing, for now
         self.gone = False
+        self.connect_s = 0.001
         self.driver = Spot("spot", PORT, Spot.resolve("spot", driver or {}))
 
     def wire(self) -> SpotWire:
@@ -66,7 +67,7 @@ class World:
         return EstopChannel(self.driver.config, (), VirtualClock(), self.open_stream)
 
     async def open_stream(self, authority: str, /) -> MemoryStream:
-        await trio.sleep(0.001)
+        await trio.sleep(self.connect_s)
         if self.gone:
             raise WireDown("192.0.2.1:443: cannot connect")
         self.streams.append(MemoryStream(self, authority))

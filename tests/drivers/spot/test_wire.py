@@ -530,6 +530,23 @@ def test_saf_020_a_lost_link_is_reached_by_lease_and_e_stop_on_a_new_connection(
     virtual(test)
 
 
+@pytest.mark.parametrize("state", ["hold", "settle"])
+def test_saf_002_a_network_that_is_slow_to_connect_is_waited_for(state: str) -> None:
+    async def test() -> None:
+        world = World()
+        wire = await ready(world)
+        for stream in world.streams:
+            stream.close()
+        world.taken.clear()
+        world.connect_s = 0.8
+        reports = await wire.reach(state)
+        first = next(one for one in world.taken if one.kind == "safe")
+        assert (first.name, first.safe_state) == ("RobotCommand", state), world.names()
+        assert confirmed(reports) and world.names("setpoint") == []
+
+    virtual(test)
+
+
 # -- the stop channel
 
 
