@@ -66,6 +66,8 @@ def pytest_runtest_makereport(
     """A command that failed says why on its own output, which the exception keeps to itself."""
     report = yield
     error = None if call.excinfo is None else call.excinfo.value
-    if isinstance(error, subprocess.CalledProcessError):
-        report.sections.append(("output of the command", f"{error.stdout or ''}\n{error.stderr or ''}"))
+    while error is not None:
+        if isinstance(error, subprocess.CalledProcessError):
+            report.sections.append(("output of the command", f"{error.stdout or ''}\n{error.stderr or ''}"))
+        error = error.__context__  # cleaning up may have failed, too, because of it
     return report

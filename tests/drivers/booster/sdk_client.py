@@ -24,6 +24,10 @@ STATES = 50
 COMMANDS = 50
 ELBOW = 4
 MOTORS = 23
+KEPT: list[object] = []
+"""Callbacks, each many times. The SDK copies a callback without the interpreter's lock, so that
+references to it are lost now and then; at none it would free it, and the process would abort."""
+REFERENCES = 10_000
 
 
 def say(**fields: object) -> None:
@@ -49,6 +53,7 @@ def heard(make: Callable[[Callable[[object], None]], object], row: Callable[[obj
         rows.append(row(sample))
         come.set()
 
+    KEPT.extend([on_sample] * REFERENCES)
     subscriber = make(on_sample)
     subscriber.InitChannel()
     come.wait(PATIENCE_S)
@@ -64,6 +69,7 @@ def drive(client: booster.B1LocoClient) -> None:
 
     states: list[list[float]] = []
     enough = threading.Event()
+    KEPT.extend([on_state] * REFERENCES)
     subscriber = booster.B1LowStateSubscriber(on_state)
     subscriber.InitChannel()
     commands = booster.B1LowCmdPublisher()
