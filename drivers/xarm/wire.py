@@ -112,9 +112,11 @@ class XArmWire(Wire):
         session = self._session_or_none
         if session is None:
             return Outcome(False, False, "not connected").reports(AXES)
-        if safe_state == "hold" and session.target:
+        self.hold_failed = safe_state == "hold"  # until it is seen to hold
+        if self.hold_failed and session.target:
             outcome = await self._hold(session)
             if not outcome.detail:
+                self.hold_failed = False
                 return outcome.reports(AXES)
         session.target = ()
         outcome = await stop(session.control)

@@ -43,6 +43,7 @@ class FakeHardware:
     plugged: bool = True
     answers: bool = True  # else it hears what is written, and nobody hears it
     confirm_s: float = 0.002  # what the wire needs to read motors back
+    holds: bool = True  # else its wire sees, after ``confirm_s``, that it does not hold, and lets it go limp
     open_s: float = 0.001  # what a handshake takes
     silent: set[str] = field(default_factory=set)  # axes that do not answer
     read_s: float = 0.001
@@ -179,7 +180,8 @@ class FakeWire(Wire):
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         reports = self._hardware.make_safe(self._clock, safe_state, "wire")
         await trio.sleep(self._hardware.confirm_s)
-        return reports
+        self.hold_failed = safe_state == "hold" and not self._hardware.holds
+        return self._hardware.make_safe(self._clock, "limp", "wire") if self.hold_failed else reports
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
         return await self.make_safe(safe_state)

@@ -171,7 +171,7 @@ class Gate(Actor):
             case CarriedOut():
                 self._carried_out(message)
             case SafeDone():
-                self._safe_done(message.report)
+                self._safe_done(message)
             case LockKept():
                 self._lock = message
                 self._answer_stops()
@@ -403,11 +403,15 @@ class Gate(Actor):
         if heard_ns > self._last_stop_ns + _STOP_AGAIN_NS:
             self._trip(report.reason, self._cause)
 
-    def _safe_done(self, report: StopReport) -> None:
-        self._last_stop = report
+    def _safe_done(self, message: SafeDone) -> None:
+        report = self._last_stop = message.report
         self._last_stop_ns = self.context.received_ns
         self._answer_stops()
-        if report.epoch == self._state.epoch:
+        if report.epoch != self._state.epoch:
+            return
+        if message.hold_failed:
+            self._trip(Reason.FAULT, "it could not hold where it was")
+        else:
             self._advance(Event.SAFE_CONFIRMED if report.confirmed else Event.SAFE_UNCONFIRMED)
             if self._state.mode is Mode.HOLDING and self._observation is not None:
                 self._aim_where_held(report, self._observation)

@@ -60,8 +60,8 @@ _PROMPT = (Write, Cycle)
 
 
 class _Permit:
-    """A setpoint may leave while its epoch is the present one, its deadline ahead, and no stop
-    waits."""
+    """A setpoint may leave while its epoch is the present one, its deadline ahead, no stop waits,
+    and the robot is not stopped because it could not hold."""
 
     __slots__ = ("_deadline_ns", "_epoch", "_transport")
 
@@ -74,6 +74,8 @@ class _Permit:
         transport = self._transport
         if transport.epoch != self._epoch:
             raise PermitDenied(f"prepared in epoch {self._epoch}, now it is {transport.epoch}")
+        if transport.hold_failed:
+            raise PermitDenied("the robot could not hold, and was stopped")
         if self._deadline_ns and transport.context.clock.now_ns() >= self._deadline_ns:
             raise PermitDenied("past its deadline")
         if transport.context.urgent_waiting:
@@ -97,6 +99,7 @@ class Transport(Actor):
         self._driver = driver
         self._addresses = gate, watchdog, guardian
         self.epoch = epoch
+        self.hold_failed = False  # until the robot is armed again
         self._wire: Wire | None = None
         self._serving = Serving()
         self._lost: Wire | None = None  # the last that was open, until another one is
@@ -231,6 +234,7 @@ class Transport(Actor):
                     self._lose(WireDown(next((motor.detail for motor in motors), "nothing can be written")))
                 if self._owed.safe_state or message.reason in ORDERED:
                     motors = await self._reach(safe_state, began_ns) or motors
+        self.hold_failed = holds and self._wire is not None and self._wire.hold_failed
         self._report_safe(message.reason, safe_state, message.epoch, began_ns, motors)
         if not holds and self._wire is not None and _all_safe(motors):
             self._owed.safe_state = False
@@ -255,12 +259,13 @@ class Transport(Actor):
         took_ms = (now_ns - began_ns) / 1e6
         motors = motors or _not_reached(self._driver)
         report = StopReport(reason, safe_state, epoch, _all_safe(motors), motors, took_ms=took_ms, at_ns=now_ns)
-        self._gate.tell(SafeDone(report))
+        self._gate.tell(SafeDone(report, self.hold_failed))
 
     async def _arm(self, epoch: int) -> None:
         if epoch <= self.epoch:
             return
         self.epoch = epoch
+        self.hold_failed = False
         self._last = None
         observation: Observation | None = None
         error = "the link was lost"

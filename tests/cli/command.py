@@ -6,13 +6,12 @@ import json
 import os
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 import strands_actors
+from tests.answers import until
 
 PATIENCE_S = 60.0
 """For a busy machine."""
@@ -31,14 +30,6 @@ for line in sys.stdin:
     print(json.dumps(getattr(robot, verb)(*arguments)), flush=True)
 robot.cleanup()
 """
-
-
-def wait_until(condition: Callable[[], bool], what: str) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not condition():
-        if time.monotonic() > deadline:
-            raise TimeoutError(f"not after {PATIENCE_S} s: {what}")
-        time.sleep(0.01)
 
 
 class Command:
@@ -90,7 +81,7 @@ class Command:
         return found
 
     def wait_until_gone(self) -> None:
-        wait_until(lambda: not self.processes(), f"{self.processes()} ended")
+        until(lambda: not self.processes(), f"{self.processes()} ended", PATIENCE_S)
 
 
 class RobotProcess:

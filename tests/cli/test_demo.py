@@ -7,7 +7,9 @@ import json
 import signal
 from pathlib import Path
 
-from .command import PATIENCE_S, Command, wait_until
+from tests.answers import until
+
+from .command import PATIENCE_S, Command
 from .terminal import ALT_SCREEN_OFF, Terminal
 
 CURSOR_ON = b"\x1b[?25h"
@@ -48,7 +50,7 @@ def test_without_faults_it_reports_the_pace(cli: Command, tmp_path: Path) -> Non
 
 def test_ctrl_c_leaves_a_sane_terminal_and_no_process(cli: Command, tmp_path: Path) -> None:
     with Terminal(cli, "demo", cwd=tmp_path) as terminal:
-        wait_until(lambda: b"sine policy runs" in terminal.shown, "the arm moves")
+        until(lambda: b"sine policy runs" in terminal.shown, "the arm moves", PATIENCE_S)
         terminal.process.send_signal(signal.SIGINT)
         assert terminal.process.wait(PATIENCE_S) == 130
     shown = terminal.shown

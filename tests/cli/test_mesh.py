@@ -9,7 +9,9 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
-from .command import Command, RobotProcess, refusal_code, wait_until
+from tests.answers import until
+
+from .command import Command, RobotProcess, refusal_code
 
 
 def test_what_a_robot_publishes_is_shown(cli: Command, robot: RobotProcess) -> None:
@@ -76,7 +78,7 @@ def test_an_interrupted_send_leaves_the_robot_holding(cli: Command, robot: Robot
         sending.send_signal(signal.SIGINT)
         assert sending.wait(30) == 130
         assert sending.stderr.read() == ""
-    wait_until(lambda: state(robot) == "holding", "it holds")
+    until(lambda: state(robot) == "holding", "it holds")
 
 
 def test_a_reader_that_has_seen_enough_is_no_error(cli: Command, robot: RobotProcess) -> None:

@@ -10,8 +10,9 @@ import pytest
 import serial
 
 from strands_actors.drivers.feetech import protocol
+from tests.answers import until
 
-from .command import PATIENCE_S, Command, wait_until
+from .command import PATIENCE_S, Command
 
 
 @pytest.mark.parametrize("interrupt", [signal.SIGINT, signal.SIGTERM])
@@ -19,7 +20,7 @@ def test_port_log_fault_and_end(cli: Command, tmp_path: Path, interrupt: signal.
     port_file, log = tmp_path / "port", tmp_path / "wire.ndjson"
     arguments = ["twin", "so_arm101", "--port-file", str(port_file), "--log", str(log), "--fault", "off:3"]
     with cli.start(*arguments) as twin:
-        wait_until(port_file.exists, "the twin serves")
+        until(port_file.exists, "the twin serves", PATIENCE_S)
         with serial.Serial(port_file.read_text(), 1_000_000, timeout=PATIENCE_S) as port:
             port.write(protocol.ping(3) + protocol.ping(4))
             assert port.read(6) == protocol.frame(4, 0)  # servo 3 has no power

@@ -13,14 +13,13 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from strands_actors.caller.robot import RealRobot
 from strands_actors.testing import Twin
+from tests.answers import PATIENCE_S, until
 
 from .restarts import private_kb
 
-PATIENCE_S = 20.0
 RESTARTS = int(os.environ.get("STRANDS_ACTORS_RESTARTS", "5000"))
 """In virtual time; the figure that docs/safety.md gives is of 100000."""
 REAL_RESTARTS = int(os.environ.get("STRANDS_ACTORS_REAL_RESTARTS", "60"))
@@ -30,14 +29,6 @@ WARM_UP = 100
 sessions of policies that it lets in, and by 0.15 MB in the next three hundred."""
 
 Start = Callable[..., tuple[RealRobot, Twin]]
-
-
-def until(condition: Callable[[], Any], what: str) -> Any:
-    deadline_s = time.monotonic() + PATIENCE_S
-    while not (seen := condition()):
-        assert time.monotonic() < deadline_s, what
-        time.sleep(0.005)
-    return seen
 
 
 def pids(arm: RealRobot) -> dict[str, int]:

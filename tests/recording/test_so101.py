@@ -33,19 +33,13 @@ from strands_actors.surfaces import cli
 from strands_actors.surfaces.recording import RecordingError, read, record, replay
 from strands_actors.surfaces.recording.code import build_driver
 from strands_actors.testing import WireLog
+from tests.answers import until
 
 PATIENCE_S = 60.0
 PROGRAM = "from strands_actors.surfaces.cli import main; main()"
 REPLAYS = 100
 COMMAND = "strands_actors.surfaces.cli.record"
 """Not as an attribute of the package, which has a function of that name."""
-
-
-def until(condition: Any, what: str) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < deadline, what
-        time.sleep(0.01)
 
 
 @contextlib.contextmanager
@@ -105,7 +99,7 @@ def roll_out(arm: RealRobot, steps: int) -> None:
             arm.start_task("wave", policy_provider="mock", duration=60.0)
         return steps_of(arm) >= steps
 
-    until(far_enough, "the policy runs")
+    until(far_enough, "the policy runs", PATIENCE_S)
 
 
 def move(arm: RealRobot, times: int) -> None:
@@ -122,6 +116,7 @@ def until_recorded(path: Path, arm: RealRobot) -> None:
     until(
         lambda: arm.send_action({"gripper": 20.0})["status"] == "success" and path.stat().st_size > size + 30_000,
         "it is recorded again",
+        PATIENCE_S,
     )
     move(arm, 20)
 
@@ -155,7 +150,7 @@ def lively(arm: RealRobot) -> None:
     assert arm.send_action({"wrist_roll": 3.0})["status"] == "error"
     assert arm.resume()["status"] == "success"
     arm.run_policy(lambda seen: {"gripper": seen["gripper"] + 0.2}, n_steps=10)
-    until(lambda: steps_of(arm) < 0, "the rollout ends")
+    until(lambda: steps_of(arm) < 0, "the rollout ends", PATIENCE_S)
     lease = ask(Acquire("an intruder"))
     assert isinstance(lease, Lease | Refused)
 
@@ -315,7 +310,7 @@ def test_a_killed_recorder_changes_nothing_and_another_may_begin(tmp_path: Path)
                 return True
             return False
 
-        until(begin, "the robot gives the dead one up")
+        until(begin, "the robot gives the dead one up", PATIENCE_S)
     with pytest.raises(RecordingError, match="truncated"):
         read(tmp_path / "one.mcap")
     whole = max(tmp_path.glob("[0-9]*.mcap"), key=lambda path: path.name)
@@ -342,7 +337,7 @@ def test_the_death_of_the_wire_is_in_the_file(tmp_path: Path) -> None:
         assert arm.send_action({"gripper": 30.0})["status"] == "success"
         wire = pid_of(arm, "wire")
         os.kill(wire, signal.SIGKILL)
-        until(lambda: pid_of(arm, "wire") not in (0, wire), "a new wire")
+        until(lambda: pid_of(arm, "wire") not in (0, wire), "a new wire", PATIENCE_S)
         assert arm.resume()["status"] == "success"
         until_recorded(path, arm)
         assert arm.send_action({"gripper": 20.0})["status"] == "success"

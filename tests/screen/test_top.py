@@ -21,7 +21,8 @@ from textual.pilot import Pilot
 
 from strands_actors.surfaces.cli.top.app import Confirm, Top
 from strands_actors.surfaces.cli.top.rows import COLUMNS, columns_for
-from tests.cli.command import PATIENCE_S, Command, RobotProcess, refusal_code, wait_until
+from tests import answers
+from tests.cli.command import PATIENCE_S, Command, RobotProcess, refusal_code
 from tests.cli.terminal import ALT_SCREEN_OFF, Terminal
 
 MOVE = {"shoulder_pan": 3.0}
@@ -152,9 +153,9 @@ def test_in_a_terminal_it_stops_a_robot_and_leaves_the_terminal_as_it_was(
 ) -> None:
     with Terminal(cli, "top", rows=36) as terminal:
         shown = terminal.shown
-        wait_until(lambda: b"so101" in shown and b"armed" in shown, "the robot is shown")
+        answers.until(lambda: b"so101" in shown and b"armed" in shown, "the robot is shown", PATIENCE_S)
         terminal.press(b"s")
-        wait_until(lambda: b"motors confirmed" in shown, "the stop is reported")
+        answers.until(lambda: b"motors confirmed" in shown, "the stop is reported", PATIENCE_S)
         assert refusal_code(robot.call("send_action", MOVE)) == "disarmed"
         if isinstance(how, str):
             terminal.press(CTRL_C)

@@ -9,13 +9,14 @@ import trio
 
 from strands_actors.contract.driver import Reason
 from strands_actors.contract.wire import WireDown
+from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.gate.failsafe import Mode
-from strands_actors.supervisors.gate.messages import GetStatus, Status, Stop, StopReport
+from strands_actors.supervisors.gate.messages import Accepted, GetStatus, Resume, Resumed, Status, Stop, StopReport
 from strands_actors.testing import run_virtual
 from strands_actors.testing.fake import FakeDriver, FakeWire
 from strands_actors.testing.inline import InlineTree, open_inline_tree
 
-from .writer import armed, setpoints
+from .writer import armed, freeze, setpoints
 
 
 async def mode_of(tree: InlineTree) -> str:
@@ -55,6 +56,57 @@ def test_saf_002_a_stop_does_not_wait_for_a_write_and_the_write_does_not_follow_
             assert safe.t_ns - began_ns <= 1_000_000
             await trio.sleep(1.0)
             assert tree.hardware.after("setpoint", safe) == []
+
+    run_virtual(run)
+
+
+def test_saf_002_nothing_follows_a_hold_that_the_wire_had_to_end() -> None:
+    """Neither what was accepted while it was tried, nor what comes before the gate has heard; by a
+    second hold that comes meanwhile, no more than by one."""
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            assert isinstance(await writer.send(a=0.2), Accepted)
+            tree.hardware.holds, tree.hardware.confirm_s = False, 0.15
+            await trio.sleep(0.2)  # it has expired, and a hold is tried
+            assert await mode_of(tree) == Mode.HOLDING
+            await writer.acquire()
+            assert isinstance(await writer.send(ttl_s=1.0, a=0.3), Accepted)
+            await trio.sleep(0.12)  # what goes on expires, too
+            for _ in range(30):
+                await writer.acquire()
+                writer.ref.tell(writer.setpoint(ttl_s=1.0, a=0.3))
+                await trio.sleep(0.01)
+            limp = next(safe for safe in tree.hardware.of("safe") if safe.safe_state == "limp")
+            assert tree.hardware.after("setpoint", limp) == []
+            await trio.sleep(0.5)
+            assert await mode_of(tree) == Mode.DISARMED
+            answer = await writer.send(a=0.3)
+            assert isinstance(answer, Refused) and "it could not hold where it was" in answer.text
+            tree.hardware.holds = True
+            assert isinstance(await tree.gate.ask(Resume("test"), 1.0), Resumed)
+            await writer.acquire()
+            assert isinstance(await writer.send(a=0.1), Accepted)
+            await trio.sleep(0.01)
+            assert tree.hardware.after("setpoint", limp), "armed again it moves"
+
+    run_virtual(run)
+
+
+def test_saf_002_nothing_follows_such_a_hold_whatever_the_gate_does() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            assert isinstance(await writer.send(a=0.2), Accepted)
+            tree.hardware.holds, tree.hardware.confirm_s = False, 0.15
+            await trio.sleep(0.2)
+            await writer.acquire()
+            assert isinstance(await writer.send(ttl_s=1.0, a=0.3), Accepted)
+            freeze(tree, "gate")  # it is not heard that the hold has failed
+            await trio.sleep(0.5)
+            limp = next(safe for safe in tree.hardware.of("safe") if safe.safe_state == "limp")
+            assert tree.hardware.after("setpoint", limp) == []
 
     run_virtual(run)
 

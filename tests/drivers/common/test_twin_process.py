@@ -13,8 +13,9 @@ import serial
 
 from strands_actors.drivers.common.twin import PtyLine
 from strands_actors.drivers.feetech import protocol as p
+from tests.answers import PATIENCE_S, until
 
-from .twin_process import PATIENCE_S, TwinProcess, wait_until
+from .twin_process import TwinProcess
 
 
 @pytest.fixture
@@ -35,7 +36,7 @@ def test_every_frame_is_in_the_log_with_its_kind_and_time(twin: TwinProcess) -> 
         for request in (p.ping(1), p.write(1, p.TORQUE_ENABLE, 1), p.write(1, p.GOAL_POSITION, 2048)):
             assert answers(port, request)
         port.write(p.LIMP)
-        wait_until(lambda: len(twin.logged("host")) == 4, "four requests logged")
+        until(lambda: len(twin.logged("host")) == 4, "four requests logged")
     kinds = ["read", "enable", "setpoint", "safe"]
     assert [kind for kind, _ in twin.logged("host")] == kinds
     assert [kind for kind, _ in twin.logged("robot")] == kinds[:3]
@@ -56,7 +57,7 @@ def test_a_reply_takes_the_time_of_its_bytes(twin: TwinProcess) -> None:
 def test_a_client_at_another_rate_gets_no_answer(twin: TwinProcess) -> None:
     with twin.connect(500_000) as port:
         port.write(p.ping(1))
-        wait_until(lambda: len(twin.logged("host")) == 1, "the ping is on the wire")
+        until(lambda: len(twin.logged("host")) == 1, "the ping is on the wire")
     with twin.connect() as port:
         assert answers(port, p.ping(2))
     assert [hexa for _, hexa in twin.logged("robot")] == [p.frame(2, 0).hex()]
@@ -86,7 +87,7 @@ def test_faults_from_the_start_and_out_of_order_control_lines(tmp_path: Path) ->
         assert [hexa for _, hexa in twin.logged("robot")] == [p.frame(1, 0).hex()]
         twin.command("fault ok:2")
         port.timeout = 0.05
-        wait_until(lambda: answers(port, p.ping(2)), "servo 2 is back")
+        until(lambda: answers(port, p.ping(2)), "servo 2 is back")
         twin.process.terminate()
         _, error = twin.process.communicate(timeout=PATIENCE_S)
     assert b"no control line 'nonsense'" in error
@@ -121,7 +122,7 @@ def test_usr1_and_the_control_line_take_the_power_away(twin: TwinProcess) -> Non
                 (packet,) = p.Decoder().feed(port.read(7))
                 return packet.params == b"\x00"
 
-            wait_until(is_new, "RAM is as at delivery")
+            until(is_new, "RAM is as at delivery")
 
 
 def test_a_frozen_robot_answers_afterwards(twin: TwinProcess) -> None:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -13,17 +12,7 @@ from typing import Any
 import serial
 
 from strands_actors.testing.fork_server import Forked, twin_server
-
-PATIENCE_S = 20.0
-"""For a busy machine; nothing here takes a second on a free one."""
-
-
-def wait_until(condition: Callable[[], bool], what: str) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not condition():
-        if time.monotonic() > deadline:
-            raise TimeoutError(f"not after {PATIENCE_S} s: {what}")
-        time.sleep(0.005)
+from tests.answers import PATIENCE_S, until
 
 
 class TwinProcess:
@@ -51,7 +40,7 @@ class TwinProcess:
             os.close(stdin)
             os.close(stderr)
         self.process = Forked(forks, pid, lines, errors)
-        wait_until(lambda: self.port_file.exists() or self.process.poll() is not None, "serving")
+        until(lambda: self.port_file.exists() or self.process.poll() is not None, "serving")
         if self.process.poll() is not None:
             _, error = self.process.communicate()
             raise RuntimeError((error or b"").decode())
@@ -78,5 +67,5 @@ class TwinProcess:
         return [(line["kind"], line["hex"]) for line in self.log() if line["from"] == source]
 
     def connect(self, rate: int = 1_000_000) -> serial.Serial:
-        wait_until(lambda: os.path.exists(self.port), "the port appears")
+        until(lambda: os.path.exists(self.port), "the port appears")
         return serial.Serial(self.port, rate, timeout=PATIENCE_S)

@@ -259,8 +259,24 @@ def test_saf_019_a_hold_starts_no_motor_on_the_floor(monkeypatch: pytest.MonkeyP
     async def script(flight: Flight) -> None:
         flight.air.firmware.armed = True
         await flight.wire.make_safe("hold")
+        assert not flight.wire.hold_failed, "what lies there holds"
         await trio.sleep(1.0)
         assert not any(packet[:2] == b"\x7c\x0a" for packet in flight.air.sent)
+
+    fly(script, monkeypatch)
+
+
+def test_saf_002_a_drone_that_is_not_heard_lands_and_takes_no_setpoint_after_that(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async def script(flight: Flight) -> None:
+        await take_off(flight)
+        monkeypatch.setattr(flight.air, "say", lambda *rows: None)
+        await trio.sleep(0.6)
+        await flight.wire.make_safe("hold")
+        assert flight.wire.hold_failed
+        with pytest.raises(PermitDenied, match="made safe since"):
+            await flight.wire.write((0.1, 0.0, 0.0, 0.0, 0.0, 0.0), flight.permit)
 
     fly(script, monkeypatch)
 

@@ -17,9 +17,10 @@ from strands_actors.drivers.feetech import protocol
 from strands_actors.drivers.feetech.driver import Feetech
 from strands_actors.drivers.feetech.wire import FeetechWire
 from strands_actors.kernel.clock import MonotonicClock
+from tests.answers import until
 from tests.drivers.common.memory_port import Permission
-from tests.drivers.common.twin_process import TwinProcess, wait_until
-from tests.drivers.servo.rig import JOINTS, VICTIM, until, verdicts
+from tests.drivers.common.twin_process import TwinProcess
+from tests.drivers.servo.rig import JOINTS, VICTIM, read_until, verdicts
 
 
 @pytest.fixture
@@ -77,14 +78,14 @@ def test_the_process_with_a_faulty_servo_stops_the_other_five(twin: TwinProcess,
         await connected(wire)
         await wire.arm(Permission())
         twin.command(f"fault {fault}:{VICTIM}")
-        seen = await until(wire, lambda seen: "silent" in seen.faults.get("elbow_flex", ""))
-        later = await until(wire, lambda now: now.stamp_ns[0] > seen.stamp_ns[0] + 1_000_000_000)
+        seen = await read_until(wire, lambda seen: "silent" in seen.faults.get("elbow_flex", ""))
+        later = await read_until(wire, lambda now: now.stamp_ns[0] > seen.stamp_ns[0] + 1_000_000_000)
         assert set(later.faults) == {"elbow_flex"}, "the others go on"
         reports = await wire.make_safe("limp")
         assert verdicts(reports) == {key: key != "elbow_flex" for key in JOINTS}
         assert reports[VICTIM - 1].detail
         twin.command(f"fault ok:{VICTIM}")
-        await until(wire, lambda seen: not seen.faults)
+        await read_until(wire, lambda seen: not seen.faults)
         await wire.arm(Permission())
         assert all(verdicts(await wire.make_safe("limp")).values())
         wire.close()
@@ -152,7 +153,7 @@ def test_an_unplugged_cable_is_a_lost_link_and_comes_back(twin: TwinProcess) -> 
         await connected(wire)
         await wire.arm(Permission())
         twin.command("unplug")
-        wait_until(lambda: not os.path.exists(twin.port), "the port is gone")
+        until(lambda: not os.path.exists(twin.port), "the port is gone")
         with pytest.raises(WireDown, match="the port is gone"):
             await wire.read()
         for report in await wire.make_safe("limp"):
@@ -163,7 +164,7 @@ def test_an_unplugged_cable_is_a_lost_link_and_comes_back(twin: TwinProcess) -> 
         with pytest.raises(WireDown, match="cannot open"):
             await again.open()
         twin.command("plug")
-        wait_until(lambda: os.path.exists(twin.port), "the port is back")
+        until(lambda: os.path.exists(twin.port), "the port is back")
         await connected(again)
         assert all(verdicts(await again.make_safe("limp")).values())
         again.close()
@@ -228,7 +229,7 @@ def test_saf_020_the_root_lets_go_of_a_port_that_was_pulled_and_opens_it_again_w
         for report in await path.make_safe("limp"):
             assert not report.written and not report.safe and twin.port in report.detail
         twin.command("plug")
-        wait_until(lambda: os.path.exists(twin.port), "it is plugged in")
+        until(lambda: os.path.exists(twin.port), "it is plugged in")
         assert all(verdicts(await path.make_safe("limp")).values())
         path.close()
 

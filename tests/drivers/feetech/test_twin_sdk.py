@@ -11,7 +11,8 @@ import scservo_sdk as sdk
 from scservo_sdk import port_handler
 
 from strands_actors.drivers.feetech import protocol as p
-from tests.drivers.common.twin_process import TwinProcess, wait_until
+from tests.answers import until
+from tests.drivers.common.twin_process import TwinProcess
 
 IDS = [1, 2, 3, 4, 5, 6]
 
@@ -105,7 +106,7 @@ def test_torque_moves_the_joint_where_the_goal_says(packets: Any, port: Any, twi
         assert (result, error) == (sdk.COMM_SUCCESS, 0)
         return abs(position - 2400) < 10
 
-    wait_until(there, "the joint is at its goal")
+    until(there, "the joint is at its goal")
     write1(packets, port, 1, p.TORQUE_ENABLE, 0)
     assert [kind for kind, _ in twin.logged("host") if kind != "read"] == ["setpoint", "enable", "safe"]
 
@@ -117,7 +118,7 @@ def test_the_eeprom_keeps_what_was_written_unlocked(packets: Any, port: Any, twi
     write1(packets, port, 3, p.LOCK, 1)
     write1(packets, port, 3, p.ACCELERATION, 9)
     twin.command("power-cycle")
-    wait_until(lambda: read1(packets, port, 3, p.ACCELERATION) == 0, "the power was away")
+    until(lambda: read1(packets, port, 3, p.ACCELERATION) == 0, "the power was away")
     assert read1(packets, port, 2, p.P_GAIN) == 32
     assert read1(packets, port, 3, p.P_GAIN) == 16
 

@@ -15,7 +15,7 @@ from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.feetech import protocol
 from strands_actors.drivers.feetech.driver import Feetech
 from tests.drivers.common.memory_port import Permission, virtual
-from tests.drivers.servo.rig import JOINTS, VICTIM, FeetechRig, until, verdicts
+from tests.drivers.servo.rig import JOINTS, VICTIM, FeetechRig, read_until, verdicts
 
 # -- read and write
 
@@ -90,7 +90,7 @@ def test_a_silent_servo_keeps_its_stamp_and_holds_nobody_up() -> None:
         assert slowest_s < 0.03, "the quiet time held the caller up"
 
         rig.bus.set_fault(Fault.OK, VICTIM)
-        await until(rig.wire, lambda seen: seen.faults == {"elbow_flex": "limp"})
+        await read_until(rig.wire, lambda seen: seen.faults == {"elbow_flex": "limp"})
         # its power came back, its torque did not
 
     virtual(main)

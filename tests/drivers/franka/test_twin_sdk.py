@@ -7,6 +7,7 @@ them with the interpreter's lock.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import subprocess
 import sys
@@ -16,7 +17,8 @@ from typing import Any
 
 import pytest
 
-from tests.drivers.common.twin_process import PATIENCE_S, TwinProcess
+from tests.answers import PATIENCE_S
+from tests.drivers.common.twin_process import TwinProcess
 
 PRELUDE = """
 import json, math, os, sys, time, warnings
@@ -54,13 +56,19 @@ def fr3(tmp_path: Path) -> Iterator[TwinProcess]:
         yield process
 
 
-def program(twin: TwinProcess, text: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
+@contextlib.contextmanager
+def program(twin: TwinProcess, text: str) -> Iterator[subprocess.Popen[str]]:
+    client = subprocess.Popen(
         [sys.executable, "-c", PRELUDE + text, twin.port.partition(":")[0]],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
     )
+    try:
+        yield client
+    finally:
+        client.kill()
+        client.communicate()
 
 
 def hear(client: subprocess.Popen[str], word: str) -> None:
@@ -72,10 +80,7 @@ def hear(client: subprocess.Popen[str], word: str) -> None:
 
 def told_by(client: subprocess.Popen[str]) -> dict[str, Any]:
     """What the program tells at its end."""
-    try:
-        said, _ = client.communicate(timeout=3 * PATIENCE_S)
-    finally:
-        client.kill()
+    said, _ = client.communicate(timeout=3 * PATIENCE_S)
     lines = [line for line in said.splitlines() if line.startswith("{")]
     assert client.returncode == 0 and lines, said
     told: dict[str, Any] = json.loads(lines[-1])
@@ -83,7 +88,8 @@ def told_by(client: subprocess.Popen[str]) -> dict[str, Any]:
 
 
 def run(twin: TwinProcess, text: str) -> dict[str, Any]:
-    return told_by(program(twin, text))
+    with program(twin, text) as client:
+        return told_by(client)
 
 
 # -- FCI 5
@@ -134,7 +140,7 @@ end(moved=moved, mode=str(panda.get_state().robot_mode))
 
 
 def test_panda_python_sees_a_reflex_and_recovers(panda: TwinProcess) -> None:
-    client = program(
+    with program(
         panda,
         PANDA
         + """
@@ -146,10 +152,10 @@ errors = str(panda.get_state().last_motion_errors)
 panda.recover()
 end(reflex=reflex, errors=errors, after=str(panda.get_state().robot_mode), moved=panda.move_to_start())
 """,
-    )
-    hear(client, "ready")
-    panda.command("reflex joint_reflex")
-    told = told_by(client)
+    ) as client:
+        hear(client, "ready")
+        panda.command("reflex joint_reflex")
+        told = told_by(client)
     assert told["reflex"] == "RobotMode.kReflex"
     assert "joint_reflex" in told["errors"]
     assert told["after"] == "RobotMode.kIdle"
@@ -275,12 +281,10 @@ def test_saf_003_a_client_that_is_killed_leaves_an_arm_that_stands(robot: str, t
             if robot == "panda"
             else "print('moving', flush=True)\n" + MOVE.replace("elapsed < 1.0", "True").replace(">= 1.0", "> 99")
         )
-        client = program(twin, text + motion)
-        hear(client, "moving")
-        while len([kind for kind, _ in twin.logged("host") if kind == "setpoint"]) < 50:
-            assert client.poll() is None
-        client.kill()
-        client.communicate()
+        with program(twin, text + motion) as client:
+            hear(client, "moving")
+            while len([kind for kind, _ in twin.logged("host") if kind == "setpoint"]) < 50:
+                assert client.poll() is None
         while ("aborted", "") not in twin.logged("robot"):
             assert twin.process.poll() is None
         assert [kind for kind, _ in twin.logged("host")][-1] in ("setpoint", "other")

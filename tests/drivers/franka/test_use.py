@@ -13,7 +13,7 @@ from strands_actors.surfaces.recording import read, record, replay
 from strands_actors.testing import Twin
 from tests.agents.scripted import Scripted
 from tests.answers import json_of, state, until, why
-from tests.cli.command import PATIENCE_S, Command, wait_until
+from tests.cli.command import PATIENCE_S, Command
 
 from .arms_on_twins import arm_on, away, wait_at
 
@@ -54,7 +54,7 @@ def test_an_agent_keeps_it_reads_it_and_can_stop_it(tmp_path: Path, run_dir: Pat
 def test_the_command_serves_a_twin_of_the_version_it_is_told(cli: Command, tmp_path: Path) -> None:
     port_file = tmp_path / "port"
     with cli.start("twin", "panda", "--port-file", str(port_file), "--option", "fci=10") as served:
-        wait_until(port_file.exists, "the twin serves")
+        until(port_file.exists, "the twin serves", PATIENCE_S)
         arm = Robot("panda", mode="real", port=port_file.read_text())
         try:
             assert "controller speaks 10" in (arm.connect_eagerly() or "")

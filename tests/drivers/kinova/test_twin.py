@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.drivers.common.twin_process import TwinProcess, wait_until
+from tests.answers import until
+from tests.drivers.common.twin_process import TwinProcess
 
 from .kortex_client import Client, KortexError, number
 
@@ -61,10 +62,10 @@ def test_a_clients_day(client: Client, twin: TwinProcess) -> None:
     assert state == 7
     assert [round(position, 1) for position, _ in joints] == [0.0, 15.0, 180.0, 230.0, 0.0, 55.0, 90.0]
     client.send_joint_speeds(20.0, 0, 0, 0, 0, 0, -10.0)
-    wait_until(lambda: velocity(client) > 19.0, "it turns")
+    until(lambda: velocity(client) > 19.0, "it turns")
     assert velocity(client, 6) == pytest.approx(-10.0, abs=1.0)
     client.call(STOP)
-    wait_until(lambda: abs(velocity(client)) < 0.1, "it stands")
+    until(lambda: abs(velocity(client)) < 0.1, "it stands")
     client.call(CLOSE_SESSION)
     assert sub_error(client, ARM_STATE) == 12
     kinds = [kind for kind, _ in twin.logged("host") if kind != "read"]
@@ -125,7 +126,7 @@ def test_a_session_that_says_nothing_is_forgotten(twin: TwinProcess) -> None:
 )
 def test_a_base_that_is_not_ready_refuses_speeds(client: Client, twin: TwinProcess, line: str, sub: int) -> None:
     twin.command(line)
-    wait_until(lambda: client.call(ARM_STATE)[1] != [7] or client.call(GET_MODE)[1] != [2], line)
+    until(lambda: client.call(ARM_STATE)[1] != [7] or client.call(GET_MODE)[1] != [2], line)
     with pytest.raises(KortexError) as failed:
         client.send_joint_speeds(1.0)
     assert failed.value.sub == sub
@@ -135,7 +136,7 @@ def test_a_fault_stops_the_arm_until_it_is_cleared(client: Client, twin: TwinPro
     client.send_joint_speeds(20.0)
     client.call(EMERGENCY_STOP)
     assert client.refresh_feedback()[0] == 4
-    wait_until(lambda: abs(velocity(client)) < 0.1, "it stands")
+    until(lambda: abs(velocity(client)) < 0.1, "it stands")
     client.call(CLEAR_FAULTS)
     client.send_joint_speeds(1.0)
 
@@ -186,7 +187,7 @@ def test_without_power_nobody_is_there_and_then_all_is_new(client: Client, twin:
     with pytest.raises(ConnectionError):
         while True:
             client.call(KEEP_ALIVE)
-    wait_until(lambda: is_there(twin.port), "it is back")
+    until(lambda: is_there(twin.port), "it is back")
     with Client(twin.port) as other:
         other.log_in()
         assert abs(velocity(other)) < 0.1
@@ -198,7 +199,7 @@ def test_the_cable_may_be_pulled_twice_and_is_put_back_once(client: Client, twin
     with pytest.raises(ConnectionError):
         while True:
             client.call(KEEP_ALIVE)
-    wait_until(lambda: is_there(twin.port), "it is back")
+    until(lambda: is_there(twin.port), "it is back")
     with Client(twin.port) as other:
         other.log_in()
 

@@ -12,7 +12,8 @@ from strands_actors.drivers.kuka.protocol import ClientMode, Command, Monitoring
 from strands_actors.drivers.kuka.robots import arm_of
 from strands_actors.drivers.kuka.twin.controller import Controller
 from strands_actors.testing import WireLog
-from tests.drivers.common.twin_process import TwinProcess, wait_until
+from tests.answers import until
+from tests.drivers.common.twin_process import TwinProcess
 
 from .fri_client import Client
 
@@ -219,7 +220,7 @@ def test_an_independent_client_becomes_active_and_moves(
                     twin.command("motion start")
                     client.until(State.COMMANDING_ACTIVE)
         log = WireLog(tmp_path / "wire.ndjson")
-        wait_until(lambda: any(b"no answers" in entry.data for entry in log.entries()), "it misses its client")
+        until(lambda: any(b"no answers" in entry.data for entry in log.entries()), "it misses its client")
     kinds = [entry.kind for entry in log.entries() if entry.sender == "host"]
     first = kinds.index("setpoint")
     assert set(kinds[:first]) == {"safe"}, "what was said before the motion commands nothing"

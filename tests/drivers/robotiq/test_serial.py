@@ -22,8 +22,9 @@ from strands_actors.drivers.robotiq.twin import twin_of
 from strands_actors.drivers.robotiq.wire import RobotiqWire
 from strands_actors.kernel.clock import VirtualClock
 from strands_actors.testing import WireLog
+from tests.answers import until
 from tests.drivers.common.memory_port import MemoryPort, Permission, virtual
-from tests.drivers.common.twin_process import TwinProcess, wait_until
+from tests.drivers.common.twin_process import TwinProcess
 
 from .test_tree import pid_of
 
@@ -209,10 +210,10 @@ def test_saf_003_a_dead_wire_leaves_a_gripper_that_holds(twin: TwinProcess) -> N
     log = WireLog(twin.log_path)
     with Robot("robotiq_2f85", mode="real", port=twin.port, baud_rate=57_600) as gripper:
         assert gripper.send_action({"gripper": 0.9, "speed": 0.0})["status"] == "success"
-        wait_until(lambda: bool(log.host("setpoint")), "it moves")
+        until(lambda: bool(log.host("setpoint")), "it moves")
         killed_ns = time.monotonic_ns()
         os.kill(pid_of(gripper, "wire"), signal.SIGKILL)
-        wait_until(lambda: bool(log.host("safe", killed_ns)), "the root holds it, by the wire's own port")
+        until(lambda: bool(log.host("safe", killed_ns)), "the root holds it, by the wire's own port")
         assert log.setpoints_after_safe(killed_ns) == 0
 
 

@@ -19,8 +19,8 @@ from strands_actors.caller.robot import RealRobot
 from strands_actors.contract.driver import Reason
 from strands_actors.supervisors.gate.messages import StopReport
 from strands_actors.testing import WireLog
-from tests.answers import json_of, why
-from tests.drivers.common.twin_process import TwinProcess, wait_until
+from tests.answers import json_of, until, why
+from tests.drivers.common.twin_process import TwinProcess
 
 STATUS_WITHIN_S = 0.5
 STOP_WITHIN_S = 3.0
@@ -66,7 +66,7 @@ def state(robot: RealRobot) -> str | None:
 
 
 def until_state(robot: RealRobot, *wanted: str) -> None:
-    wait_until(lambda: state(robot) in wanted, f"it is {' or '.join(wanted)}")
+    until(lambda: state(robot) in wanted, f"it is {' or '.join(wanted)}")
 
 
 def pid_of(robot: RealRobot, role: str) -> int:
@@ -79,7 +79,7 @@ def pid_of(robot: RealRobot, role: str) -> int:
 def move(robot: RealRobot, closed: float) -> None:
     """Fast, and wait until it is there."""
     assert json_of(robot.send_action({"gripper": closed}))["gripper"] == closed
-    wait_until(lambda: abs(robot.get_observation().get("gripper", 9.0) - closed) < 0.01, f"it is at {closed}")
+    until(lambda: abs(robot.get_observation().get("gripper", 9.0) - closed) < 0.01, f"it is at {closed}")
 
 
 def works_again(robot: RealRobot, twin: TwinProcess, since_ns: int) -> None:
@@ -122,8 +122,8 @@ def test_connect_observe_act_refuse_stop_resume(tmp_path: Path, monkeypatch: pyt
             "force": 51,
             "holding": None,  # it was just armed: nothing was asked of it yet
         }
-        wait_until(lambda: robot.get_observation()["gripper.pos"] == pytest.approx(0.6), "it is there")
-        wait_until(lambda: status(robot)["holding"] is False, "nothing is held")
+        until(lambda: robot.get_observation()["gripper.pos"] == pytest.approx(0.6), "it is there")
+        until(lambda: status(robot)["holding"] is False, "nothing is held")
         assert (status(robot)["position"], status(robot)["aperture_mm"]) == (153, 34.0)
         asked = len(log.host("setpoint"))
         assert "is past 85" in why(robot.send_action({"aperture_mm": 86}))
@@ -149,7 +149,7 @@ def test_connect_observe_act_refuse_stop_resume(tmp_path: Path, monkeypatch: pyt
 def test_a_command_is_kept_while_the_caller_lives(armed: RealRobot, twin: TwinProcess) -> None:
     since_ns = time.monotonic_ns()
     move(armed, 0.4)
-    wait_until(lambda: len(WireLog(twin.log_path).host("setpoint", since_ns)) >= 3, "it is re-sent")
+    until(lambda: len(WireLog(twin.log_path).host("setpoint", since_ns)) >= 3, "it is re-sent")
     assert state(armed) == "armed"
 
 
@@ -198,9 +198,9 @@ def test_one_answer_too_late_and_everything_still_works(armed: RealRobot, twin: 
 
 def test_the_cable_is_pulled_and_put_back(armed: RealRobot, twin: TwinProcess) -> None:
     json_of(armed.send_action(SLOWLY))
-    wait_until(lambda: armed.get_observation()["gripper"] > 0.1, "it moves")
+    until(lambda: armed.get_observation()["gripper"] > 0.1, "it moves")
     twin.command("unplug")
-    wait_until(lambda: not status(armed)["connected"], "the loss is noticed")
+    until(lambda: not status(armed)["connected"], "the loss is noticed")
     assert "not connected" in why(armed.send_action({"gripper": 0.5}))
     assert "not confirmed" in why(armed.stop())
     since_ns = time.monotonic_ns()
@@ -215,7 +215,7 @@ def test_the_power_is_cut(armed: RealRobot, twin: TwinProcess) -> None:
     twin.command("power-cycle")
     until_state(armed, "disarmed")
     assert WireLog(twin.log_path).host("enable", since_ns) == []
-    wait_until(lambda: status(armed)["sensors"]["activation"] == [0.0], "it is read again")
+    until(lambda: status(armed)["sensors"]["activation"] == [0.0], "it is read again")
     works_again(armed, twin, since_ns)
 
 
@@ -223,7 +223,7 @@ def test_the_power_is_cut(armed: RealRobot, twin: TwinProcess) -> None:
 def test_it_recovers_from_what_it_cannot_understand(armed: RealRobot, twin: TwinProcess, fault: str) -> None:
     json_of(armed.send_action(SLOWLY))
     twin.command(f"fault {fault}")
-    wait_until(lambda: not status(armed)["connected"], "the loss is noticed")
+    until(lambda: not status(armed)["connected"], "the loss is noticed")
     since_ns = time.monotonic_ns()
     twin.command("fault ok")
     works_again(armed, twin, since_ns)
@@ -238,7 +238,7 @@ def test_the_wire_process_is_killed_or_frozen(armed: RealRobot, twin: TwinProces
     wire = pid_of(armed, "wire")
     since_ns = time.monotonic_ns()
     os.kill(wire, number)
-    wait_until(lambda: WireLog(twin.log_path).first_safe(since_ns) is not None, "it is held")
+    until(lambda: WireLog(twin.log_path).first_safe(since_ns) is not None, "it is held")
     WireLog(twin.log_path).safe_within(since_ns, 1.0)
     works_again(armed, twin, since_ns)
     assert pid_of(armed, "wire") != wire
@@ -250,7 +250,7 @@ def test_the_root_process_is_killed_or_frozen(armed: RealRobot, twin: TwinProces
     root = pid_of(armed, "root")
     since_ns = time.monotonic_ns()
     os.kill(root, number)
-    wait_until(lambda: WireLog(twin.log_path).first_safe(since_ns) is not None, "it is held")
+    until(lambda: WireLog(twin.log_path).first_safe(since_ns) is not None, "it is held")
     log = WireLog(twin.log_path)
     log.safe_within(since_ns, 1.0)
     json_of(armed.resume())
@@ -277,7 +277,7 @@ def test_it_freezes_while_it_is_connected(gripper: RealRobot, twin: TwinProcess,
         twin.process.send_signal(signal.SIGSTOP)
     connecting = Connecting(gripper)
     connecting.start()
-    wait_until(lambda: len(twin.logged("host")) >= frames, f"{frames} frames")
+    until(lambda: len(twin.logged("host")) >= frames, f"{frames} frames")
     twin.process.send_signal(signal.SIGSTOP)
     for _ in range(10):
         status(gripper)
@@ -289,7 +289,7 @@ def test_it_freezes_while_it_is_connected(gripper: RealRobot, twin: TwinProcess,
     assert not connecting.is_alive()
     assert connecting.problem is None or connecting.problem.startswith(("connect: ", "resume: "))
     twin.process.send_signal(signal.SIGCONT)
-    wait_until(lambda: gripper.connect_eagerly() is None, "it is connected")
+    until(lambda: gripper.connect_eagerly() is None, "it is connected")
     move(gripper, 0.3)
 
 
@@ -302,7 +302,7 @@ def test_it_freezes_while_it_moves(armed: RealRobot, twin: TwinProcess, delay_s:
     answer = armed.stop()
     assert time.monotonic() - began_s < STOP_WITHIN_S
     assert "not confirmed by gripper" in why(answer)
-    wait_until(lambda: not status(armed)["connected"], "the loss is noticed")
+    until(lambda: not status(armed)["connected"], "the loss is noticed")
     assert "not connected" in why(armed.send_action({"gripper": 0.1}))
     since_ns = time.monotonic_ns()
     twin.process.send_signal(signal.SIGCONT)
@@ -314,7 +314,7 @@ def test_a_short_freeze_needs_nobody(armed: RealRobot, twin: TwinProcess) -> Non
     twin.process.send_signal(signal.SIGSTOP)
     time.sleep(0.2)
     twin.process.send_signal(signal.SIGCONT)
-    wait_until(lambda: armed.get_observation()["gripper"] > 0.3, "it goes on")
+    until(lambda: armed.get_observation()["gripper"] > 0.3, "it goes on")
     assert state(armed) == "armed"
     move(armed, 0.2)
 
@@ -323,7 +323,7 @@ def test_nothing_is_left(gripper: RealRobot, twin: TwinProcess) -> None:
     assert gripper.connect_eagerly() is None
     pids = [pid_of(gripper, role) for role in ("root", "wire")]
     json_of(gripper.cleanup())
-    wait_until(lambda: not any(_runs(pid) for pid in pids), "every process is gone")
+    until(lambda: not any(_runs(pid) for pid in pids), "every process is gone")
 
 
 def _runs(pid: int) -> bool:

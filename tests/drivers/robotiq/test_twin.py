@@ -23,7 +23,8 @@ from strands_actors.drivers.robotiq.robots import TABLES
 from strands_actors.drivers.robotiq.sessions import TcpSession
 from strands_actors.drivers.robotiq.twin import main, twin_of
 from strands_actors.testing import Twin
-from tests.drivers.common.twin_process import PATIENCE_S, TwinProcess, wait_until
+from tests.answers import PATIENCE_S, until
+from tests.drivers.common.twin_process import TwinProcess
 
 # -- the gripper
 
@@ -247,9 +248,9 @@ def test_an_unmodified_client_activates_and_grips(twin: TwinProcess, client: Mod
     assert twin.port.startswith("127.") and not twin.port.startswith("127.0.0.1:")
     tell(client, p.RESET)
     tell(client, p.ACTIVATE)
-    wait_until(lambda: status_of(client).active, "it is activated")
+    until(lambda: status_of(client).active, "it is activated")
     tell(client, p.Command(go_to=True, position=255, speed=255, force=0))
-    wait_until(lambda: status_of(client).contact == p.Contact.CLOSING, "it grips")
+    until(lambda: status_of(client).contact == p.Contact.CLOSING, "it grips")
     assert client.read_holding_registers(1000, count=3, device_id=9).registers == [0x0900, 255, 0xFF00]
     tell(client, p.Command(position=165))
     kinds = [kind for kind, _ in twin.logged("host") if kind != "read"]
@@ -278,7 +279,7 @@ def test_some_of_the_registers_can_be_written(client: ModbusTcpClient) -> None:
 def test_several_clients_are_served(twin: TwinProcess, client: ModbusTcpClient) -> None:
     with connect(twin) as other:
         tell(other, p.ACTIVATE)
-        wait_until(lambda: status_of(client).active, "one sees what the other did")
+        until(lambda: status_of(client).active, "one sees what the other did")
     assert status_of(client).active
 
 
@@ -292,7 +293,7 @@ def test_noise_ends_the_connection_and_no_others(twin: TwinProcess, client: Modb
 
 def test_a_pulled_cable_ends_connections_and_refuses_new_ones(twin: TwinProcess, client: ModbusTcpClient) -> None:
     tell(client, p.ACTIVATE)
-    wait_until(lambda: status_of(client).active, "it is activated")
+    until(lambda: status_of(client).active, "it is activated")
 
     def pulled() -> bool:
         try:
@@ -304,9 +305,9 @@ def test_a_pulled_cable_ends_connections_and_refuses_new_ones(twin: TwinProcess,
         return False
 
     twin.command("unplug")
-    wait_until(pulled, "the cable is out")
+    until(pulled, "the cable is out")
     twin.command("plug")
-    wait_until(lambda: not pulled(), "the cable is in")
+    until(lambda: not pulled(), "the cable is in")
     with connect(twin) as again:
         assert status_of(again).active, "the robot itself did not notice"
 
@@ -323,15 +324,15 @@ def test_a_test_can_pull_the_cable_by_its_name(tmp_path: Path) -> None:
 
 def test_faults_are_heard(twin: TwinProcess, client: ModbusTcpClient) -> None:
     tell(client, p.ACTIVATE)
-    wait_until(lambda: status_of(client).active, "it is activated")
+    until(lambda: status_of(client).active, "it is activated")
     position = status_of(client).position
     twin.command("fault wrong")
-    wait_until(lambda: status_of(client).position == 255 - position, "wrong values")
+    until(lambda: status_of(client).position == 255 - position, "wrong values")
     twin.command("fault ok")
-    wait_until(lambda: status_of(client).position == position, "right values")
+    until(lambda: status_of(client).position == position, "right values")
     twin.command("freeze 0.5")
-    longest_s, until = 0.0, time.monotonic() + PATIENCE_S
-    while longest_s < 0.3 and time.monotonic() < until:
+    longest_s, deadline_s = 0.0, time.monotonic() + PATIENCE_S
+    while longest_s < 0.3 and time.monotonic() < deadline_s:
         began_s = time.monotonic()
         status_of(client)
         longest_s = max(longest_s, time.monotonic() - began_s)

@@ -116,7 +116,7 @@ async def refused(rig: Rig) -> str:
     return str(down.value)
 
 
-async def until(wire: ServoWire[Any], true: Callable[[Observation], bool]) -> Observation:
+async def read_until(wire: ServoWire[Any], true: Callable[[Observation], bool]) -> Observation:
     """Read until it shows; the observation that does."""
     with trio.fail_after(20):
         while True:

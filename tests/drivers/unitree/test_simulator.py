@@ -17,7 +17,8 @@ from strands_actors.drivers.unitree.protocol import CommandCodec
 from strands_actors.drivers.unitree.robots import model_of
 from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.testing import WireLog
-from tests.drivers.common.twin_process import TwinProcess, wait_until
+from tests.answers import until
+from tests.drivers.common.twin_process import TwinProcess
 from tests.drivers.packages import UNITREE, running_with
 
 SIMULATOR = {"simulator": True, "domain": 1}
@@ -48,7 +49,7 @@ def test_a_simulator_is_commanded_once_it_is_called_one(tmp_path: Path) -> None:
             elbow = robot.get_observation()["left_elbow"]
             answer = robot.send_action({"left_elbow": {"q": elbow, "kp": 40.0}})
             assert answer["status"] == "success", answer
-            wait_until(lambda: log.host("setpoint"), "the simulator is commanded")
+            until(lambda: log.host("setpoint"), "the simulator is commanded")
             assert robot.stop()["status"] == "success"  # type: ignore[index]
         assert log.host("safe")
         assert not log.host("other")
@@ -88,7 +89,7 @@ def test_unitrees_own_simulator_is_found_on_this_host() -> None:
         assert simulator.stdout is not None
         robot = Robot("unitree_g1", mode="real", port="127.0.0.1", simulator=True)
         try:
-            wait_until(lambda: robot.connect_eagerly() is None, "it is found")
+            until(lambda: robot.connect_eagerly() is None, "it is found")
             answer = robot.send_action({"left_elbow": {"q": 0.0, "kp": 40.0}})
             assert answer["status"] == "success", answer
             assert "held\n" in iter(simulator.stdout.readline, "")
@@ -125,9 +126,9 @@ def test_a_twin_takes_no_command_for_another_machine(tmp_path: Path) -> None:
             return look
 
         try:
-            wait_until(polled(lambda: link.heard), "they find each other")
+            until(polled(lambda: link.heard), "they find each other")
             link.send(link.encode((0.0,) * 145))  # no state was heard: mode_machine is 0
-            wait_until(polled(lambda: "other" in [kind for kind, _ in served.logged("host")]), "it is heard")
+            until(polled(lambda: "other" in [kind for kind, _ in served.logged("host")]), "it is heard")
         finally:
             link.close()
         (frame,) = [frame for kind, frame in served.logged("host") if kind == "other"]

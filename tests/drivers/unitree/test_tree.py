@@ -26,8 +26,8 @@ from strands_actors.drivers.unitree.twin import safe_state_of
 from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.testing import WireLog
 from strands_actors.testing.wirelog import Entry
-from tests.answers import json_of
-from tests.drivers.common.twin_process import PATIENCE_S, TwinProcess, wait_until
+from tests.answers import PATIENCE_S, json_of, until
+from tests.drivers.common.twin_process import TwinProcess
 
 
 class Legs:
@@ -58,12 +58,12 @@ class Legs:
         return json
 
     def wait_for_the_end(self) -> dict[str, Any]:
-        wait_until(lambda: not self.task()["running"], "the rollout ends")
+        until(lambda: not self.task()["running"], "the rollout ends")
         return self.task()
 
     def order(self, line: str, condition: Callable[[], bool]) -> None:
         self.twin.command(line)
-        wait_until(condition, line)
+        until(condition, line)
 
     def events(self, kind: str) -> list[Entry]:
         return [entry for entry in self.log.entries() if entry.sender == "robot" and entry.kind == kind]
@@ -131,7 +131,7 @@ def test_saf_014_what_is_refused_is_not_written(tmp_path: Path) -> None:
         assert told["mode_machine"] == g1.status()["mode_machine"] == json_of(g1.robot.state())["mode_machine"]
         assert (g1.status()["battery_pct"], g1.status()["fsm_id"]) == (80.0, 801)
         assert len(json_of(g1.robot.state())["imu"]["rpy"]) == 3
-        wait_until(lambda: bool(g1.log.host("setpoint")), "the accepted command")
+        until(lambda: bool(g1.log.host("setpoint")), "the accepted command")
         codec = CommandCodec(model_of("g1"))
         first = codec.decode(g1.log.host("setpoint")[0].data)
         assert first.q[codec_index("left_elbow")] == pytest.approx(elbow + 0.01, abs=1e-6)
@@ -194,7 +194,7 @@ def test_a_policy_keeps_the_g1_on_its_feet_and_its_end_is_zero_torque(tmp_path: 
         done = g1.wait_for_the_end()
         assert done["exit_reason"] == "duration", done
         assert not [entry for entry in g1.events("fell") if entry.t_ns < g1.log.host("safe")[0].t_ns]
-        wait_until(lambda: bool(g1.events("fell")), "what nothing holds falls")
+        until(lambda: bool(g1.events("fell")), "what nothing holds falls")
     assert g1.log.setpoints_after_safe(0) == 0
     last = [entry for entry in g1.log.entries() if entry.sender == "host" and entry.kind in ("setpoint", "safe")][
         -1
@@ -206,7 +206,7 @@ def test_a_policy_keeps_the_g1_on_its_feet_and_its_end_is_zero_torque(tmp_path: 
 def test_saf_003_leaving_the_handshake_ends_a_rollout_at_once(tmp_path: Path) -> None:
     with legs(tmp_path) as g1:
         g1.robot.run_policy(Stand(), duration=30.0)
-        wait_until(lambda: len(g1.log.host("setpoint")) > 100, "it runs")
+        until(lambda: len(g1.log.host("setpoint")) > 100, "it runs")
         g1.twin.command("fsm 1")
         done = g1.wait_for_the_end()
         assert "FSM 1" in done["exit_detail"]
@@ -225,24 +225,24 @@ def test_saf_003_leaving_the_handshake_ends_a_rollout_at_once(tmp_path: Path) ->
 def test_saf_012_a_robot_that_falls_silent_is_lost_and_comes_back_disarmed(tmp_path: Path) -> None:
     with legs(tmp_path) as g1:
         g1.robot.run_policy(Stand(), duration=30.0)
-        wait_until(lambda: len(g1.log.host("setpoint")) > 100, "it runs")
+        until(lambda: len(g1.log.host("setpoint")) > 100, "it runs")
         g1.twin.command("fault off")  # hears nothing, says nothing
         g1.wait_for_the_end()
-        wait_until(lambda: "no LowState for" in (g1.status()["connect_error"] or ""), "its link is lost")
+        until(lambda: "no LowState for" in (g1.status()["connect_error"] or ""), "its link is lost")
         g1.twin.command("fault ok")
-        wait_until(lambda: g1.status()["connected"] and g1.status()["state"] == "disarmed", "it is back, disarmed")
+        until(lambda: g1.status()["connected"] and g1.status()["state"] == "disarmed", "it is back, disarmed")
         assert g1.log.host("safe")  # what may still be energised is let go first
 
 
 def test_saf_020_a_robot_that_is_not_understood_is_let_go_and_hears_every_stop(tmp_path: Path) -> None:
     with legs(tmp_path) as g1:
         g1.robot.run_policy(Stand(), duration=30.0)
-        wait_until(lambda: len(g1.log.host("setpoint")) > 100, "it runs")
+        until(lambda: len(g1.log.host("setpoint")) > 100, "it runs")
         broken_ns = time.monotonic_ns()
         g1.twin.command("fault garbage")
         g1.wait_for_the_end()
-        wait_until(lambda: not g1.status()["connected"], "its link is lost")
-        wait_until(lambda: g1.log.host("safe", broken_ns), "it is let go")
+        until(lambda: not g1.status()["connected"], "its link is lost")
+        until(lambda: g1.log.host("safe", broken_ns), "it is let go")
         time.sleep(1.0)  # it is looked for meanwhile
         for pause_s in (0.0, 0.8):
             time.sleep(pause_s)
@@ -251,7 +251,7 @@ def test_saf_020_a_robot_that_is_not_understood_is_let_go_and_hears_every_stop(t
             g1.log.safe_within(stopped_ns, 1.0)
             assert g1.log.setpoints_after_safe(stopped_ns) == 0
         g1.twin.command("fault ok")
-        wait_until(lambda: g1.status()["connected"] and g1.status()["state"] == "disarmed", "it is back, disarmed")
+        until(lambda: g1.status()["connected"] and g1.status()["state"] == "disarmed", "it is back, disarmed")
 
 
 def test_saf_020_a_wire_without_a_link_finds_the_robot_and_lets_it_go(tmp_path: Path) -> None:
@@ -278,7 +278,7 @@ def test_saf_012_garbled_states_are_none(tmp_path: Path) -> None:
 def test_a_stop_may_damp_before_it_lets_go(tmp_path: Path) -> None:
     with legs(tmp_path, on_exit="damp") as g1:
         g1.robot.run_policy(Stand(), duration=30.0)
-        wait_until(lambda: len(g1.log.host("setpoint")) > 100, "it runs")
+        until(lambda: len(g1.log.host("setpoint")) > 100, "it runs")
         answer = g1.robot.stop()
         assert answer["status"] == "success", answer  # type: ignore[index]
         safe_states = [entry.safe_state for entry in g1.log.host("safe")]
@@ -294,14 +294,14 @@ def test_saf_005_a_motor_that_still_pulls_is_named(tmp_path: Path) -> None:
         g1.robot.run_policy(
             lambda seen: {joint: {"q": rad, "tau": 4.0} for joint, rad in seen.items()}, n_steps=400
         )
-        wait_until(lambda: len(g1.log.host("setpoint")) > 50, "it runs")
+        until(lambda: len(g1.log.host("setpoint")) > 50, "it runs")
         g1.twin.command("fault stuck")
-        wait_until(lambda: not g1.task()["running"], "the rollout ends")
+        until(lambda: not g1.task()["running"], "the rollout ends")
         answer = g1.robot.stop()
         assert answer["status"] == "error"  # type: ignore[index]
         assert "still shows torque" in answer["content"][0]["text"]  # type: ignore[index]
         g1.twin.command("fault ok")
-        wait_until(lambda: g1.robot.stop()["status"] == "success", "it shows that it has let go")  # type: ignore[index]
+        until(lambda: g1.robot.stop()["status"] == "success", "it shows that it has let go")  # type: ignore[index]
 
 
 # -- the others
@@ -319,10 +319,10 @@ def test_saf_014_the_others_are_refused_until_released(tmp_path: Path, kind: str
         assert answer["content"][0]["json"] == {"sport_mode_released": True, "attempts": 1}
         assert [entry.data for entry in robot.events("mode")] == [b""]
         joint, rad = next(iter(robot.robot.get_observation().items()))
-        wait_until(lambda: robot.sensor("sport_mode_released") == 1, "the tree knows")
+        until(lambda: robot.sensor("sport_mode_released") == 1, "the tree knows")
         told = json_of(robot.robot.send_action({joint: rad}))
         assert told["sport_mode_released"] is True and told["joints"] == [joint] and len(told["slots"]) == 1
-        wait_until(lambda: bool(robot.log.host("setpoint")), "the accepted command")
+        until(lambda: bool(robot.log.host("setpoint")), "the accepted command")
         assert not robot.log.host("garbled")  # its own family's frames
 
 
@@ -343,7 +343,7 @@ def test_the_verb_is_refused_while_the_robot_is_locked_or_moved(tmp_path: Path) 
                 return False
             return len(go2.log.host("setpoint")) > 50
 
-        wait_until(runs, "it runs")
+        until(runs, "it runs")
         answer = go2.robot.release_sport_mode()
         assert answer["status"] == "error" and "a task is running" in answer["content"][0]["text"]
         go2.robot.stop_task()
@@ -399,7 +399,7 @@ def test_saf_017_a_stranger_who_knows_the_robots_name_ends_nothing_and_hears_not
         stranger.reader(p.COMMAND_TOPIC, p.command_type("hg"), lambda payload, *_: stolen.append(bytes(payload)))
         states = stranger.reader(p.STATE_TOPIC, p.state_type("hg"), lambda *_: None)
         heard = lambda: stranger.poll() or states.matched  # noqa: E731
-        wait_until(heard, "the stranger hears the robot, as anybody may")
+        until(heard, "the stranger hears the robot, as anybody may")
         (guid,) = states._writers
         far = messages.header(guid[:12]) + messages.data(wire_types.UNKNOWN, guid[12:], 1 << 40, CDR + b"garbage!")
         claim = ParticipantData(

@@ -443,7 +443,7 @@ async def test_a_hold_is_the_last_target_again_and_can_be_told_from_it() -> None
     target = stepped(world, 0.03)
     await wire.write(target, Permission())
     motors = await wire.make_safe("hold")
-    assert all(motor.safe for motor in motors)
+    assert all(motor.safe for motor in motors) and not wire.hold_failed
     assert world.kinds("read")[-2:] == ["setpoint", "safe"]
     setpoint, hold = world.bodies("setpoint")[-1], world.bodies("safe")[-1]
     assert setpoint[:29] == hold[:29] and setpoint[29:] != hold[29:]
@@ -489,6 +489,7 @@ async def test_after_a_stop_there_is_no_target_to_hold() -> None:
     told = len(world.written)
     await wire.make_safe("hold")
     assert [entry.body for entry in world.written[told:] if entry.kind != "read"] == [b"\x0c\x04"]
+    assert wire.hold_failed
 
 
 @in_virtual_time
@@ -501,6 +502,11 @@ async def test_an_arm_that_cannot_be_held_is_stopped() -> None:
     motors = await wire.make_safe("hold")
     assert all(motor.safe for motor in motors)
     assert world.controller.state == State.STOPPED
+    assert wire.hold_failed
+    await wire.make_safe("hold")
+    assert wire.hold_failed, "a second one finds it stopped"
+    await wire.make_safe("stop")
+    assert not wire.hold_failed
     other = World()
     wire = await armed(other)
     other.controller.set_mode(0)
