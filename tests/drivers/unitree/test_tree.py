@@ -57,6 +57,23 @@ class Legs:
         json: dict[str, Any] = self.robot.get_task_status()["content"][0]["json"]
         return json
 
+    def run(self, make_policy: Callable[[], object], setpoints: int = 100, **keywords: Any) -> int:
+        """Start a rollout and see it move: once more, from where the robot is then, where a machine
+        that is busy for as long as a setpoint lives ends it. Return when it began."""
+        began_ns = 0
+
+        def moves() -> bool:
+            nonlocal began_ns
+            if not self.task()["running"]:
+                self.robot.resume()
+                began_ns = time.monotonic_ns()
+                self.robot.run_policy(make_policy(), **keywords)
+                return False
+            return len(self.log.host("setpoint", began_ns)) > setpoints
+
+        until(moves, "it runs", 3 * PATIENCE_S)
+        return began_ns
+
     def wait_for_the_end(self) -> dict[str, Any]:
         until(lambda: not self.task()["running"], "the rollout ends")
         return self.task()
@@ -205,8 +222,7 @@ def test_a_policy_keeps_the_g1_on_its_feet_and_its_end_is_zero_torque(tmp_path: 
 
 def test_saf_003_leaving_the_handshake_ends_a_rollout_at_once(tmp_path: Path) -> None:
     with legs(tmp_path) as g1:
-        g1.robot.run_policy(Stand(), duration=30.0)
-        until(lambda: len(g1.log.host("setpoint")) > 100, "it runs")
+        g1.run(Stand, duration=30.0)
         g1.twin.command("fsm 1")
         done = g1.wait_for_the_end()
         assert "FSM 1" in done["exit_detail"]
@@ -224,8 +240,7 @@ def test_saf_003_leaving_the_handshake_ends_a_rollout_at_once(tmp_path: Path) ->
 
 def test_saf_012_a_robot_that_falls_silent_is_lost_and_comes_back_disarmed(tmp_path: Path) -> None:
     with legs(tmp_path) as g1:
-        g1.robot.run_policy(Stand(), duration=30.0)
-        until(lambda: len(g1.log.host("setpoint")) > 100, "it runs")
+        g1.run(Stand, duration=30.0)
         g1.twin.command("fault off")  # hears nothing, says nothing
         g1.wait_for_the_end()
         until(lambda: "no LowState for" in (g1.status()["connect_error"] or ""), "its link is lost")
@@ -236,8 +251,7 @@ def test_saf_012_a_robot_that_falls_silent_is_lost_and_comes_back_disarmed(tmp_p
 
 def test_saf_020_a_robot_that_is_not_understood_is_let_go_and_hears_every_stop(tmp_path: Path) -> None:
     with legs(tmp_path) as g1:
-        g1.robot.run_policy(Stand(), duration=30.0)
-        until(lambda: len(g1.log.host("setpoint")) > 100, "it runs")
+        g1.run(Stand, duration=30.0)
         broken_ns = time.monotonic_ns()
         g1.twin.command("fault garbage")
         g1.wait_for_the_end()
@@ -277,24 +291,24 @@ def test_saf_012_garbled_states_are_none(tmp_path: Path) -> None:
 
 def test_a_stop_may_damp_before_it_lets_go(tmp_path: Path) -> None:
     with legs(tmp_path, on_exit="damp") as g1:
-        g1.robot.run_policy(Stand(), duration=30.0)
-        until(lambda: len(g1.log.host("setpoint")) > 100, "it runs")
+        began_ns = g1.run(Stand, duration=30.0)
         answer = g1.robot.stop()
         assert answer["status"] == "success", answer  # type: ignore[index]
-        safe_states = [entry.safe_state for entry in g1.log.host("safe")]
+        safe_states = [entry.safe_state for entry in g1.log.host("safe", began_ns)]
         damped = safe_states.count("damp")
         assert damped >= 20
         assert safe_states == ["damp"] * damped + ["zero_torque"] * (len(safe_states) - damped)
         assert len(safe_states) >= damped + 20
 
 
+def pull(seen: Mapping[str, float]) -> dict[str, Any]:
+    return {joint: {"q": rad, "tau": 4.0} for joint, rad in seen.items()}
+
+
 def test_saf_005_a_motor_that_still_pulls_is_named(tmp_path: Path) -> None:
     """A robot that says the same whatever it is told has not let go."""
     with legs(tmp_path) as g1:
-        g1.robot.run_policy(
-            lambda seen: {joint: {"q": rad, "tau": 4.0} for joint, rad in seen.items()}, n_steps=400
-        )
-        until(lambda: len(g1.log.host("setpoint")) > 50, "it runs")
+        g1.run(lambda: pull, 50, n_steps=400)
         g1.twin.command("fault stuck")
         until(lambda: not g1.task()["running"], "the rollout ends")
         answer = g1.robot.stop()
@@ -333,17 +347,7 @@ def test_the_verb_is_refused_while_the_robot_is_locked_or_moved(tmp_path: Path) 
         with pytest.raises(AttributeError, match="has no attribute 'dance'"):
             go2.robot.dance()
         assert go2.robot.release_sport_mode(attempts=2)["status"] == "success"
-
-        def runs() -> bool:
-            """A machine that is busy for as long as a setpoint lives ends the rollout: then once
-            more."""
-            if not go2.robot.get_task_status()["content"][0]["json"]["running"]:
-                go2.robot.resume()
-                go2.robot.run_policy(Stand(60.0, 5.0), duration=30.0)
-                return False
-            return len(go2.log.host("setpoint")) > 50
-
-        until(runs, "it runs")
+        go2.run(lambda: Stand(60.0, 5.0), 50, duration=30.0)
         answer = go2.robot.release_sport_mode()
         assert answer["status"] == "error" and "a task is running" in answer["content"][0]["text"]
         go2.robot.stop_task()
