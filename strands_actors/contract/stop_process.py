@@ -159,7 +159,7 @@ class _Child:
 
     def __init__(self, process: ChildProcess, name: str) -> None:
         self.process = process
-        self._name = name
+        self._name = name.rpartition(":")[2]
         self._frames = _Frames(process.socket)
         self._orders = 0
 
@@ -169,7 +169,7 @@ class _Child:
         try:
             self._frames.send(_Order(self._orders, safe_state))
         except OSError as error:
-            raise WireDown(f"stop channel: {self._name} takes no order ({error.strerror})") from None
+            raise WireDown(f"stop channel: the process of {self._name} takes no order ({error.strerror})") from None
         return self._orders
 
     async def receive(self, number: int, within_s: float) -> _Answer:
@@ -183,7 +183,7 @@ class _Child:
                 if answer.number == number:
                     return answer
             raise WireDown(f"stop channel: the process of {self._name} has ended. What it says is above")
-        raise WireDown(f"stop channel: {self._name} did not answer within {within_s:g} s")
+        raise WireDown(f"stop channel: the process of {self._name} did not answer within {within_s:g} s")
 
     def abandon(self) -> None:
         """Kill it; nobody waits for its end."""

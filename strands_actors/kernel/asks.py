@@ -18,7 +18,21 @@ class AskTimeout(Exception):
 
 
 class Unreachable(Exception):
-    """Nobody hosts the address, or who did is gone, perhaps with the question."""
+    """The actor is not there, or is gone, perhaps with the question. The text is for users."""
+
+
+def not_there(address: str) -> Unreachable:
+    return Unreachable(f"the {_spoken(address)} is not running")
+
+
+def went_away(address: str) -> Unreachable:
+    return Unreachable(f"the {_spoken(address)} went away, perhaps with what it was asked")
+
+
+def _spoken(address: str) -> str:
+    """Return ``gate of so101`` for ``strands/so101/actor/gate``."""
+    host, _, actor = address.partition("/actor/")
+    return f"{actor} of {host.rpartition('/')[2]}" if actor else address
 
 
 class Answer:

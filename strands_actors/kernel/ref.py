@@ -9,7 +9,7 @@ from typing import Protocol as TypingProtocol
 
 import trio
 
-from .asks import Answer, Deadlines, Unreachable
+from .asks import Answer, Deadlines, not_there
 from .frames import ASK, TELL, Protocol, frame, protocol_of
 from .inline_dispatch import InlineDispatch
 from .instrument import Instrument
@@ -134,7 +134,7 @@ class Ref:
         node.pending[cid] = answer
         try:
             if not node.send_frame(self.address, ASK, cid, self._sender, message):
-                raise Unreachable(f"nobody hosts {self.address}")
+                raise not_there(self.address)
             if not answer.done:
                 node.deadlines.add(answer, deadline_s)
             return await answer.wait()
@@ -146,7 +146,7 @@ class Ref:
         loop's, which it would hold up. The loop has no part in it."""
         mesh, protocol = self._node.mesh, self._protocol
         if mesh is None or protocol is None:
-            raise Unreachable(f"nobody hosts {self.address}")
+            raise not_there(self.address)
         sender = f"{self._sender}/thread-{threading.get_ident()}"  # of each the newest setpoint waits, not of all
         return mesh.ask(self.address, sender, message, protocol.decode_reply, deadline_s)
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import msgspec
 
-from .asks import Answer, Deadlines, Unreachable
+from .asks import Answer, Deadlines, went_away
 from .clock import Clock
 from .frames import ASK, DOWN, HOSTS, REPLY, TELL, WATCH, Down, Frame, decode_frame, frame, read_reply
 from .inline_dispatch import InlineDispatch
@@ -299,7 +299,7 @@ class Router:
         self._notify_down(address, "unreachable")
         for answer in self.pending.values():
             if answer.to == address and answer.way is way:
-                answer.fail(Unreachable(f"{address} went away, perhaps with what it was asked"))
+                answer.fail(went_away(address))
 
     def _notify_down(self, address: str, reason: str) -> None:
         for watcher in self._watchers.pop(address, ()):

@@ -15,7 +15,7 @@ from collections.abc import Callable
 
 import msgspec
 
-from .asks import AskTimeout, Unreachable
+from .asks import AskTimeout, Unreachable, not_there
 from .frames import ASK, REPLY, decode_frame, frame, read_reply
 from .messages import MAX_MESSAGE_BYTES, Message, Refused
 
@@ -69,7 +69,7 @@ class ThreadAsks:
             if self._closed:
                 raise Unreachable(self._closed)
             if not put(to, data):
-                raise Unreachable(f"nobody hosts {to}")
+                raise not_there(to)
             if not waiting.there.acquire(timeout=deadline_s):
                 raise AskTimeout(f"no answer within {deadline_s:g} s")
         finally:
@@ -90,15 +90,15 @@ class ThreadAsks:
             waiting.body = head.body
             waiting.there.release()
 
-    def fail(self, to: str, why: str) -> None:
+    def fail(self, to: str, failure: Unreachable) -> None:
         """Whoever waits for the actor at ``to`` is told so at once."""
         for cid, waiting in list(self._waiting.items()):
             if waiting.to == to and self._waiting.pop(cid, None) is not None:
-                waiting.failure = Unreachable(why)
+                waiting.failure = failure
                 waiting.there.release()
 
     def close(self, why: str) -> None:
         """So is whoever waits, and who asks from now on."""
         self._closed = why
         for to in {waiting.to for waiting in list(self._waiting.values())}:
-            self.fail(to, why)
+            self.fail(to, Unreachable(why))

@@ -244,7 +244,7 @@ async def test_a_cancelled_ask_leaves_nothing_behind() -> None:
 @virtual_time
 async def test_nobody_there() -> None:
     async with running_node() as (node, _):
-        with pytest.raises(Unreachable, match="nobody hosts strands/r/actor/none"):
+        with pytest.raises(Unreachable, match="the none of r is not running"):
             await node.ref("strands/r/actor/none").ask(Number(1), 1.0)
         node.ref("strands/r/actor/none").tell(Number(1))
         assert node.dead_letters[-1].why == "nobody hosts it"

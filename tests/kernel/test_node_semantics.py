@@ -125,7 +125,7 @@ async def test_an_answer_after_the_deadline_is_a_dead_letter(joint: Joint) -> No
 async def test_nobody_hosts_it(joint: Joint) -> None:
     async with joint() as pair:
         ref = pair.here.ref("strands/r/actor/none", Recorder)
-        with pytest.raises(Unreachable, match="nobody hosts strands/r/actor/none"):
+        with pytest.raises(Unreachable, match="the none of r is not running"):
             await ref.ask(Number(1), 5.0)
         ref.tell(Number(1))
         assert [letter.why for letter in pair.here.dead_letters] == ["nobody hosts it"]
@@ -330,7 +330,7 @@ async def test_who_has_asked_is_told_that_the_node_is_gone(joint: Joint) -> None
 
         pair.nursery.start_soon(sever)
         start = trio.current_time()
-        with pytest.raises(Unreachable, match=f"{cell.address} went away, perhaps with what it was asked"):
+        with pytest.raises(Unreachable, match="of r went away, perhaps with what it was asked"):
             await pair.here.ref(cell.address, Recorder).ask(Never(), 10 * PATIENCE_S)
         assert trio.current_time() - start < PATIENCE_S
         assert pair.here.pending == {}

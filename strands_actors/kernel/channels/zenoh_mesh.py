@@ -20,6 +20,7 @@ import msgspec
 import trio
 import zenoh
 
+from strands_actors.kernel.asks import Unreachable, went_away
 from strands_actors.kernel.frames import outline
 from strands_actors.kernel.messages import Message
 from strands_actors.kernel.node import PREFIX, Node
@@ -232,7 +233,7 @@ class ZenohMesh:
         if publisher is not None:
             publisher.undeclare()  # type: ignore[no-untyped-call]
         if self._threads is not None:
-            self._threads.fail(to, why)
+            self._threads.fail(to, Unreachable(why))
 
     def _put_question(self, to: str, data: bytes) -> bool:
         try:
@@ -278,7 +279,7 @@ class ZenohMesh:
             return
         self._alive.discard(address)
         if self._threads is not None:
-            self._threads.fail(address, f"{address} went away")
+            self._threads.fail(address, went_away(address))
         if self.node.mesh is self:  # of guests' words none is believed
             self._inbox.append((self, Gone(address)))
             self._waker.wake()
