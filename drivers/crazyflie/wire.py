@@ -148,13 +148,13 @@ class CrazyflieWire(Wire):
         if session is None:
             self._is_armed = False
             return Outcome(False, False, "not connected").reports(AXES)
-        self.hold_failed = False
+        self.hold_failed = ""
         if safe_state == SafeState.HOLD:
             session.take_waiting()
             held = await self._hold(session)
             if held is not None:
                 return held
-            self.hold_failed = not self._is_on_floor(session)
+            self.hold_failed = "" if self._is_on_floor(session) else "the drone is not heard"
         # On the floor commands go on, motors are off.
         self._is_armed = safe_state == SafeState.HOLD and not self.hold_failed
         within = SafeState.LAND if safe_state == SafeState.HOLD else safe_state

@@ -20,6 +20,7 @@ from . import protocol as p
 from .arms import AXES
 from .config import XArmConfig
 from .control import CONFIRM_S, OpenStream, stop
+from .gates import CONDITIONS
 from .protocol import Mode, Register, State
 from .session import Session, open_session
 from .stop_channel import XArmStopChannel
@@ -112,12 +113,12 @@ class XArmWire(Wire):
         session = self._session_or_none
         if session is None:
             return Outcome(False, False, "not connected").reports(AXES)
-        self.hold_failed = safe_state == "hold"  # until it is seen to hold
-        if self.hold_failed and session.target:
-            outcome = await self._hold(session)
+        self.hold_failed = ""
+        if safe_state == "hold":
+            outcome = await self._hold(session) if session.target else Outcome(False, False, "it was stopped")
             if not outcome.detail:
-                self.hold_failed = False
                 return outcome.reports(AXES)
+            self.hold_failed = self._why_not_movable(session) or outcome.detail
         session.target = ()
         outcome = await stop(session.control)
         if not outcome.written:  # its connection is gone: the arm need not be
@@ -192,7 +193,7 @@ class XArmWire(Wire):
             reply = await session.control.ask(Register.SERVO_JOINT, data, within_s=CONFIRM_S)
             acknowledged = reply is not None
             if reply is None or reply.state & _REFUSED:
-                return Outcome(True, acknowledged, "not held")
+                return Outcome(True, acknowledged, "it does not take its target")
             session.take_waiting(self._clock.now_ns())
             with trio.move_on_after(HOLD_S):
                 while await session.next_report(self._clock, HOLD_S):
@@ -200,7 +201,13 @@ class XArmWire(Wire):
                         return Outcome(True, True, "")
         except WireDown as down:
             return Outcome(True, acknowledged, str(down))
-        return Outcome(True, acknowledged, "not where it is to hold")
+        return Outcome(True, acknowledged, "it is not where it is to hold")
+
+    def _why_not_movable(self, session: Session) -> str:
+        """Return what the newest report says of it; empty: nothing."""
+        observation, now_ns = self._observation(session), self._clock.now_ns()
+        refusals = (condition.check(observation, now_ns) for condition in CONDITIONS)
+        return next((refusal.reason.removeprefix("move: ") for refusal in refusals if refusal is not None), "")
 
     # -- parts
 

@@ -72,9 +72,10 @@ class Wire(ABC):
     settle), may be cancelled wherever they wait: a stop then cuts them short. Not where an SDK goes
     on with what it was told."""
 
-    hold_failed: bool = False
-    """Whether the last ``make_safe`` on a safe state that holds could not hold, and brought the
-    robot to rest in another way. Then no setpoint is written until it is armed again."""
+    hold_failed: str = ""
+    """Why the last ``make_safe`` on a safe state that holds could not hold, and brought the robot
+    to rest in another way; empty: it did not. Then no setpoint is written until it is armed
+    again."""
 
     @abstractmethod
     async def open(self) -> dict[str, Any]:

@@ -180,7 +180,7 @@ class FakeWire(Wire):
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         reports = self._hardware.make_safe(self._clock, safe_state, "wire")
         await trio.sleep(self._hardware.confirm_s)
-        self.hold_failed = safe_state == "hold" and not self._hardware.holds
+        self.hold_failed = "it slips" if safe_state == "hold" and not self._hardware.holds else ""
         return self._hardware.make_safe(self._clock, "limp", "wire") if self.hold_failed else reports
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:

@@ -410,7 +410,7 @@ class Gate(Actor):
         if report.epoch != self._state.epoch:
             return
         if message.hold_failed:
-            self._trip(Reason.FAULT, "it could not hold where it was")
+            self._trip(Reason.FAULT, f"it could not hold: {message.hold_failed}")
         else:
             self._advance(Event.SAFE_CONFIRMED if report.confirmed else Event.SAFE_UNCONFIRMED)
             if self._state.mode is Mode.HOLDING and self._observation is not None:

@@ -211,7 +211,7 @@ class SafeDone(Message, frozen=True):
     lane = "urgent"
 
     report: StopReport
-    hold_failed: bool = False  # it was to hold, could not, and was brought to rest in another way
+    hold_failed: str = ""  # why it could not hold, and was brought to rest in another way
 
 
 class ArmDone(Message, frozen=True):

@@ -99,7 +99,7 @@ class Transport(Actor):
         self._driver = driver
         self._addresses = gate, watchdog, guardian
         self.epoch = epoch
-        self.hold_failed = False  # until the robot is armed again
+        self.hold_failed = ""  # why; until the robot is armed again
         self._wire: Wire | None = None
         self._serving = Serving()
         self._lost: Wire | None = None  # the last that was open, until another one is
@@ -234,7 +234,7 @@ class Transport(Actor):
                     self._lose(WireDown(next((motor.detail for motor in motors), "nothing can be written")))
                 if self._owed.safe_state or message.reason in ORDERED:
                     motors = await self._reach(safe_state, began_ns) or motors
-        self.hold_failed = holds and self._wire is not None and self._wire.hold_failed
+        self.hold_failed = self._wire.hold_failed if holds and self._wire is not None else ""
         self._report_safe(message.reason, safe_state, message.epoch, began_ns, motors)
         if not holds and self._wire is not None and _all_safe(motors):
             self._owed.safe_state = False
@@ -265,7 +265,7 @@ class Transport(Actor):
         if epoch <= self.epoch:
             return
         self.epoch = epoch
-        self.hold_failed = False
+        self.hold_failed = ""
         self._last = None
         observation: Observation | None = None
         error = "the link was lost"

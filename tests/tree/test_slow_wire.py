@@ -83,7 +83,7 @@ def test_saf_002_nothing_follows_a_hold_that_the_wire_had_to_end() -> None:
             await trio.sleep(0.5)
             assert await mode_of(tree) == Mode.DISARMED
             answer = await writer.send(a=0.3)
-            assert isinstance(answer, Refused) and "it could not hold where it was" in answer.text
+            assert isinstance(answer, Refused) and "it could not hold: it slips" in answer.text
             tree.hardware.holds = True
             assert isinstance(await tree.gate.ask(Resume("test"), 1.0), Resumed)
             await writer.acquire()

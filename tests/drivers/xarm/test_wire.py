@@ -502,9 +502,9 @@ async def test_an_arm_that_cannot_be_held_is_stopped() -> None:
     motors = await wire.make_safe("hold")
     assert all(motor.safe for motor in motors)
     assert world.controller.state == State.STOPPED
-    assert wire.hold_failed
+    assert wire.hold_failed == "it is not where it is to hold"
     await wire.make_safe("hold")
-    assert wire.hold_failed, "a second one finds it stopped"
+    assert wire.hold_failed == "it was stopped", "a second one finds it so"
     await wire.make_safe("stop")
     assert not wire.hold_failed
     other = World()
@@ -512,6 +512,7 @@ async def test_an_arm_that_cannot_be_held_is_stopped() -> None:
     other.controller.set_mode(0)
     assert all(motor.safe for motor in await wire.make_safe("hold"))
     assert other.bodies("safe")[-1] == b"\x0c\x04"
+    assert wire.hold_failed == "it does not take its target"
 
 
 @in_virtual_time
