@@ -148,26 +148,23 @@ class CrazyflieWire(Wire):
         if session is None:
             self._is_armed = False
             return Outcome(False, False, "not connected").reports(AXES)
-        self.hold_failed = ""
         if safe_state == SafeState.HOLD:
             session.take_waiting()
-            held = await self._hold(session)
-            if held is not None:
-                return held
-            self.hold_failed = "" if self._is_on_floor(session) else "the drone is not heard"
+            flight = session.flight if session.age_s() <= self._config.fresh_s else None
+            if flight is not None and flight.bits.airborne:
+                return await self._hover_at(session, flight.z_m)
+            # Nowhere else: no hover starts its motors.
+            if flight is None:
+                self.hold_failed = "the drone is not heard"
         # On the floor commands go on, motors are off.
         self._is_armed = safe_state == SafeState.HOLD and not self.hold_failed
         within = SafeState.LAND if safe_state == SafeState.HOLD else safe_state
         return (await bring_down(session, within)).reports(AXES)
 
-    async def _hold(self, session: Session) -> tuple[MotorReport, ...] | None:
-        """Hover where it is. None: it is not known to be in the air, and no hover starts its
-        motors."""
-        flight = session.flight
-        if flight is None or not self._is_fresh(session) or not flight.bits.airborne:
-            return None
+    async def _hover_at(self, session: Session, height_m: float) -> tuple[MotorReport, ...]:
+        """Hover where it is, at a height that it may fly at."""
         low, high = self._config.z_m
-        height_m = max(low, min(high, flight.z_m))
+        height_m = max(low, min(high, height_m))
         hover = Hover(self._clock.now_ns(), height_m)
         try:
             await session.link.write(hover.packet(hover.began_ns))
@@ -175,13 +172,6 @@ class CrazyflieWire(Wire):
             return Outcome(False, False, str(failure)).reports(AXES)
         self._hover = hover
         return Outcome(True, True, "").reports(AXES, targets=(0.0, 0.0, 0.0, 0.0, height_m))
-
-    def _is_on_floor(self, session: Session) -> bool:
-        flight = session.flight
-        return flight is not None and self._is_fresh(session) and not flight.bits.airborne
-
-    def _is_fresh(self, session: Session) -> bool:
-        return session.age_s() <= self._config.fresh_s
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
         """As ``make_safe``. Over UDP by the socket that is open; other links are told once, closed,

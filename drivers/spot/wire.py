@@ -348,7 +348,6 @@ class SpotWire(Wire):
         self._is_armed = False
         said = False
         if self._session_or_none is not None:
-            outcome = Outcome(False, False, "silent")
 
             async def by_lease() -> None:
                 nonlocal said

@@ -74,8 +74,8 @@ class Wire(ABC):
 
     hold_failed: str = ""
     """Why the last ``make_safe`` on a safe state that holds could not hold, and brought the robot
-    to rest in another way; empty: it did not. Then no setpoint is written until it is armed
-    again."""
+    to rest in another way; empty: it did not. Then no setpoint is written until it is armed again,
+    before which the transport clears it."""
 
     @abstractmethod
     async def open(self) -> dict[str, Any]:

@@ -99,7 +99,6 @@ class Transport(Actor):
         self._driver = driver
         self._addresses = gate, watchdog, guardian
         self.epoch = epoch
-        self.hold_failed = ""  # why; until the robot is armed again
         self._wire: Wire | None = None
         self._serving = Serving()
         self._lost: Wire | None = None  # the last that was open, until another one is
@@ -115,6 +114,11 @@ class Transport(Actor):
         self._denied = 0
         self._attempts = 0
         self._open_at_ns = 0
+
+    @property
+    def hold_failed(self) -> str:
+        """Why the robot, which was to hold, was stopped; until it is armed again."""
+        return "" if self._wire is None else self._wire.hold_failed
 
     async def started(self) -> None:
         gate, watchdog, guardian = self._addresses
@@ -234,8 +238,8 @@ class Transport(Actor):
                     self._lose(WireDown(next((motor.detail for motor in motors), "nothing can be written")))
                 if self._owed.safe_state or message.reason in ORDERED:
                     motors = await self._reach(safe_state, began_ns) or motors
-        self.hold_failed = self._wire.hold_failed if holds and self._wire is not None else ""
-        self._report_safe(message.reason, safe_state, message.epoch, began_ns, motors)
+        hold_failed = self.hold_failed if holds else ""
+        self._report_safe(message.reason, safe_state, message.epoch, began_ns, motors, hold_failed)
         if not holds and self._wire is not None and _all_safe(motors):
             self._owed.safe_state = False
 
@@ -253,19 +257,24 @@ class Transport(Actor):
         return ()
 
     def _report_safe(
-        self, reason: Reason, safe_state: str, epoch: int, began_ns: int, motors: tuple[MotorReport, ...]
+        self,
+        reason: Reason,
+        safe_state: str,
+        epoch: int,
+        began_ns: int,
+        motors: tuple[MotorReport, ...],
+        hold_failed: str = "",
     ) -> None:
         now_ns = self.context.clock.now_ns()
         took_ms = (now_ns - began_ns) / 1e6
         motors = motors or _not_reached(self._driver)
         report = StopReport(reason, safe_state, epoch, _all_safe(motors), motors, took_ms=took_ms, at_ns=now_ns)
-        self._gate.tell(SafeDone(report, self.hold_failed))
+        self._gate.tell(SafeDone(report, hold_failed))
 
     async def _arm(self, epoch: int) -> None:
         if epoch <= self.epoch:
             return
         self.epoch = epoch
-        self.hold_failed = ""
         self._last = None
         observation: Observation | None = None
         error = "the link was lost"
@@ -275,6 +284,7 @@ class Transport(Actor):
                 if self._wire is not None:
                     self._owed.safe_state = True
                     error = "a stop came before the robot was armed"
+                    self._wire.hold_failed = ""
                     with self._cut_by_a_stop(self._wire.interruptible):
                         observation = await self._wire.arm(_Permit(self, epoch, 0))
         except (WireDown, PermitDenied, trio.TooSlowError) as failure:
