@@ -33,16 +33,17 @@ class TlsConnection(Connection):
 
     async def shake_hands(self) -> None:
         """Raise ``ClientGone``."""
-        self._early = b""
+        self._early = 0, b""  # what came behind the handshake in one piece, and when
         while not self._records.is_up:
-            _, data = await self._below.receive()
-            self._early += self._hear(data)
+            t_ns, data = await self._below.receive()
+            self._early = t_ns, self._hear(data)
 
     async def receive(self) -> tuple[int, bytes]:
         """Return the next bytes and when they were read. Raise ``ClientGone``."""
-        if self._early:
-            early, self._early = self._early, b""
-            return 0, early
+        t_ns, early = self._early
+        if early:
+            self._early = 0, b""
+            return t_ns, early
         while True:
             t_ns, data = await self._below.receive()
             told = self._hear(data)

@@ -14,7 +14,9 @@ import trio
 
 from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.tls_port import TlsPort, TlsRecords, open_tls
-from strands_actors.drivers.spot.twin.tls import certificate, server_context
+from strands_actors.drivers.common.twin import Connection, WireLog
+from strands_actors.drivers.common.twin.server import Frost
+from strands_actors.drivers.spot.twin.tls import TlsConnection, certificate, server_context
 
 NAME = "api.spot.robot"
 DISTURBED = 2_000
@@ -49,6 +51,39 @@ def test_what_one_end_says_the_other_hears_in_any_pieces() -> None:
     server.say(b"yes")
     assert client.hear(server.outgoing()) == b"yes"
     assert said[:100] not in records
+
+
+class Below(Connection):
+    """Under a twin's TLS: ``pieces`` come at 1, 2, 3 ns and so on."""
+
+    def __init__(self, sock: socket.socket, client: TlsRecords, said: bytes) -> None:
+        super().__init__(sock, WireLog(None), Frost())
+        self._client = client
+        self._said = said
+        self.t_ns = 0
+        client.hear(b"")
+
+    async def receive(self) -> tuple[int, bytes]:
+        self.t_ns += 1
+        if self._client.is_up and self._said:
+            self._client.say(self._said)
+            self._said = b""
+        return self.t_ns, self._client.outgoing()
+
+    def send(self, data: bytes) -> None:
+        self._client.hear(data)
+
+
+def test_what_a_client_says_behind_its_handshake_in_one_piece_has_its_time_in_a_twins_log() -> None:
+    async def run() -> None:
+        with socket.socket() as unused:
+            below = Below(unused, TlsRecords(client_context(), NAME), b"a stop")
+            twin = TlsConnection(below, server_context())
+            await twin.shake_hands()
+            assert await twin.receive() == (2, b"a stop")
+            assert below.t_ns == 2, "it came with the end of the handshake"
+
+    trio.run(run)
 
 
 def test_saf_017_a_peer_of_another_name_or_certificate_is_not_believed() -> None:
