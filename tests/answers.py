@@ -51,3 +51,9 @@ def task(arm: Any) -> dict[str, Any]:
 
 def task_ended(arm: Any) -> dict[str, Any]:
     return until(lambda: None if (now := task(arm))["running"] else now, "the task ends")
+
+
+def pids(arm: Any) -> dict[str, int]:
+    """The processes of its tree, by role."""
+    tree = arm.tree()
+    return {} if tree is None else {process["role"]: process["pid"] for process in tree["processes"]}

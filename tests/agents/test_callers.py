@@ -17,7 +17,7 @@ from strands_actors import open_robot
 from strands_actors.caller.portal import portal
 from strands_actors.caller.robot import RealRobot
 from strands_actors.testing import Twin
-from tests.answers import json_of, state, status, task_ended, until, why
+from tests.answers import json_of, pids, state, status, task_ended, until, why
 from tests.robot.conftest import NewArm
 from tests.robot.helpers import at, limps
 
@@ -114,15 +114,13 @@ def test_status_has_the_same_keys_whatever_the_robot_does(twin: Twin, new_arm: N
     assert set(before) <= set(live)
     assert live["connect_error"] is None
     json.dumps(live)
-    tree = arm.tree()
-    assert tree is not None
-    pids = [process["pid"] for process in tree["processes"] if process["role"] in ("root", "wire")]
-    for pid in pids:
+    frozen = [pids(arm)[role] for role in ("root", "wire")]
+    for pid in frozen:
         os.kill(pid, signal.SIGSTOP)
     try:
         frozen = status(arm)
     finally:
-        for pid in pids:
+        for pid in frozen:
             os.kill(pid, signal.SIGCONT)
     assert set(frozen) == set(live)
     assert (frozen["state"], frozen["connected"]) == ("unreachable", False)

@@ -26,7 +26,7 @@ from strands_actors.policies.registry import choose_provider
 from strands_actors.policies.remote import Remote
 from strands_actors.supervisors.policy import as_infer, prepare
 from strands_actors.testing import Twin
-from tests.answers import json_of, task_ended, until, why
+from tests.answers import json_of, pids, task_ended, until, why
 from tests.robot.helpers import holds
 
 AXES = ["a", "b"]
@@ -232,7 +232,7 @@ def test_saf_008_a_policy_that_loads_through_a_stop_does_not_move_after_the_resu
     json_of(arm.stop())
     json_of(arm.resume())
     Path(f"{ready}.go").touch()
-    until(lambda: "policy" not in {process["role"] for process in (arm.tree() or {})["processes"]}, "it ends")
+    until(lambda: "policy" not in pids(arm), "it ends")
     assert not twin.log.host("setpoint")
     assert json_of(arm.get_task_status())["running"] is False
     assert arm.send_action({"gripper": 40.0})["status"] == "success"

@@ -20,7 +20,7 @@ from strands_actors.kernel.health.processor import is_stopped
 from strands_actors.surfaces.cameras import CameraReader, Frame, Stale, StaleFrame, attach_camera
 from strands_actors.surfaces.cameras.picture_files import cameras_of, pictures_dir
 from strands_actors.testing import WireLog
-from tests.answers import json_of, status, task, task_ended
+from tests.answers import json_of, pids, status, task, task_ended
 
 from .looking import PATIENCE_S, until
 
@@ -49,10 +49,7 @@ def new_arm(run_dir: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[NewArm]:
 
 
 def pid_of(arm: RealRobot, camera: str) -> int:
-    tree = arm.tree()
-    assert tree is not None
-    found = {process["role"]: process["pid"] for process in tree["processes"]}
-    return int(found.get(f"camera/{camera}", 0))
+    return pids(arm).get(f"camera/{camera}", 0)
 
 
 def picture(reader: CameraReader) -> Frame:
@@ -251,8 +248,7 @@ def test_saf_015_a_camera_has_nothing_of_the_robot_open_and_ends_with_it(new_arm
         if process["pid"] != pid:
             theirs = open_of(process["pid"])
             assert not {kind for kind in kinds if kind.startswith("socket:")} & theirs, process
-    (root,) = (process["pid"] for process in tree["processes"] if process["role"] == "root")
-    os.kill(root, signal.SIGKILL)
+    os.kill(pids(arm)["root"], signal.SIGKILL)
     until(lambda: not Path(f"/proc/{pid}").exists(), "it has ended")
 
 

@@ -11,16 +11,10 @@ from pathlib import Path
 import pytest
 
 from strands_actors import Robot
-from strands_actors.caller.robot import RealRobot
 from strands_actors.testing import WireLog
+from tests.answers import pids
 
 DEADLINE_S = 20.0
-
-
-def wire_pid(arm: RealRobot) -> int | None:
-    tree = arm.tree()
-    found = [process["pid"] for process in (tree or {}).get("processes", ()) if process["role"] == "wire"]
-    return found[0] if found else None
 
 
 def test_saf_003_a_spent_restart_budget_leaves_the_robot_safe(
@@ -35,7 +29,7 @@ def test_saf_003_a_spent_restart_budget_leaves_the_robot_safe(
         killed: set[int] = set()
         while (tree := arm.tree()) is None or tree["state"] != "failed":
             assert time.monotonic() < deadline_s, f"not given up after {len(killed)} deaths"
-            pid = wire_pid(arm)
+            pid = pids(arm).get("wire")
             if pid is not None and pid not in killed:
                 os.kill(pid, signal.SIGKILL)
                 killed.add(pid)

@@ -16,7 +16,7 @@ import pytest
 from strands_actors import Robot
 from strands_actors.caller.robot import RealRobot
 from strands_actors.testing import Twin, WireLog
-from tests.answers import until
+from tests.answers import pids, until
 
 Start = Callable[..., tuple[RealRobot, Twin]]
 
@@ -30,9 +30,7 @@ def test_saf_002_a_frozen_wire_is_fenced_before_the_root_writes(
     monkeypatch.setenv("STRANDS_ACTORS_TWIN_LOG", str(log.path))
     with Robot("so101", mode="real", transport="twin") as arm:
         assert arm.send_action({"shoulder_pan": 10.0})["status"] == "success"
-        tree = arm.tree()
-        assert tree is not None
-        wire = next(process["pid"] for process in tree["processes"] if process["role"] == "wire")
+        wire = pids(arm)["wire"]
         frozen_ns = time.monotonic_ns()
         os.kill(wire, signal.SIGSTOP)
         deadline_s = time.monotonic() + 5.0
@@ -51,16 +49,14 @@ def test_saf_016_a_root_that_dies_as_it_ends_a_frozen_wire_has_written(strands_r
     out."""
     arm, twin = strands_robot("so101")
     assert arm.send_action({"shoulder_pan": 10.0})["status"] == "success"
-    tree = arm.tree()
-    assert tree is not None
-    pids = {process["role"]: process["pid"] for process in tree["processes"]}
-    wire = os.pidfd_open(pids["wire"])
+    known = pids(arm)
+    wire = os.pidfd_open(known["wire"])
     frozen_ns = time.monotonic_ns()
-    os.kill(pids["wire"], signal.SIGSTOP)
+    os.kill(known["wire"], signal.SIGSTOP)
     poll = select.poll()
     poll.register(wire, select.POLLIN)
     assert poll.poll(5000.0), "it was not fenced"
-    os.kill(pids["root"], signal.SIGKILL)
+    os.kill(known["root"], signal.SIGKILL)
     os.close(wire)
     time.sleep(0.5)  # nobody is left who could write
     safe = twin.log.first_safe(frozen_ns)
@@ -90,7 +86,3 @@ def test_saf_003_a_stop_of_a_task_beside_a_dead_wire_does_not_end_the_root(stran
 def with_policy(arm: RealRobot) -> dict[str, int] | None:
     found = pids(arm)
     return found if "policy" in found and arm.get_task_status()["content"][0]["json"]["steps"] else None
-
-
-def pids(arm: RealRobot) -> dict[str, int]:
-    return {process["role"]: process["pid"] for process in (arm.tree() or {}).get("processes", ())}

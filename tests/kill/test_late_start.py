@@ -16,6 +16,7 @@ from strands_actors.caller import rollouts
 from strands_actors.caller.robot import RealRobot
 from strands_actors.supervisors.root.messages import StartTask
 from strands_actors.testing import Twin
+from tests.answers import pids
 
 Start = Callable[..., tuple[RealRobot, Twin]]
 
@@ -35,7 +36,7 @@ def task(arm: RealRobot) -> dict[str, Any]:
 
 def spawner_of(arm: RealRobot) -> int:
     """The child of the root that is no part of the tree."""
-    known = {process["role"]: process["pid"] for process in (arm.tree() or {})["processes"]}
+    known = pids(arm)
     children = Path(f"/proc/{known['root']}/task/{known['root']}/children").read_text().split()
     (spawner,) = {int(pid) for pid in children} - set(known.values())
     return spawner

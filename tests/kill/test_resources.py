@@ -16,7 +16,7 @@ from pathlib import Path
 
 from strands_actors.caller.robot import RealRobot
 from strands_actors.testing import Twin
-from tests.answers import PATIENCE_S, until
+from tests.answers import PATIENCE_S, pids, until
 
 from .restarts import private_kb
 
@@ -29,10 +29,6 @@ WARM_UP = 100
 sessions of policies that it lets in, and by 0.15 MB in the next three hundred."""
 
 Start = Callable[..., tuple[RealRobot, Twin]]
-
-
-def pids(arm: RealRobot) -> dict[str, int]:
-    return {process["role"]: process["pid"] for process in (arm.tree() or {}).get("processes", ())}
 
 
 def only_those_it_has(pid: int) -> tuple[int, int]:

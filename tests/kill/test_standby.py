@@ -20,7 +20,7 @@ import pytest
 from strands_actors.caller.robot import RealRobot
 from strands_actors.supervisors.standby.report import LOCK, REPORT, StandbyReport, holder, read
 from strands_actors.testing import Twin
-from tests.answers import status, until, why
+from tests.answers import pids, status, until, why
 
 Start = Callable[..., tuple[RealRobot, Twin]]
 
@@ -50,10 +50,6 @@ def moving(strands_robot: Start) -> Iterator[Callable[[str], tuple[RealRobot, Tw
     for pid in known:
         with contextlib.suppress(ProcessLookupError):
             os.kill(pid, KILL)
-
-
-def pids(arm: RealRobot) -> dict[str, int]:
-    return {process["role"]: process["pid"] for process in (arm.tree() or {}).get("processes", ())}
 
 
 def alive(pid: int) -> bool:

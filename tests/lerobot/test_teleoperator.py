@@ -14,7 +14,7 @@ import pytest
 
 from strands_actors import Robot, Teleoperator
 from strands_actors.testing import Twin
-from tests.answers import json_of, task, until
+from tests.answers import json_of, pids, task, until
 
 from .calibration import NAME, write
 
@@ -53,9 +53,9 @@ def test_saf_003_lerobots_own_leader_leads_and_its_process_is_killed(
         until(lambda: abs(_teleop(arm)["values"]["shoulder_pan"] - 8.6) < 1.0, "its angles are degrees")
         _engage(arm)
         until(lambda: _held(arm) and abs(arm.get_observation()["shoulder_pan"] - 8.6) < 2.0, "it follows")
-        (pid,) = [one["pid"] for one in arm.tree()["processes"] if one["role"] == "policy"]
+        policy = pids(arm)["policy"]
         killed_ns = time.monotonic_ns()
-        os.kill(pid, signal.SIGKILL)
+        os.kill(policy, signal.SIGKILL)
         until(lambda: not task(arm)["running"], "it has ended")
         until(lambda: follower.log.first_safe(killed_ns), "it holds")
         follower.log.safe_within(killed_ns, BOUND_S)

@@ -33,7 +33,7 @@ from strands_actors.surfaces import cli
 from strands_actors.surfaces.recording import RecordingError, read, record, replay
 from strands_actors.surfaces.recording.code import build_driver
 from strands_actors.testing import WireLog
-from tests.answers import until
+from tests.answers import pids, until
 
 PATIENCE_S = 60.0
 PROGRAM = "from strands_actors.surfaces.cli import main; main()"
@@ -78,11 +78,6 @@ def ask(message: Message) -> Message | None:
         return await node.ref("strands/so101/actor/gate", Gate, sender=sender).ask(message, 5.0)
 
     return portal().call(ask)
-
-
-def pid_of(arm: RealRobot, role: str) -> int:
-    tree = arm.tree()
-    return 0 if tree is None else next((p["pid"] for p in tree["processes"] if p["role"] == role), 0)
 
 
 def steps_of(arm: RealRobot) -> int:
@@ -272,7 +267,7 @@ def test_saf_006_a_frozen_recorder_changes_nothing(tmp_path: Path, monkeypatch: 
     monkeypatch.setenv("STRANDS_ACTORS_TWIN_LOG", str(log.path))
     path = tmp_path / "run.mcap"
     with Robot("so101", mode="real", transport="twin") as arm, recorder(path) as process:
-        wire = pid_of(arm, "wire")
+        wire = pids(arm)["wire"]
         process.send_signal(signal.SIGSTOP)
         frozen_ns = time.monotonic_ns()
         while time.monotonic_ns() < frozen_ns + (SILENT_S + 0.5) * 1e9:
@@ -281,7 +276,7 @@ def test_saf_006_a_frozen_recorder_changes_nothing(tmp_path: Path, monkeypatch: 
         assert len(setpoints) > 50
         assert arm.stop()["status"] == "success"  # type: ignore[index]
         assert log.safe_within(setpoints[-1], 2.0)
-        assert pid_of(arm, "wire") == wire, "nothing was late enough to be fenced"
+        assert pids(arm)["wire"] == wire, "nothing was late enough to be fenced"
         process.send_signal(signal.SIGCONT)
         arm.resume()
         until_recorded(path, arm)
@@ -296,12 +291,12 @@ def test_a_killed_recorder_changes_nothing_and_another_may_begin(tmp_path: Path)
     with Robot("so101", mode="real", transport="twin") as arm:
         with recorder(tmp_path / "one.mcap") as process:
             assert "records this robot already" in refused_recorder(tmp_path / "two.mcap")
-            wire = pid_of(arm, "wire")
+            wire = pids(arm)["wire"]
             move(arm, 5)
             process.kill()
             move(arm, 50)
             process.wait()
-        assert pid_of(arm, "wire") == wire
+        assert pids(arm)["wire"] == wire
 
         def begin() -> bool:
             path = tmp_path / f"{time.monotonic_ns()}.mcap"
@@ -335,9 +330,9 @@ def test_the_death_of_the_wire_is_in_the_file(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     with Robot("so101", mode="real", transport="twin") as arm, recorder(path) as process:
         assert arm.send_action({"gripper": 30.0})["status"] == "success"
-        wire = pid_of(arm, "wire")
+        wire = pids(arm)["wire"]
         os.kill(wire, signal.SIGKILL)
-        until(lambda: pid_of(arm, "wire") not in (0, wire), "a new wire", PATIENCE_S)
+        until(lambda: pids(arm)["wire"] not in (0, wire), "a new wire", PATIENCE_S)
         assert arm.resume()["status"] == "success"
         until_recorded(path, arm)
         assert arm.send_action({"gripper": 20.0})["status"] == "success"

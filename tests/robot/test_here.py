@@ -16,7 +16,7 @@ from strands_actors import Robot
 from strands_actors.caller.portal import portal
 from strands_actors.caller.robot import RealRobot
 from strands_actors.testing import Twin
-from tests.answers import json_of, until, why
+from tests.answers import json_of, pids, until, why
 
 from .conftest import NewArm
 from .helpers import far
@@ -40,13 +40,6 @@ def no_loop() -> Iterator[None]:
         yield
     finally:
         over.set()
-
-
-def wire_of(arm: RealRobot) -> int:
-    tree = arm.tree()
-    assert tree is not None
-    pid: int = next(process["pid"] for process in tree["processes"] if process["role"] == "wire")
-    return pid
 
 
 def test_a_loop_that_is_held_up_holds_up_no_command(arm: RealRobot, twin: Twin) -> None:
@@ -108,7 +101,7 @@ def test_saf_006_a_stop_leaves_in_the_thread_that_calls_whatever_the_loop_does(a
 
 def test_a_thread_that_waits_is_woken_when_the_robot_is_cleaned_up(arm: RealRobot) -> None:
     """Its question has reached a wire that does not answer any more."""
-    wire = wire_of(arm)
+    wire = pids(arm)["wire"]
     answers: list[str] = []
     os.kill(wire, signal.SIGSTOP)
     asking = threading.Thread(target=lambda: answers.append(why(arm.send_action({"shoulder_pan": 0.0}))))
@@ -154,7 +147,7 @@ def test_two_threads_command_one_robot(arm: RealRobot) -> None:
 def test_saf_001_a_wire_that_is_killed_is_no_longer_spoken_to(arm: RealRobot, twin: Twin) -> None:
     json_of(arm.send_action({"shoulder_pan": far(arm)}))
     killed_ns = time.monotonic_ns()
-    os.kill(wire_of(arm), signal.SIGKILL)
+    os.kill(pids(arm)["wire"], signal.SIGKILL)
     began_s = time.monotonic()
     until(lambda: arm.send_action({"shoulder_pan": 0.0})["status"] == "error", "the end is known")
     assert time.monotonic() - began_s < 5.0
@@ -168,7 +161,7 @@ def test_saf_001_a_wire_that_is_killed_is_no_longer_spoken_to(arm: RealRobot, tw
 
 def test_saf_002_a_command_to_a_frozen_wire_is_not_done_late(arm: RealRobot, twin: Twin) -> None:
     """It waits in the socket of a process that stands still; that process never reads it."""
-    wire, target = wire_of(arm), far(arm)
+    wire, target = pids(arm)["wire"], far(arm)
     frozen_ns = time.monotonic_ns()
     os.kill(wire, signal.SIGSTOP)
     refusal = why(arm.send_action({"shoulder_pan": target}))

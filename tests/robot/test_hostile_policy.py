@@ -23,7 +23,7 @@ from strands_actors.supervisors.root.guardian import Guardian
 from strands_actors.supervisors.root.messages import StateIs
 from strands_actors.surfaces.mesh import estop
 from strands_actors.testing import Twin
-from tests.answers import json_of, state, status, task_ended, until
+from tests.answers import json_of, pids, state, status, task_ended, until
 
 from .helpers import COUNTS_PER_DEGREE, IDS, at, goals, limps
 from .hostile import FAR, Hostile
@@ -46,12 +46,6 @@ def attack(arm: RealRobot, how: str, **options: Any) -> None:
     time.sleep(0.2)
 
 
-def policy_pid(arm: RealRobot) -> int | None:
-    tree = arm.tree()
-    assert tree is not None
-    return next((process["pid"] for process in tree["processes"] if process["role"] == "policy"), None)
-
-
 def farthest(twin: Twin, since_ns: int) -> float:
     """Degrees from the middle: the farthest goal of the base joint on the wire."""
     seen = [goals(entry).get(IDS["shoulder_pan"]) for entry in twin.log.host("setpoint", since_ns)]
@@ -66,7 +60,7 @@ def test_saf_017_an_estop_is_answered_by_the_wire_and_not_by_a_policy_that_calls
     arm: RealRobot, twin: Twin
 ) -> None:
     attack(arm, "gate")
-    pid = policy_pid(arm)
+    pid = pids(arm).get("policy")
     assert pid is not None
     began_ns = time.monotonic_ns()
     (outcome,) = estop(by="the button", within_s=5.0)
@@ -117,7 +111,7 @@ def test_saf_017_a_policy_writes_nothing_past_the_gate(arm: RealRobot, twin: Twi
 
 def test_saf_017_an_estop_ends_the_policy_process(arm: RealRobot) -> None:
     attack(arm, "stay")
-    pid = policy_pid(arm)
+    pid = pids(arm).get("policy")
     assert pid is not None
     (outcome,) = estop(by="the button", within_s=5.0)
     assert outcome.outcome == "safe"

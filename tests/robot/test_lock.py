@@ -20,7 +20,7 @@ from strands_actors.drivers.feetech.driver import Feetech
 from strands_actors.supervisors.root.locks import Locks
 from strands_actors.surfaces.mesh import estop
 from strands_actors.testing import Twin
-from tests.answers import json_of, status, until, why
+from tests.answers import json_of, pids, status, until, why
 
 from .conftest import NewArm
 from .helpers import limps
@@ -89,10 +89,7 @@ def test_saf_018_a_lock_that_was_put_on_without_the_wire_outlives_the_tree(
     arm: RealRobot, twin: Twin, new_arm: NewArm
 ) -> None:
     """The wire was frozen: the root fenced it, and keeps the lock."""
-    tree = arm.tree()
-    assert tree is not None
-    (wire,) = [process["pid"] for process in tree["processes"] if process["role"] == "wire"]
-    os.kill(wire, signal.SIGSTOP)
+    os.kill(pids(arm)["wire"], signal.SIGSTOP)
     (outcome,) = estop(by=BY, within_s=5.0)
     assert outcome.locked
     arm.cleanup()
@@ -103,11 +100,9 @@ def test_saf_018_the_root_dies_with_the_script_and_the_lock_stays(
     arm: RealRobot, twin: Twin, new_arm: NewArm
 ) -> None:
     press()
-    tree = arm.tree()
-    assert tree is not None
-    for process in tree["processes"]:
-        if process["role"] in ("root", "wire"):
-            os.kill(process["pid"], signal.SIGKILL)
+    known = pids(arm)
+    for role in ("root", "wire"):
+        os.kill(known[role], signal.SIGKILL)
     arm.cleanup()
     is_locked(new_arm(port=twin.port), twin, time.monotonic_ns())
 

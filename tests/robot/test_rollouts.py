@@ -18,7 +18,7 @@ from strands_actors.kernel.node import AskTimeout
 from strands_actors.kernel.ref import Ref
 from strands_actors.supervisors.gate.messages import GetStatus
 from strands_actors.testing import Twin
-from tests.answers import json_of, state, status, task, task_ended, until, why
+from tests.answers import json_of, pids, state, status, task, task_ended, until, why
 
 from .helpers import COUNTS_PER_DEGREE, IDS, at, goals, holds, limps
 
@@ -377,7 +377,7 @@ def test_a_named_policy_runs_in_a_process_of_its_own(arm: RealRobot, twin: Twin,
     assert begun.keys() == TASK_KEYS
     assert begun["running"] is True
     until(lambda: task(arm)["steps"] >= 8, "it moves")
-    assert {process["role"] for process in (arm.tree() or {})["processes"]} >= {"root", "wire", "policy"}
+    assert pids(arm).keys() >= {"root", "wire", "policy"}
     assert "already running" in why(arm.run_policy(ahead))
     stopped_ns = time.monotonic_ns()
     ended = json_of(arm.stop_task())

@@ -24,7 +24,7 @@ from strands_actors.caller.robot import RealRobot, SimRobot
 from strands_actors.caller.tree import RobotTree
 from strands_actors.simulation.handle import SimulationError
 from strands_actors.testing import WireLog
-from tests.answers import json_of, state, status, task_ended, until, why
+from tests.answers import json_of, pids, state, status, task_ended, until, why
 
 from .helpers import at
 
@@ -83,12 +83,6 @@ def new_arm(new_sim: NewSim) -> Iterator[NewArm]:
     yield new
     for arm in made:
         arm.cleanup()
-
-
-def pids(robot: RealRobot) -> dict[str, int]:
-    tree = robot.tree()
-    assert tree is not None
-    return {process["role"]: process["pid"] for process in tree["processes"]}
 
 
 # -- the verbs

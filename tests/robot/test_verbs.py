@@ -21,7 +21,7 @@ from strands_actors import open_robot
 from strands_actors.caller.robot import RealRobot
 from strands_actors.drivers.feetech import protocol as p
 from strands_actors.testing import Twin
-from tests.answers import json_of, state, status, task, until, why
+from tests.answers import json_of, pids, state, status, task, until, why
 
 from .conftest import NewArm
 from .helpers import (
@@ -238,9 +238,7 @@ def test_a_wire_that_dies_while_it_arms_is_told_soon(twin: Twin, new_arm: NewArm
     arm = new_arm(port=twin.port)
     assert arm.connect_eagerly() is None
     json_of(arm.stop())
-    tree = arm.tree()
-    assert tree is not None
-    wire = next(process["pid"] for process in tree["processes"] if process["role"] == "wire")
+    wire = pids(arm)["wire"]
     twin.fault("delayed:6")  # so that arming takes its time
     until(lambda: "gripper" in status(arm)["faults"], "the fault is there")
     answers: list[Any] = []
@@ -266,12 +264,10 @@ def test_after_a_resume_the_robot_is_the_callers(arm: RealRobot, named: bool) ->
     else:
         json_of(arm.run_policy(lambda seen: {"shoulder_pan": seen["shoulder_pan"]}, duration=60.0))
     until(lambda: task(arm)["steps"] > 0, "it runs")
-    tree = arm.tree()
-    assert tree is not None
-    pids = {process["role"]: process["pid"] for process in tree["processes"]}
+    known = pids(arm)
     if named:
-        os.kill(pids["policy"], signal.SIGSTOP)  # so that it cannot notice
-    os.kill(pids["wire"], signal.SIGKILL)
+        os.kill(known["policy"], signal.SIGSTOP)  # so that it cannot notice
+    os.kill(known["wire"], signal.SIGKILL)
     until(lambda: state(arm) == "disarmed", "the next wire is up")
     json_of(arm.resume())
     json_of(arm.send_action({"gripper": 40.0}))

@@ -27,7 +27,7 @@ from strands_actors.supervisors.gate.messages import Acquire, Beat, Lease, Perfo
 from strands_actors.supervisors.root.messages import Rollout, Shutdown, StartTask, StateIs, StopTask
 from strands_actors.supervisors.wire.messages import Write
 from strands_actors.testing import Twin
-from tests.answers import json_of, state, status, until
+from tests.answers import json_of, pids, state, status, until
 
 from .helpers import COUNTS_PER_DEGREE, IDS, goals, limps
 
@@ -176,9 +176,7 @@ def test_saf_017_a_visitor_that_calls_itself_the_gate_answers_nobody(
 def test_saf_017_nor_when_the_gate_is_frozen(arm: RealRobot, twin: Twin, run_dir: Path) -> None:
     """The caller's stop then goes by the root, as if there were no visitor."""
     json_of(arm.send_action({"shoulder_pan": 0.0}))
-    tree = arm.tree()
-    assert tree is not None
-    wire = next(process["pid"] for process in tree["processes"] if process["role"] == "wire")
+    wire = pids(arm)["wire"]
     with visitor(run_dir) as it:
         it.claims(AT.gate)
         time.sleep(0.3)

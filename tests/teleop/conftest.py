@@ -14,7 +14,7 @@ import pytest
 from strands_actors import Robot, Teleoperator
 from strands_actors.caller.robot import RealRobot
 from strands_actors.testing import Twin
-from tests.answers import json_of, state, task, until
+from tests.answers import json_of, pids, state, task, until
 
 OPERATE_S = 0.03
 NEUTRAL = {"shoulder_pan": 0.0, "shoulder_lift": 0.0, "elbow_flex": 0.0, "wrist_flex": 0.0, "wrist_roll": 0.0}
@@ -63,9 +63,7 @@ class Pair:
     @property
     def pid(self) -> int:
         """Of the process of the teleoperation; 0: there is none."""
-        tree = self.arm.tree()
-        assert tree is not None
-        return next((process["pid"] for process in tree["processes"] if process["role"] == "policy"), 0)
+        return pids(self.arm).get("policy", 0)
 
 
 @pytest.fixture(scope="session")

@@ -27,8 +27,9 @@ from strands_actors.testing import Bench, Faults, Twin, Victims, WireLog, cells_
 from strands_actors.testing.bench import driver_of
 from strands_actors.testing.wirelog import Entry
 from tests.agents.scripted import Scripted
-from tests.answers import json_of, state, status, until, why
+from tests.answers import json_of, pids, state, status, until, why
 from tests.drivers.common.twin_process import TwinProcess
+from tests.trees import armed, connected, first_safe
 
 SLACK_S = 0.5
 """On the published bounds, for a busy machine."""
@@ -45,8 +46,7 @@ class T1:
         self.log = WireLog(twin.log_path)
 
     def enable(self) -> None:
-        if state(self.robot) not in ("armed", "holding"):
-            until(lambda: self.robot.resume()["status"] == "success", "it is armed")
+        armed(self.robot)
         json_of(self.robot.enable_upper_body())
 
     def elbow(self, rad: float) -> None:
@@ -60,12 +60,6 @@ class T1:
         at_ns = time.monotonic_ns()
         self.elbow(self.robot.get_observation()["left_elbow_pitch"] + 0.1)
         return at_ns
-
-    def pid(self, role: str) -> int:
-        tree = self.robot.tree()
-        assert tree is not None
-        found: int = next(process["pid"] for process in tree["processes"] if process["role"] == role)
-        return found
 
     def commands(self, since_ns: int = 0) -> list[tuple[Entry, Command]]:
         """Every LowCmd."""
@@ -83,12 +77,6 @@ class T1:
             (entry.t_ns, json.loads(request.body)["vx"]) for entry, request in self.requests(Api.MOVE, since_ns)
         ]
 
-    def first_safe(self, since_ns: int, safe_state: str) -> Entry:
-        def look() -> Entry | None:
-            return next((one for one in self.log.host("safe", since_ns) if one.safe_state == safe_state), None)
-
-        return until(look, f"a frame of {safe_state}")
-
     def events(self, kind: str, since_ns: int = 0) -> list[str]:
         entries = self.log.entries(since_ns)
         return [entry.data.decode() for entry in entries if entry.sender == "robot" and entry.kind == kind]
@@ -96,15 +84,6 @@ class T1:
     def sensor(self, name: str) -> list[float]:
         row: list[float] = status(self.robot)["sensors"].get(name, [])
         return row
-
-
-def connected(robot: RealRobot) -> None:
-    problem: str | None = "never tried"
-    for _ in range(3):  # on a busy machine a process may be late enough to count as frozen
-        problem = robot.connect_eagerly()
-        if problem is None:
-            break
-    assert problem is None
 
 
 @contextlib.contextmanager
@@ -240,9 +219,9 @@ def test_in_custom_mode_no_frame_is_sent_that_would_let_go_of_the_legs(robot: T1
     assert "custom mode" in status(robot.robot)["cause"]
     assert robot.commands() == []
     assert "custom mode" in why(robot.robot.resume())
-    wire = robot.pid("wire")
+    wire = pids(robot.robot)["wire"]
     os.kill(wire, signal.SIGKILL)
-    until(lambda: state(robot.robot) == "disarmed" and robot.pid("wire") != wire, "another one is there")
+    until(lambda: state(robot.robot) == "disarmed" and pids(robot.robot)["wire"] != wire, "another one is there")
     assert robot.commands() == [], "the root sends none either"
     assert robot.events("fall") == []
 
@@ -306,7 +285,7 @@ def test_a_stop_makes_it_stand_and_gives_the_arms_back(robot: T1) -> None:
     assert (stopped["safe_state"], stopped["path"], stopped["unconfirmed"]) == ("stop", "wire", [])
     first = robot.log.first_safe(began_ns)
     assert first is not None and b'"vx": 0.0' in first.data, "the base first"
-    back = robot.first_safe(began_ns, "stop")
+    back = first_safe(robot.log, began_ns, "stop")
     held = [entry for entry, _ in robot.commands(first.t_ns) if entry.t_ns <= back.t_ns]
     assert held and all(entry.kind == "safe" for entry in held), "the arms are held in between"
     robot.log.no_setpoint_after_safe(first.t_ns)
@@ -330,7 +309,7 @@ def test_saf_007_an_estop_puts_it_into_damping_beside_an_arm(robot: T1, tmp_path
             "booster_t1": "damp",
             "so101": "limp",
         }
-        damp = robot.first_safe(began_ns, "damp")
+        damp = first_safe(robot.log, began_ns, "damp")
         until(lambda: other.log.first_safe(began_ns), "a safe frame of the arm")
         robot.log.no_setpoint_after_safe(damp.t_ns)
         assert robot.log.host("setpoint", damp.t_ns) == []
@@ -344,10 +323,10 @@ def test_saf_003_whoever_breaks_it_stands_and_has_its_arms_back(
     robot: T1, role: str, number: signal.Signals
 ) -> None:
     robot.busy()
-    pid = robot.pid(role)
+    pid = pids(robot.robot)[role]
     began_ns = time.monotonic_ns()
     os.kill(pid, number)
-    safe = robot.first_safe(began_ns, "stop")
+    safe = first_safe(robot.log, began_ns, "stop")
     assert (safe.t_ns - began_ns) / 1e9 < 0.25 + SLACK_S
     first = robot.log.first_safe(began_ns)
     assert first is not None
@@ -366,11 +345,11 @@ def test_saf_003_whoever_breaks_it_stands_and_has_its_arms_back(
 
 def test_saf_016_root_and_wire_at_once_leave_it_to_the_standby(robot: T1) -> None:
     robot.busy()
-    pids = [robot.pid(role) for role in ("root", "wire")]
+    victims = [pids(robot.robot)[role] for role in ("root", "wire")]
     began_ns = time.monotonic_ns()
-    for pid in pids:
+    for pid in victims:
         os.kill(pid, signal.SIGKILL)
-    robot.first_safe(began_ns, "stop")
+    first_safe(robot.log, began_ns, "stop")
     assert robot.moves(began_ns)[-1][1] == 0.0
     first = robot.log.first_safe(began_ns)
     assert first is not None
@@ -405,7 +384,7 @@ def test_saf_020_a_lost_link_is_made_safe_when_it_is_back(robot: T1) -> None:
     back_ns = time.monotonic_ns()
     robot.twin.command("plug")
     until(lambda: state(robot.robot) == "disarmed", "it is back, disarmed")
-    robot.first_safe(back_ns, "stop")
+    first_safe(robot.log, back_ns, "stop")
     orders = [entry for entry in robot.log.entries(back_ns) if entry.sender == "host" and entry.kind != "read"]
     assert b'"vx": 0.0' in orders[0].data, "the base comes first"
     assert robot.log.host("setpoint", back_ns) == []
@@ -418,7 +397,7 @@ def test_saf_012_a_fall_gives_it_its_arms_back(robot: T1) -> None:
     until(lambda: robot.log.host("setpoint"), "it is commanded")
     began_ns = time.monotonic_ns()
     robot.twin.command("fall")
-    safe = robot.first_safe(began_ns, "stop")
+    safe = first_safe(robot.log, began_ns, "stop")
     over.set()
     writer.join()
     first = robot.log.first_safe(began_ns)
@@ -519,7 +498,7 @@ def test_an_agent_can_look_and_stop_and_nothing_else(robot: T1) -> None:
     (spec,) = model.offered
     assert spec["inputSchema"]["json"]["properties"]["action"]["enum"] == ["sensors", "status", "stop"]
     assert [results[0]["status"] for results in model.heard] == ["error", "success", "success"]
-    robot.first_safe(began_ns, "stop")
+    first_safe(robot.log, began_ns, "stop")
     assert 0.5 not in [vx for _, vx in robot.moves(began_ns)]
     assert state(robot.robot) == "disarmed"
 

@@ -14,6 +14,8 @@ from pathlib import Path
 
 import matplotlib
 
+from tests.answers import pids
+
 from .test_tree import drone
 
 TARGET = Path(__file__).parents[3] / "docs" / "robots" / "crazyflie.svg"
@@ -34,11 +36,11 @@ def fly(roles: tuple[str, ...]) -> Track:
     """Return seconds since the kill, height and tilt."""
     with tempfile.TemporaryDirectory(prefix="cf-") as directory, drone(Path(directory)) as cf:
         cf.fly()
-        pids = [cf.pid(role) for role in roles]
+        victims = [pids(cf.robot)[role] for role in roles]
         began_ns = time.monotonic_ns()
-        for pid in pids:
+        for pid in victims:
             os.kill(pid, signal.SIGSTOP)  # first: none of them sees another one end
-        for pid in pids:
+        for pid in victims:
             os.kill(pid, signal.SIGKILL)
         time.sleep(AFTER_S + 0.2)
         track = cf.track(began_ns - round(BEFORE_S * 1e9))

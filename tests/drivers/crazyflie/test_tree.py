@@ -25,10 +25,10 @@ from strands_actors.drivers.crazyflie.protocol import Bit
 from strands_actors.surfaces.recording import read, record, replay
 from strands_actors.surfaces.recording.code import build_driver
 from strands_actors.testing import Twin, WireLog
-from strands_actors.testing.wirelog import Entry
 from tests.agents.scripted import Scripted
-from tests.answers import json_of, state, status, until, why
+from tests.answers import json_of, pids, state, status, until, why
 from tests.drivers.common.twin_process import TwinProcess
+from tests.trees import armed, first_safe, robot_on
 
 SLACK_S = 1.0
 """On the published bounds, for a busy machine."""
@@ -46,8 +46,7 @@ class Drone:
         self._trace = trace
 
     def take_off(self, height: float = 0.5) -> None:
-        if state(self.robot) not in ("armed", "holding"):
-            until(lambda: self.robot.resume()["status"] == "success", "it is armed")
+        armed(self.robot)
         json_of(self.robot.takeoff(height=height, duration=1.0))
 
     def fly(self) -> int:
@@ -57,12 +56,6 @@ class Drone:
             json_of(self.robot.send_action({"vx": 0.3, "z": 0.5}))
             time.sleep(0.05)
         return time.monotonic_ns()
-
-    def pid(self, role: str) -> int:
-        tree = self.robot.tree()
-        assert tree is not None
-        found: int = next(process["pid"] for process in tree["processes"] if process["role"] == role)
-        return found
 
     def track(self, since_ns: int = 0) -> list[tuple[float, float, float]]:
         """Seconds since then, height and tilt of the body."""
@@ -79,28 +72,15 @@ class Drone:
         assert all(z < FLOOR_M for at, z, _ in track if at > down_s + 0.5)
         assert track[-1][2] < UPRIGHT_DEG
 
-    def first_safe(self, since_ns: int, safe_state: str) -> Entry:
-        def look() -> Entry | None:
-            return next((one for one in self.log.host("safe", since_ns) if one.safe_state == safe_state), None)
-
-        return until(look, f"a frame of {safe_state}")
-
 
 @contextlib.contextmanager
 def drone(directory: Path, **options: Any) -> Iterator[Drone]:
     trace = directory / "trace"
-    with TwinProcess(directory, "crazyflie", "crazyflie", options={"trace": str(trace), **options}) as twin:
-        robot = Robot("crazyflie", mode="real", port=twin.port)
-        try:
-            problem: str | None = "never tried"
-            for _ in range(3):  # on a busy machine a process may be late enough to count as frozen
-                problem = robot.connect_eagerly()
-                if problem is None:
-                    break
-            assert problem is None
-            yield Drone(robot, twin, trace)
-        finally:
-            robot.cleanup()
+    with (
+        TwinProcess(directory, "crazyflie", "crazyflie", options={"trace": str(trace), **options}) as twin,
+        robot_on(twin.port, "crazyflie") as robot,
+    ):
+        yield Drone(robot, twin, trace)
 
 
 @pytest.fixture
@@ -135,7 +115,7 @@ def test_it_takes_off_moves_hovers_and_lands_as_its_program_says(cf: Drone) -> N
     }
     setpoint = until(lambda: cf.log.host("setpoint", began_ns), "a setpoint")[0]
     assert struct.unpack("<ff", setpoint.data[10:18]) == (pytest.approx(57.3, abs=0.1), pytest.approx(0.6))
-    hover = cf.first_safe(setpoint.t_ns, "hold")  # before it, the hover of the takeoff was fed
+    hover = first_safe(cf.log, setpoint.t_ns, "hold")  # before it, the hover of the takeoff was fed
     assert 0.25 < (hover.t_ns - began_ns) / 1e9 < 0.4 + SLACK_S, "a command lives 300 ms"
     assert state(cf.robot) == "holding"
     sensors = status(cf.robot)["sensors"]
@@ -151,7 +131,7 @@ def test_saf_001_a_setpoint_is_resent_for_its_lifetime_and_then_it_hovers(cf: Dr
     began_ns = time.monotonic_ns()
     json_of(cf.robot.send_action({"vx": 0.4}))
     first = until(lambda: cf.log.host("setpoint", began_ns), "a setpoint")[0]
-    hold = cf.first_safe(first.t_ns, "hold")  # before it, the hover of the takeoff was fed
+    hold = first_safe(cf.log, first.t_ns, "hold")  # before it, the hover of the takeoff was fed
     sent = [one for one in cf.log.host("setpoint", began_ns) if one.t_ns < hold.t_ns]
     assert 3 <= len(sent) <= 9, "20 Hz while it lives"
     assert all(one.data == sent[0].data for one in sent)
@@ -168,7 +148,7 @@ def test_a_stop_lands_it_and_nothing_flies_again_before_a_resume(cf: Drone) -> N
     began_ns = time.monotonic_ns()
     stopped = json_of(cf.robot.stop())
     assert (stopped["safe_state"], stopped["path"], stopped["unconfirmed"]) == ("land", "wire", [])
-    land = cf.first_safe(began_ns, "land")
+    land = first_safe(cf.log, began_ns, "land")
     assert (land.t_ns - began_ns) / 1e9 < 0.05 + SLACK_S
     cf.log.no_setpoint_after_safe(land.t_ns)
     cf.lands(began_ns, 3.0)
@@ -187,7 +167,7 @@ def test_saf_007_an_emergency_stop_cuts_the_motors_and_locks(cf: Drone) -> None:
     began_ns = time.monotonic_ns()
     stopped = json_of(cf.robot.emergency_stop())
     assert (stopped["safe_state"], stopped["unconfirmed"]) == ("off", [])
-    assert (cf.first_safe(began_ns, "off").t_ns - began_ns) / 1e9 < 0.05 + SLACK_S
+    assert (first_safe(cf.log, began_ns, "off").t_ns - began_ns) / 1e9 < 0.05 + SLACK_S
     time.sleep(1.0)
     assert cf.track()[-1][1] < FLOOR_M, "it fell"
     assert "e-stopped by" in why(cf.robot.takeoff())
@@ -201,11 +181,11 @@ def test_an_emergency_stop_is_not_held_up_by_a_landing(cf: Drone) -> None:
     began_ns = time.monotonic_ns()
     landing = threading.Thread(target=cf.robot.stop)
     landing.start()
-    cf.first_safe(began_ns, "land")
+    first_safe(cf.log, began_ns, "land")
     cut_ns = time.monotonic_ns()
     cf.robot.emergency_stop()
     landing.join()
-    assert (cf.first_safe(cut_ns, "off").t_ns - cut_ns) / 1e9 < 0.05 + SLACK_S
+    assert (first_safe(cf.log, cut_ns, "off").t_ns - cut_ns) / 1e9 < 0.05 + SLACK_S
 
 
 def test_a_stop_during_a_takeoff_wins(cf: Drone) -> None:
@@ -215,7 +195,7 @@ def test_a_stop_during_a_takeoff_wins(cf: Drone) -> None:
     began_ns = time.monotonic_ns()
     json_of(cf.robot.stop())
     rising.join()
-    land = cf.first_safe(began_ns, "land")
+    land = first_safe(cf.log, began_ns, "land")
     cf.log.no_setpoint_after_safe(land.t_ns)
     cf.lands(began_ns, 3.0)
 
@@ -231,10 +211,10 @@ def test_saf_003_a_kill_in_flight_ends_on_the_floor_upright_within_three_seconds
     cf: Drone, role: str, number: signal.Signals
 ) -> None:
     cf.fly()
-    pid = cf.pid(role)
+    pid = pids(cf.robot)[role]
     began_ns = time.monotonic_ns()
     os.kill(pid, number)
-    land = cf.first_safe(began_ns, "land")
+    land = first_safe(cf.log, began_ns, "land")
     assert (land.t_ns - began_ns) / 1e9 < 0.15 + SLACK_S
     cf.lands(began_ns, 3.0)
     cf.log.no_setpoint_after_safe(land.t_ns)
@@ -247,11 +227,11 @@ def test_saf_003_a_kill_in_flight_ends_on_the_floor_upright_within_three_seconds
 
 def test_saf_016_root_and_wire_at_once_leave_it_to_the_standby(cf: Drone) -> None:
     cf.fly()
-    pids = [cf.pid(role) for role in ("root", "wire")]
+    victims = [pids(cf.robot)[role] for role in ("root", "wire")]
     began_ns = time.monotonic_ns()
-    for pid in pids:
+    for pid in victims:
         os.kill(pid, signal.SIGKILL)
-    land = cf.first_safe(began_ns, "land")
+    land = first_safe(cf.log, began_ns, "land")
     assert (land.t_ns - began_ns) / 1e9 < 0.1 + SLACK_S
     cf.lands(began_ns, 3.0)
     cf.log.no_setpoint_after_safe(land.t_ns)
@@ -259,11 +239,11 @@ def test_saf_016_root_and_wire_at_once_leave_it_to_the_standby(cf: Drone) -> Non
 
 def test_all_of_us_at_once_leave_it_to_the_firmware(cf: Drone) -> None:
     cf.fly()
-    pids = [cf.pid(role) for role in ("root", "standby", "wire")]
-    for pid in pids:
+    victims = [pids(cf.robot)[role] for role in ("root", "standby", "wire")]
+    for pid in victims:
         os.kill(pid, signal.SIGSTOP)  # first: none of them sees another one end
     began_ns = time.monotonic_ns()
-    for pid in pids:
+    for pid in victims:
         os.kill(pid, signal.SIGKILL)
     time.sleep(0.3)
     assert not cf.log.host("setpoint", began_ns + 100_000_000), "nobody repeats anything"
@@ -275,8 +255,8 @@ def test_all_of_us_at_once_leave_it_to_the_firmware(cf: Drone) -> None:
 def test_saf_004_a_frozen_wire_feeds_no_hover(cf: Drone) -> None:
     cf.take_off()
     began_ns = time.monotonic_ns()
-    os.kill(cf.pid("wire"), signal.SIGSTOP)
-    land = cf.first_safe(began_ns, "land")
+    os.kill(pids(cf.robot)["wire"], signal.SIGSTOP)
+    land = first_safe(cf.log, began_ns, "land")
     held = [one for one in cf.log.host("safe", began_ns) if one.safe_state == "hold"]
     assert all(one.t_ns < land.t_ns for one in held)
     cf.lands(began_ns, 3.0)
@@ -321,7 +301,7 @@ def test_saf_012_what_happens_to_it_in_the_air_ends_its_flight(
     cf.take_off()
     began_ns = time.monotonic_ns()
     cf.twin.command(order)
-    cf.first_safe(began_ns, safe_state)
+    first_safe(cf.log, began_ns, safe_state)
     until(lambda: state(cf.robot) == "disarmed", "it is disarmed")
     assert named in status(cf.robot)["cause"]
     assert not cf.log.host("setpoint", began_ns)
@@ -353,8 +333,8 @@ def test_the_same_over_another_link(tmp_path: Path, run_dir: Path, link: str) ->
         assert cf.twin.port.startswith(f"{link}://")
         cf.fly()
         began_ns = time.monotonic_ns()
-        os.kill(cf.pid("wire"), signal.SIGKILL)
-        land = cf.first_safe(began_ns, "land")
+        os.kill(pids(cf.robot)["wire"], signal.SIGKILL)
+        land = first_safe(cf.log, began_ns, "land")
         assert (land.t_ns - began_ns) / 1e9 < 0.15 + SLACK_S
         cf.lands(began_ns, 3.0)
         cf.log.no_setpoint_after_safe(land.t_ns)
@@ -394,7 +374,7 @@ def test_an_agent_can_land_it_and_cannot_take_off(cf: Drone) -> None:
     began_ns = time.monotonic_ns()
     model = Scripted([("crazyflie", {"action": "takeoff"})], [("crazyflie", {"action": "land"})], "done")
     Agent(model=model, tools=[cf.robot], callback_handler=None)("bring it down")
-    cf.first_safe(began_ns, "land")
+    first_safe(cf.log, began_ns, "land")
     cf.lands(began_ns, 3.0)
     assert state(cf.robot) == "disarmed"
     assert not cf.log.host("arm", began_ns)
@@ -412,6 +392,6 @@ def test_saf_007_one_estop_cuts_it_beside_an_arm(cf: Drone, tmp_path: Path) -> N
             "crazyflie": "off",
             "so101": "limp",
         }
-        cut = cf.first_safe(began_ns, "off")
+        cut = first_safe(cf.log, began_ns, "off")
         until(lambda: other.log.first_safe(began_ns), "a safe frame of the arm")
         assert cf.log.host("setpoint", cut.t_ns) == []

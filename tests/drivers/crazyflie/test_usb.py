@@ -17,7 +17,7 @@ import pytest
 from strands_actors import Robot
 from strands_actors.caller.robot import RealRobot
 from strands_actors.testing import Twin
-from tests.answers import json_of, state, until
+from tests.answers import json_of, pids, state, until
 
 STANDIN = str(Path(__file__).with_name("standin"))
 RADIO = "radio://0/80/2M/E7E7E7E7E7"
@@ -54,18 +54,11 @@ def fly(robot: RealRobot) -> None:
         time.sleep(0.05)
 
 
-def pid(robot: RealRobot, role: str) -> int:
-    tree = robot.tree()
-    assert tree is not None
-    found: int = next(process["pid"] for process in tree["processes"] if process["role"] == role)
-    return found
-
-
 @pytest.mark.parametrize("port", [RADIO, "usb://0"])
 def test_it_flies_and_lands_over_usb(events: Path, twin: Twin, run_dir: Path, port: str) -> None:
     with Robot("crazyflie", mode="real", port=port) as robot:
         fly(robot)
-        assert ("claimed", pid(robot, "wire")) in noted(events), "the wire process alone has it"
+        assert ("claimed", pids(robot)["wire"]) in noted(events), "the wire process alone has it"
         began_ns = time.monotonic_ns()
         stopped = json_of(robot.stop())
         assert (stopped["safe_state"], stopped["path"]) == ("land", "wire")
@@ -84,9 +77,9 @@ def test_saf_003_when_the_wire_process_is_killed_another_process_lands_it_by_the
 ) -> None:
     with Robot("crazyflie", mode="real", port=RADIO) as robot:
         fly(robot)
-        root = pid(robot, "root")
+        root = pids(robot)["root"]
         began_ns = time.monotonic_ns()
-        os.kill(pid(robot, "wire"), signal.SIGKILL)
+        os.kill(pids(robot)["wire"], signal.SIGKILL)
 
         def landing() -> bool:
             return any(one.safe_state == "land" for one in twin.log.host("safe", began_ns))

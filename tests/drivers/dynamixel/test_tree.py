@@ -16,7 +16,7 @@ from strands_actors import Robot
 from strands_actors.drivers.common.dynamixel import protocol as p
 from strands_actors.drivers.common.dynamixel import table as t
 from strands_actors.testing.twin import Twin
-from tests.answers import PATIENCE_S, json_of, status, until
+from tests.answers import PATIENCE_S, json_of, pids, status, until
 
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
 
@@ -40,12 +40,6 @@ def arm(twin: Twin) -> Iterator[Any]:
 
 def settled(arm: Any, state: str) -> None:
     until(lambda: status(arm).get("state") == state, f"the robot is {state}")
-
-
-def pid_of(arm: Any, role: str) -> int:
-    pids = [process["pid"] for process in arm.tree()["processes"] if process["role"] == role]
-    assert len(pids) == 1
-    return int(pids[0])
 
 
 def moving(arm: Any) -> None:
@@ -111,33 +105,13 @@ def test_the_bus_watchdog_is_armed_on_every_servo_before_the_first_setpoint(arm:
     assert order.index("enable") < order.index("watchdog")
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
-def test_the_wire_is_killed_or_frozen(arm: Any, twin: Twin, how: signal.Signals) -> None:
-    moving(arm)
-    began_ns = time.monotonic_ns()
-    os.kill(pid_of(arm, "wire"), how)
-    safe_and_quiet(twin, began_ns)
-    settled(arm, "disarmed")
-    json_of(arm.resume())
-    moving(arm)
-
-
-def test_the_root_is_killed(arm: Any, twin: Twin) -> None:
-    moving(arm)
-    began_ns = time.monotonic_ns()
-    os.kill(pid_of(arm, "root"), signal.SIGKILL)
-    safe_and_quiet(twin, began_ns)
-    json_of(arm.resume())
-    moving(arm)
-
-
 def test_all_who_could_stop_the_arm_are_killed_and_the_firmware_does(arm: Any, twin: Twin) -> None:
     """Nobody of ours is left: the third line."""
     moving(arm)
-    pids = [pid_of(arm, role) for role in ("root", "wire", "standby")]
-    for pid in pids:
+    victims = [pids(arm)[role] for role in ("root", "wire", "standby")]
+    for pid in victims:
         os.kill(pid, signal.SIGSTOP)  # so that none acts on the end of the others
-    for pid in pids:
+    for pid in victims:
         os.kill(pid, signal.SIGKILL)
     time.sleep(1.0)
     began_ns = time.monotonic_ns()

@@ -16,11 +16,11 @@ from typing import Any
 
 import pytest
 
-from strands_actors import Robot
 from strands_actors.caller.robot import RealRobot
 from strands_actors.testing import Twin
 from strands_actors.testing.wirelog import Entry
-from tests.answers import json_of, state, status, until, why
+from tests.answers import json_of, pids, state, status, until, why
+from tests.trees import armed, first_safe, robot_on, shared_twin
 
 SLACK_S = 1.0
 """On the published bounds, for a busy machine."""
@@ -34,26 +34,14 @@ def twin_process(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Twin]:
 
 @pytest.fixture
 def twin(twin_process: Twin) -> Iterator[Twin]:
-    os.truncate(twin_process.log.path, 0)
-    yield twin_process
-    twin_process.go_on()
-    twin_process.fault("ok")
-    twin_process.plug()
+    with shared_twin(twin_process) as process:
+        yield process
 
 
 @pytest.fixture
 def rover(twin: Twin, run_dir: Path) -> Iterator[RealRobot]:
-    robot = Robot("earthrover", mode="real", port=f"http://{twin.port}")
-    try:
-        problem: str | None = "never tried"
-        for _ in range(3):  # on a busy machine a process may be late enough to count as frozen
-            problem = robot.connect_eagerly()
-            if problem is None:
-                break
-        assert problem is None
+    with robot_on(f"http://{twin.port}", "earthrover") as robot:
         yield robot
-    finally:
-        robot.cleanup()
 
 
 def command(entry: Entry) -> dict[str, Any]:
@@ -61,30 +49,18 @@ def command(entry: Entry) -> dict[str, Any]:
     return found
 
 
-def pid(rover: RealRobot, role: str) -> int:
-    tree = rover.tree()
-    assert tree is not None
-    found: int = next(process["pid"] for process in tree["processes"] if process["role"] == role)
-    return found
-
-
 def drive(rover: RealRobot, twin: Twin, **action: float) -> int:
     """Send it and see it on the wire; when."""
     began_ns = time.monotonic_ns()
-    if state(rover) not in ("armed", "holding"):
-        until(lambda: rover.resume()["status"] == "success", "it is armed")
+    armed(rover)
     json_of(rover.send_action(action))
     until(lambda: twin.log.host("setpoint", began_ns), "a setpoint")
     return began_ns
 
 
-def first_safe(twin: Twin, since_ns: int) -> Entry:
-    return until(lambda: twin.log.first_safe(since_ns), "a safe frame")
-
-
 def test_saf_001_a_command_is_repeated_for_its_lifetime_and_ends_in_zero(rover: RealRobot, twin: Twin) -> None:
     began_ns = drive(rover, twin, linear=0.5, angular=-0.25)
-    zero = first_safe(twin, began_ns)
+    zero = first_safe(twin.log, began_ns)
     assert 0.25 < (zero.t_ns - began_ns) / 1e9 < 0.35 + SLACK_S
     sent = twin.log.host("setpoint", began_ns)
     assert 2 <= len(sent) <= 4, "10 Hz while it lives"
@@ -113,7 +89,7 @@ def test_saf_005_a_stop_is_repeated_until_a_newer_report_shows_speed_0(rover: Re
     began_ns = time.monotonic_ns()
     stopped = json_of(rover.stop())
     assert stopped["safe_state"] == "zero" and list(stopped["motors"]) == ["linear", "angular", "lamp"]
-    assert (first_safe(twin, began_ns).t_ns - began_ns) / 1e9 < 0.05 + SLACK_S
+    assert (first_safe(twin.log, began_ns).t_ns - began_ns) / 1e9 < 0.05 + SLACK_S
     assert len(twin.log.host("safe", began_ns)) >= 2
     twin.log.no_setpoint_after_safe(began_ns)
     assert status(rover)["sensors"]["speed"] == [0.0] or stopped["took_ms"] > 50
@@ -166,8 +142,8 @@ def test_saf_003_the_roots_own_connection_stops_the_rover(
 ) -> None:
     drive(rover, twin, linear=0.5)
     began_ns = time.monotonic_ns()
-    os.kill(pid(rover, "wire"), number)
-    assert (first_safe(twin, began_ns).t_ns - began_ns) / 1e9 < 0.15 + SLACK_S
+    os.kill(pids(rover)["wire"], number)
+    assert (first_safe(twin.log, began_ns).t_ns - began_ns) / 1e9 < 0.15 + SLACK_S
     time.sleep(0.3)
     twin.log.no_setpoint_after_safe(began_ns)
     until(lambda: state(rover) == "disarmed", "a new wire, disarmed")
@@ -179,7 +155,7 @@ def test_saf_020_a_cable_that_is_back_carries_zero_first(rover: RealRobot, twin:
     until(lambda: state(rover) in ("lost", "down", None), "it is noticed")
     back_ns = time.monotonic_ns()
     twin.plug()
-    first_safe(twin, back_ns)
+    first_safe(twin.log, back_ns)
     first = next(one for one in twin.log.entries(back_ns) if one.sender == "host")
     assert first.kind == "safe"
     until(lambda: state(rover) == "disarmed", "it is back, disarmed")
@@ -195,14 +171,14 @@ def test_saf_006_a_stop_leaves_at_once_whatever_the_service_answers(
     time.sleep(0.1)
     began_ns = time.monotonic_ns()
     rover.stop()
-    assert (first_safe(twin, began_ns).t_ns - began_ns) / 1e9 < 0.05 + SLACK_S
+    assert (first_safe(twin.log, began_ns).t_ns - began_ns) / 1e9 < 0.05 + SLACK_S
     twin.log.no_setpoint_after_safe(began_ns)
     twin.fault("ok")
     until(lambda: state(rover) == "disarmed", "confirmed at last")
 
 
 def test_saf_003_neither_root_nor_stop_channel_loads_the_http_client(rover: RealRobot, twin: Twin) -> None:
-    mapped = {role: Path(f"/proc/{pid(rover, role)}/maps").read_text() for role in ("root", "wire")}
+    mapped = {role: Path(f"/proc/{pids(rover)[role]}/maps").read_text() for role in ("root", "wire")}
     assert all("zenoh" in text for text in mapped.values())
     script = (
         "from strands_actors.drivers.earthrover.driver import EarthRover\n"

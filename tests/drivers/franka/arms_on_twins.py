@@ -2,40 +2,18 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
-from strands_actors import Robot
 from strands_actors.caller.robot import RealRobot
-from strands_actors.testing import Twin
-from tests.answers import until
+from tests.answers import pids, until
 
 NEAR_RAD = 2e-3
 
 
-@contextlib.contextmanager
-def arm_on(twin: Twin, robot: str = "panda", **options: Any) -> Iterator[RealRobot]:
-    """Connected and armed."""
-    arm = Robot(robot, mode="real", port=twin.port, **options)
-    try:
-        until(lambda: arm.connect_eagerly() is None, "it connects")
-        yield arm
-    finally:
-        arm.cleanup()
-
-
-def pid(arm: RealRobot, role: str) -> int:
-    tree = arm.tree()
-    assert tree is not None
-    found: int = next(process["pid"] for process in tree["processes"] if process["role"] == role)
-    return found
-
-
 def cycle_of(arm: RealRobot) -> int:
     """The process that sends the commands: the wire's only child."""
-    wire = pid(arm, "wire")
+    wire = pids(arm)["wire"]
     (child,) = Path(f"/proc/{wire}/task/{wire}/children").read_text().split()
     return int(child)
 

@@ -19,10 +19,11 @@ from strands_actors import Robot
 from strands_actors.caller.robot import RealRobot
 from strands_actors.drivers.franka.arms import arm_of
 from strands_actors.testing import Twin
-from tests.answers import json_of, state, status, until, why
+from tests.answers import json_of, pids, state, status, until, why
 from tests.drivers.common.twin_process import TwinProcess
+from tests.trees import robot_on, safe_after_s, shared_twin, slowest_status_s
 
-from .arms_on_twins import arm_on, away, cycle_of, is_at, pid, wait_at
+from .arms_on_twins import away, cycle_of, is_at, wait_at
 
 SLACK_S = 1.0
 """On the published bounds, for a busy machine."""
@@ -37,18 +38,13 @@ def twin_process(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Twin]:
 
 @pytest.fixture
 def twin(twin_process: Twin) -> Iterator[Twin]:
-    os.truncate(twin_process.log.path, 0)
-    yield twin_process
-    twin_process.go_on()
-    twin_process.fault("ok")
-    twin_process.plug()
-    for line in ("mode IDLE", "success-rate measured"):
-        twin_process.order(line)
+    with shared_twin(twin_process, "mode IDLE", "success-rate measured") as process:
+        yield process
 
 
 @pytest.fixture
 def arm(twin: Twin, run_dir: Path) -> Iterator[RealRobot]:
-    with arm_on(twin) as connected:
+    with robot_on(twin.port, "panda") as connected:
         yield connected
 
 
@@ -60,14 +56,6 @@ def moving(arm: RealRobot, twin: Twin) -> RealRobot:
     json_of(arm.send_action({**arm.get_observation(), JOINTS[0]: arm.get_observation()[JOINTS[0]] + far}))
     until(lambda: len(twin.log.host("setpoint", began_ns)) > 100, "it moves")
     return arm
-
-
-def first_safe(twin: Twin, since_ns: int) -> float:
-    """Seconds until the first safe frame; no setpoint comes after it."""
-    safe = until(lambda: twin.log.first_safe(since_ns), "a safe frame")
-    time.sleep(0.3)
-    twin.log.no_setpoint_after_safe(since_ns)
-    return (safe.t_ns - since_ns) / 1e9
 
 
 def comes_back(arm: RealRobot, twin: Twin) -> None:
@@ -91,16 +79,6 @@ def recovers(arm: RealRobot) -> None:
     """As soon as no stop is under way."""
     answer = until(lambda: None if (told := arm.recover())["status"] == "error" else told, "it recovers")
     assert json_of(answer) == {"recovered": True}
-
-
-def worst_status_s(arm: RealRobot, for_s: float) -> float:
-    worst_s, end_s = 0.0, time.monotonic() + for_s
-    while time.monotonic() < end_s:
-        began_s = time.monotonic()
-        status(arm)
-        worst_s = max(worst_s, time.monotonic() - began_s)
-        time.sleep(0.02)
-    return worst_s
 
 
 def commanded(twin: Twin, since_ns: int) -> list[tuple[float, ...]]:
@@ -130,7 +108,7 @@ def test_connect_observe_act_stop_resume(arm: RealRobot, twin: Twin) -> None:
     stopped = json_of(arm.stop())
     assert stopped["safe_state"] == "stop"
     assert list(stopped["motors"]) == list(JOINTS)
-    assert first_safe(twin, began_ns) < SLACK_S
+    assert safe_after_s(twin.log, began_ns) < SLACK_S
     comes_back(arm, twin)
 
 
@@ -185,7 +163,7 @@ def test_saf_013_status_says_stride_scheduling_and_what_the_firmware_does(arm: R
 
 @pytest.mark.parametrize("robot", ["fr3", "fr3_v2"])
 def test_the_arms_of_fci_10(robot: str, tmp_path: Path, run_dir: Path) -> None:
-    with Twin(robot, tmp_path) as twin, arm_on(twin, robot, speed_factor=0.5, stream_rate_hz=100.0) as arm:
+    with Twin(robot, tmp_path) as twin, robot_on(twin.port, robot, speed_factor=0.5, stream_rate_hz=100.0) as arm:
         assert (status(arm)["fci"], status(arm)["stride"]) == (10, 10)
         goal = away(arm, 0.2)
         json_of(arm.send_action(goal))
@@ -195,7 +173,7 @@ def test_the_arms_of_fci_10(robot: str, tmp_path: Path, run_dir: Path) -> None:
         wait_at(arm, near_the_end)
         began_ns = time.monotonic_ns()
         json_of(arm.stop())
-        assert first_safe(twin, began_ns) < SLACK_S
+        assert safe_after_s(twin.log, began_ns) < SLACK_S
         assert [entry.kind for entry in twin.log.entries() if entry.kind == "reflex"] == []
 
 
@@ -255,7 +233,7 @@ def test_saf_003_a_stop_of_the_controllers_own(moving: RealRobot, twin: Twin, or
     began_ns = time.monotonic_ns()
     twin.order(order)
     until(lambda: state(moving) == "disarmed", "the tree notices by itself")
-    assert first_safe(twin, began_ns) < SLACK_S
+    assert safe_after_s(twin.log, began_ns) < SLACK_S
     assert said in why(moving.resume())
     if order.startswith("reflex"):
         recovers(moving)
@@ -296,25 +274,14 @@ def test_commands_that_do_not_arrive_are_told_and_new_targets_refused(moving: Re
 @pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP])
 def test_saf_003_the_wire_process_dies_or_freezes(moving: RealRobot, twin: Twin, fault: signal.Signals) -> None:
     """Its connection ends with it; the root sees that the arm stands, by one of its own."""
-    victim, cycle = pid(moving, "wire"), cycle_of(moving)
+    victim, cycle = pids(moving)["wire"], cycle_of(moving)
     began_ns = time.monotonic_ns()
     os.kill(victim, fault)
-    assert first_safe(twin, began_ns) < 0.2 + SLACK_S
+    assert safe_after_s(twin.log, began_ns) < 0.2 + SLACK_S
     if fault == signal.SIGKILL:  # frozen, its cycle may have braked the arm before
         assert [entry for entry in twin.log.entries(began_ns) if entry.kind == "aborted"]
     until(lambda: not Path(f"/proc/{cycle}").exists(), "the process of the cycle has ended with it")
     comes_back(moving, twin)
-
-
-@pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP])
-def test_saf_003_the_root_process_dies_or_freezes(moving: RealRobot, twin: Twin, fault: signal.Signals) -> None:
-    began_ns = time.monotonic_ns()
-    os.kill(pid(moving, "root"), fault)
-    assert first_safe(twin, began_ns) < 0.2 + SLACK_S
-    json_of(moving.resume())
-    goal = away(moving, 0.01)
-    json_of(moving.send_action(goal))
-    wait_at(moving, goal)
 
 
 @pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP])
@@ -337,7 +304,7 @@ def test_saf_003_the_cycle_process_dies_or_freezes(moving: RealRobot, twin: Twin
 
 
 def test_saf_016_wire_and_root_die_together(moving: RealRobot, twin: Twin) -> None:
-    wire, root = pid(moving, "wire"), pid(moving, "root")
+    wire, root = pids(moving)["wire"], pids(moving)["root"]
     began_ns = time.monotonic_ns()
     os.kill(root, signal.SIGKILL)
     os.kill(wire, signal.SIGKILL)
@@ -353,7 +320,7 @@ def test_saf_016_wire_and_root_die_together(moving: RealRobot, twin: Twin) -> No
 def test_saf_012_frozen_while_it_moves(moving: RealRobot, twin: Twin) -> None:
     """What is on its way then is followed by a safe frame when it wakes up."""
     twin.pause()
-    assert worst_status_s(moving, 2.0) < 0.2 + SLACK_S
+    assert slowest_status_s(moving, 2.0) < 0.2 + SLACK_S
     assert not status(moving)["connected"]
     assert why(moving.send_action(dict.fromkeys(JOINTS, 0.1)))
     thawed_ns = time.monotonic_ns()
@@ -407,7 +374,7 @@ def test_saf_012_states_that_say_nothing_are_no_link(moving: RealRobot, twin: Tw
 
 
 def test_it_comes_back_however_often_it_is_unplugged(arm: RealRobot, twin: Twin) -> None:
-    wire = pid(arm, "wire")
+    wire = pids(arm)["wire"]
     for _ in range(5):
         twin.unplug()
         until(lambda: not status(arm)["connected"], "it is noticed")
@@ -417,7 +384,7 @@ def test_it_comes_back_however_often_it_is_unplugged(arm: RealRobot, twin: Twin)
     goal = away(arm, 0.01)
     json_of(arm.send_action(goal))
     wait_at(arm, goal)
-    assert pid(arm, "wire") == wire
+    assert pids(arm)["wire"] == wire
     children = Path(f"/proc/{wire}/task/{wire}/children")
     until(lambda: len(children.read_text().split()) == 1, "one process of the cycle, and none left unburied")
 
@@ -436,7 +403,7 @@ def test_saf_012_a_controller_that_is_frozen_before_connecting_hangs_nobody(twin
     try:
         connecting.start()
         time.sleep(0.5)
-        assert worst_status_s(arm, 1.5) < 0.2 + SLACK_S
+        assert slowest_status_s(arm, 1.5) < 0.2 + SLACK_S
         began_s = time.monotonic()
         arm.stop()
         assert time.monotonic() - began_s < 3.0 + SLACK_S

@@ -14,13 +14,14 @@ from strands_actors.testing import Twin
 from tests.agents.scripted import Scripted
 from tests.answers import json_of, state, until, why
 from tests.cli.command import PATIENCE_S, Command
+from tests.trees import robot_on
 
-from .arms_on_twins import arm_on, away, wait_at
+from .arms_on_twins import away, wait_at
 
 
 def test_a_recording_replays_with_equal_decisions(tmp_path: Path, run_dir: Path) -> None:
     path = tmp_path / "run.mcap"
-    with Twin("fr3", tmp_path) as twin, arm_on(twin, "fr3") as arm, record(arm, path):
+    with Twin("fr3", tmp_path) as twin, robot_on(twin.port, "fr3") as arm, record(arm, path):
         goal = away(arm, 0.05)
         json_of(arm.send_action(goal))
         wait_at(arm, goal)
@@ -37,7 +38,7 @@ def test_a_recording_replays_with_equal_decisions(tmp_path: Path, run_dir: Path)
 
 
 def test_an_agent_keeps_it_reads_it_and_can_stop_it(tmp_path: Path, run_dir: Path) -> None:
-    with Twin("panda", tmp_path) as twin, arm_on(twin) as arm:
+    with Twin("panda", tmp_path) as twin, robot_on(twin.port, "panda") as arm:
         model = Scripted([("panda", {"action": "sensors"})], [("panda", {"action": "stop"})], "done")
         agent = Agent(model=model, tools=[arm], callback_handler=None)
         assert agent.tool_names == ["panda"]

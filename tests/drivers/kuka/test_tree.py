@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +22,9 @@ from strands_actors.drivers.kuka.protocol import JOINTS, decode_command
 from strands_actors.surfaces.recording import read, replay
 from strands_actors.testing import WireLog
 from tests.agents.scripted import Scripted
-from tests.answers import json_of, state, status, task, task_ended, until, why
+from tests.answers import json_of, pids, state, status, task, task_ended, until, why
 from tests.drivers.common.twin_process import TwinProcess
+from tests.trees import safe_after_s, wave
 
 AXES = [f"joint{number}" for number in range(1, JOINTS + 1)]
 PROGRAM = "from strands_actors.surfaces.cli import main; main()"
@@ -49,12 +50,6 @@ class Arm:
         row: list[float] = status(self.robot)["sensors"]["commanded_rad"]
         return row[AXES.index(joint)]
 
-    def pid(self, role: str) -> int:
-        tree = self.robot.tree()
-        assert tree is not None
-        found: int = next(process["pid"] for process in tree["processes"] if process["role"] == role)
-        return found
-
     def commandable(self) -> None:
         """Wait for an active session, and resume if it was disarmed."""
         until(lambda: status(self.robot).get("connected"), "it is connected")
@@ -69,7 +64,7 @@ class Arm:
             if not task(self.robot)["running"]:
                 self.commandable()
                 began_ns[0] = time.monotonic_ns()
-                json_of(self.robot.run_policy(wave(), duration=60.0))
+                json_of(self.robot.run_policy(wave({"joint1": 0.2}, 0.04), duration=60.0))
                 return False
             return len(self.log.host("setpoint", began_ns[0])) > 30
 
@@ -81,13 +76,6 @@ class Arm:
         entries = self.log.entries(since_ns)
         return [entry.data.decode() for entry in entries if entry.kind == "session"]
 
-    def first_safe_s(self, since_ns: int) -> float:
-        """Seconds until the first safe frame; no setpoint comes after it."""
-        safe = until(lambda: self.log.first_safe(since_ns), "a safe frame")
-        time.sleep(0.3)
-        self.log.no_setpoint_after_safe(since_ns)
-        return (safe.t_ns - since_ns) / 1e9
-
     def comes_back(self) -> None:
         """By itself, disarmed; moves only after a resume."""
         until(lambda: state(self.robot) == "disarmed", "it is back, disarmed")
@@ -98,19 +86,6 @@ class Arm:
         assert not self.log.host("setpoint", back_ns), "nothing moves by itself"
         self.commandable()
         until(lambda: self.log.host("setpoint", back_ns), "a setpoint")
-
-
-def wave(amplitude: float = 0.2) -> Callable[[Mapping[str, float]], dict[str, float]]:
-    """A policy: joint1 goes to and fro from where it is. A pause does not make it jump."""
-    zero: list[float] = []
-    phase = [0.0]
-
-    def step(observation: Mapping[str, float]) -> dict[str, float]:
-        zero.append(observation["joint1"])
-        phase[0] += 0.04
-        return {"joint1": zero[0] + amplitude * (1 - math.cos(phase[0])) / 2}
-
-    return step
 
 
 @contextlib.contextmanager
@@ -144,7 +119,7 @@ def test_connect_observe_act_stop_resume(tmp_path: Path) -> None:
         began_ns = time.monotonic_ns()
         stopped = json_of(iiwa.robot.stop())
         assert (stopped["safe_state"], stopped["unconfirmed"], list(stopped["motors"])) == ("hold", [], AXES)
-        assert iiwa.first_safe_s(began_ns) < SLACK_S
+        assert safe_after_s(iiwa.log, began_ns) < SLACK_S
         assert "resume() first" in why(iiwa.robot.send_action({"joint1": 0.0}))
         iiwa.comes_back()
         assert not [line for line in iiwa.sessions() if "aborted" in line]
@@ -235,7 +210,7 @@ def test_saf_003_a_robot_that_may_not_be_commanded_any_more_ends_what_stands(
         # looks.
         until(lambda: state(iiwa.robot) in ("holding", "disarmed"), "it is held")
         assert text.partition(". ")[0] in f"{ended['exit_detail']}, {status(iiwa.robot)['cause']}"
-        iiwa.first_safe_s(ordered_ns)
+        safe_after_s(iiwa.log, ordered_ns)
         json_of(iiwa.robot.resume())
         refusal = iiwa.robot.send_action({"joint1": iiwa.told()})
         assert text in why(refusal)
@@ -257,7 +232,7 @@ def test_saf_003_a_stall_of_31_ms_ends_the_motion_and_the_session_comes_back(
 ) -> None:
     with arm(tmp_path, {"sample_ms": sample_ms}) as iiwa:
         iiwa.roll_out()
-        wire, stalled_ns = iiwa.pid("wire"), time.monotonic_ns()
+        wire, stalled_ns = pids(iiwa.robot)["wire"], time.monotonic_ns()
         os.kill(wire, signal.SIGSTOP)
         time.sleep(0.031)
         os.kill(wire, signal.SIGCONT)
@@ -283,28 +258,17 @@ def test_saf_003_the_wire_process_dies_or_freezes_and_the_root_answers(
         iiwa.roll_out()
         began_ns = time.monotonic_ns()
         last = decode_command(iiwa.log.host("setpoint")[-1].data)
-        os.kill(iiwa.pid("wire"), fault)
-        assert iiwa.first_safe_s(began_ns) < 0.15 + SLACK_S
+        os.kill(pids(iiwa.robot)["wire"], fault)
+        assert safe_after_s(iiwa.log, began_ns) < 0.15 + SLACK_S
         safe = decode_command(iiwa.log.host("safe", began_ns)[0].data)
         assert safe.sequence > last.sequence
         iiwa.comes_back()
 
 
-@pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP])
-def test_saf_003_the_root_process_dies_or_freezes(tmp_path: Path, fault: signal.Signals) -> None:
-    with arm(tmp_path) as iiwa:
-        iiwa.roll_out()
-        victim, began_ns = iiwa.pid("root"), time.monotonic_ns()
-        os.kill(victim, fault)
-        assert iiwa.first_safe_s(began_ns) < 0.15 + SLACK_S
-        until(lambda: iiwa.robot.resume()["status"] == "success", "another tree")
-        iiwa.commandable()
-
-
 def test_when_all_of_us_are_gone_the_session_ends_and_the_arm_is_held(tmp_path: Path) -> None:
     with arm(tmp_path) as iiwa:
         iiwa.roll_out()
-        victims, gone_ns = [iiwa.pid("root"), iiwa.pid("wire")], time.monotonic_ns()
+        victims, gone_ns = [pids(iiwa.robot)["root"], pids(iiwa.robot)["wire"]], time.monotonic_ns()
         for pid in victims:
             os.kill(pid, signal.SIGKILL)
         until(lambda: "MONITORING_WAIT: no answers" in iiwa.sessions(gone_ns), "the controller drops it")
@@ -413,4 +377,4 @@ def test_an_agent_keeps_it_and_stops_it(tmp_path: Path) -> None:
         assert agent.tool_names == ["kuka_iiwa"]
         agent("stop it")
         assert model.heard[0][0]["status"] == "success"
-        assert iiwa.first_safe_s(began_ns) < SLACK_S
+        assert safe_after_s(iiwa.log, began_ns) < SLACK_S

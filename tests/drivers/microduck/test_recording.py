@@ -10,8 +10,7 @@ from strands_actors.surfaces.recording import read, record, replay
 from strands_actors.surfaces.recording.code import build_driver
 from strands_actors.testing import Twin
 from tests.answers import json_of, state, until, why
-
-from .rig import connected
+from tests.trees import connected
 
 
 def test_a_recording_replays_with_equal_decisions(tmp_path: Path, run_dir: Path) -> None:

@@ -22,9 +22,10 @@ from strands_actors import Robot
 from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.ssh_forward import SshForward, command
 from strands_actors.testing import Twin
-from tests.answers import json_of, state, until
+from tests.answers import json_of, pids, state, until
+from tests.trees import connected, first_safe
 
-from .rig import SLACK_S, act, connected, first_safe, pid
+from .rig import SLACK_S, act
 
 
 @pytest.fixture
@@ -98,11 +99,11 @@ def test_saf_003_a_duck_behind_ssh_is_stopped_through_the_roots_own(twin: Twin, 
         act(duck, twin, vx=0.2, duration=10)
         by_parent = {call["parent"]: call["pid"] for call in calls(log)}
         assert all(call["words"][-1] == "me@duck.example" for call in calls(log))
-        wire, root = pid(duck, "wire"), pid(duck, "root")
+        wire, root = pids(duck)["wire"], pids(duck)["root"]
         assert {wire, root} <= set(by_parent), "each has an ssh of its own"
         began_ns = time.monotonic_ns()
         os.kill(wire, signal.SIGKILL)
-        assert (first_safe(twin, began_ns).t_ns - began_ns) / 1e9 < 0.2 + SLACK_S
+        assert (first_safe(twin.log, began_ns).t_ns - began_ns) / 1e9 < 0.2 + SLACK_S
         until(lambda: not runs(by_parent[wire]), "the wire's ssh ends with it")
         until(lambda: state(duck) == "disarmed", "a new wire, disarmed")
         twin.log.no_setpoint_after_safe(began_ns)

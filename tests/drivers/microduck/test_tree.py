@@ -21,9 +21,10 @@ from strands_actors import Robot
 from strands_actors.caller.robot import RealRobot
 from strands_actors.drivers.microduck import protocol as p
 from strands_actors.testing import Twin
-from tests.answers import json_of, state, status, until, why
+from tests.answers import json_of, pids, state, status, until, why
+from tests.trees import connected, first_safe, robot_on, shared_twin
 
-from .rig import SLACK_S, act, connected, first_safe, method, moves, params, pid
+from .rig import SLACK_S, act, method, moves, params
 
 
 @pytest.fixture(scope="module")
@@ -35,25 +36,19 @@ def twin_process(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Twin]:
 @pytest.fixture
 def twin(twin_process: Twin) -> Iterator[Twin]:
     twin_process.power_cycle()
-    os.truncate(twin_process.log.path, 0)
-    yield twin_process
-    twin_process.go_on()
-    twin_process.fault("ok")
-    twin_process.plug()
+    with shared_twin(twin_process) as process:
+        yield process
 
 
 @pytest.fixture
 def duck(twin: Twin, run_dir: Path) -> Iterator[RealRobot]:
-    robot = Robot("microduck", mode="real", port=twin.port)
-    try:
-        yield connected(robot)
-    finally:
-        robot.cleanup()
+    with robot_on(twin.port, "microduck") as robot:
+        yield robot
 
 
 def test_saf_001_a_twist_is_said_again_for_its_duration_and_ends_in_zero(duck: RealRobot, twin: Twin) -> None:
     began_ns = act(duck, twin, vx=0.2, vyaw=-0.5, duration=0.6)
-    zero = first_safe(twin, began_ns)
+    zero = first_safe(twin.log, began_ns)
     assert zero.safe_state == "zero"
     assert 0.55 < (zero.t_ns - began_ns) / 1e9 < 0.7 + SLACK_S
     sent = moves(twin, began_ns)
@@ -104,8 +99,8 @@ def test_saf_005_a_stop_is_repeated_until_its_state_shows_no_twist(duck: RealRob
     began_ns = time.monotonic_ns()
     stopped = json_of(duck.stop())
     assert stopped["safe_state"] == "stop" and len(stopped["motors"]) == 12 and stopped["unconfirmed"] == []
-    assert first_safe(twin, began_ns).safe_state == "stop"
-    assert (first_safe(twin, began_ns).t_ns - began_ns) / 1e9 < 0.05 + SLACK_S
+    assert first_safe(twin.log, began_ns).safe_state == "stop"
+    assert (first_safe(twin.log, began_ns).t_ns - began_ns) / 1e9 < 0.05 + SLACK_S
     assert len(twin.log.host("safe", began_ns)) >= 3
     twin.log.no_setpoint_after_safe(began_ns)
     assert status(duck)["sensors"]["odometry_linear_m_s"] == [0.0, 0.0]
@@ -184,7 +179,7 @@ def test_saf_020_a_walk_does_not_go_on_in_a_robotd_that_was_frozen(duck: RealRob
     time.sleep(1.0)
     back_ns = time.monotonic_ns()
     twin.go_on()
-    first_safe(twin, back_ns)
+    first_safe(twin.log, back_ns)
     until(lambda: state(duck) == "disarmed", "it is back, disarmed")
     time.sleep(0.2)
     twin.log.no_setpoint_after_safe(back_ns)
@@ -196,7 +191,7 @@ def test_saf_010_a_twist_that_outlives_the_wire_is_followed_by_the_roots_stop(du
     act(duck, twin, vx=0.1, duration=10)
     twin.pause()
     time.sleep(0.1)  # a few twists wait
-    os.kill(pid(duck, "wire"), signal.SIGKILL)
+    os.kill(pids(duck)["wire"], signal.SIGKILL)
     time.sleep(0.3)
     back_ns = time.monotonic_ns()
     twin.go_on()
@@ -227,8 +222,8 @@ def test_saf_003_the_roots_own_connection_stops_the_duck(
 ) -> None:
     act(duck, twin, vx=0.3, duration=10)
     began_ns = time.monotonic_ns()
-    os.kill(pid(duck, "wire"), number)
-    safe = first_safe(twin, began_ns)
+    os.kill(pids(duck)["wire"], number)
+    safe = first_safe(twin.log, began_ns)
     assert safe.safe_state == "stop" and (safe.t_ns - began_ns) / 1e9 < 0.15 + SLACK_S
     time.sleep(0.3)
     twin.log.no_setpoint_after_safe(began_ns)
@@ -241,7 +236,7 @@ def test_saf_020_a_socket_that_is_back_carries_the_stop_first(duck: RealRobot, t
     until(lambda: state(duck) in ("lost", "down", None), "it is noticed")
     back_ns = time.monotonic_ns()
     twin.plug()
-    first_safe(twin, back_ns)
+    first_safe(twin.log, back_ns)
     first = next(one for one in twin.log.entries(back_ns) if one.sender == "host" and one.kind != "read")
     assert first.kind == "safe"
     until(lambda: state(duck) == "disarmed", "it is back, disarmed")
@@ -255,7 +250,7 @@ def test_saf_006_a_stop_leaves_at_once_whatever_robotd_answers(duck: RealRobot, 
     time.sleep(0.1)
     began_ns = time.monotonic_ns()
     duck.stop()
-    assert (first_safe(twin, began_ns).t_ns - began_ns) / 1e9 < 0.05 + SLACK_S
+    assert (first_safe(twin.log, began_ns).t_ns - began_ns) / 1e9 < 0.05 + SLACK_S
     twin.log.no_setpoint_after_safe(began_ns)
     twin.fault("ok")
     until(lambda: state(duck) == "disarmed", "confirmed at last")
@@ -272,7 +267,7 @@ def test_saf_012_silence_is_no_state(duck: RealRobot, twin: Twin) -> None:
 def test_saf_003_a_policy_that_somebody_takes_away_ends_what_is_live(duck: RealRobot, twin: Twin) -> None:
     began_ns = act(duck, twin, vx=0.2, duration=10)
     say(twin, p.ENABLE, on=False)
-    first_safe(twin, began_ns)
+    first_safe(twin.log, began_ns)
     until(lambda: state(duck) == "disarmed", "it is let go of")
     assert "no policy drives it" in status(duck)["cause"]
     twin.log.no_setpoint_after_safe(began_ns)

@@ -8,7 +8,7 @@ import threading
 import time
 import tty
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 
 class Line(NamedTuple):
@@ -62,9 +62,3 @@ class SmallArm:
         answer = " ".join(str(value) for value in self._joints.values()) if word == "read" else "ok"
         if self.answers:
             os.write(self._master, answer.encode() + b"\n")
-
-
-def pid_of(robot: Any, role: str) -> int:
-    """Return the process of a robot that has a role."""
-    (pid,) = (process["pid"] for process in robot.tree()["processes"] if process["role"] == role)
-    return int(pid)

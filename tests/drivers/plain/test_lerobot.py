@@ -22,9 +22,9 @@ from strands_actors.drivers import LEROBOT, canonical_name, lerobot_missing, lis
 from strands_actors.drivers.plain.lerobot import follower
 from strands_actors.drivers.plain.lerobot.follower import class_of
 from strands_actors.testing import Twin
-from tests.answers import json_of, state, status, until, why
+from tests.answers import json_of, pids, state, status, until, why
 
-from .rig import SmallArm, pid_of
+from .rig import SmallArm
 
 pytestmark = pytest.mark.real_time
 """The vendor's SDK asks a servo once, and waits for milliseconds."""
@@ -162,7 +162,7 @@ def test_saf_005_a_stop_is_read_back_and_a_hold_keeps_the_torque(twin: Twin, arm
 def test_saf_003_the_wire_process_is_killed_and_our_own_codec_takes_the_torque(twin: Twin, arm: Any) -> None:
     json_of(arm.send_action({"shoulder_pan": 8.0}))
     killed_ns = time.monotonic_ns()
-    os.kill(pid_of(arm, "wire"), signal.SIGKILL)
+    os.kill(pids(arm)["wire"], signal.SIGKILL)
     until(lambda: twin.log.first_safe(killed_ns), "it is limp")
     until(lambda: status(arm)["connected"] and state(arm) == "disarmed", "there is another wire")
     twin.log.no_setpoint_after_safe(killed_ns)
@@ -172,7 +172,7 @@ def test_saf_003_the_wire_process_is_killed_and_our_own_codec_takes_the_torque(t
 
 def test_saf_016_root_and_wire_are_killed_and_the_standby_takes_the_torque(twin: Twin, arm: Any) -> None:
     json_of(arm.send_action({"shoulder_pan": 8.0}))
-    both = [pid_of(arm, role) for role in ("root", "wire")]
+    both = [pids(arm)[role] for role in ("root", "wire")]
     killed_ns = time.monotonic_ns()
     for pid in both:
         os.kill(pid, signal.SIGKILL)
@@ -193,7 +193,7 @@ def test_a_type_without_a_bus_of_ours_is_stopped_by_its_own_disconnect(small_arm
         json_of(robot.send_action({"pan": 4.0}))
         until(lambda: len(small_arm.said("goal")) == 2, "it moves")
         killed_ns = time.monotonic_ns()
-        os.kill(pid_of(robot, "wire"), signal.SIGKILL)
+        os.kill(pids(robot)["wire"], signal.SIGKILL)
         until(lambda: small_arm.said("off", killed_ns), "another process connects, and stops it")
         assert small_arm.said("goal", killed_ns) == []
     finally:

@@ -17,11 +17,11 @@ from strands_actors import Robot, estop
 from strands_actors.caller.robot import RealRobot
 from strands_actors.drivers import register_native_driver
 from strands_actors.surfaces.recording import read, replay
-from tests.answers import json_of, state, status, task_ended, until, why
+from tests.answers import json_of, pids, state, status, task_ended, until, why
 from tests.mesh.subscriber import Subscriber
 
 from .conftest import NewRobot
-from .rig import SmallArm, pid_of
+from .rig import SmallArm
 from .small_arm import DeclaredArmDriver, SensingArmDriver, SilentArmDriver, SmallArmDriver
 
 
@@ -115,7 +115,7 @@ def test_saf_003_the_wire_process_is_killed_and_a_fresh_one_calls_stop(
     json_of(robot.send_action({"pan": 10.0}))
     until(lambda: small_arm.said("goal"), "it moves")
     killed_ns = time.monotonic_ns()
-    os.kill(pid_of(robot, "wire"), signal.SIGKILL)
+    os.kill(pids(robot)["wire"], signal.SIGKILL)
     until(lambda: small_arm.said("stop", killed_ns), "it is stopped")
     until(lambda: status(robot)["connected"], "there is another wire")
     assert state(robot) == "disarmed"
@@ -130,7 +130,7 @@ def test_saf_003_a_frozen_wire_process_is_fenced_before_another_one_calls_stop(
     robot = new_robot(SmallArmDriver)
     json_of(robot.send_action({"pan": 10.0}))
     until(lambda: small_arm.said("goal"), "it moves")
-    frozen = pid_of(robot, "wire")
+    frozen = pids(robot)["wire"]
     os.kill(frozen, signal.SIGSTOP)
     frozen_ns = time.monotonic_ns()
     until(lambda: small_arm.said("stop", frozen_ns), "it is stopped")
@@ -142,7 +142,7 @@ def test_saf_003_a_class_with_a_stop_channel_is_stopped_by_that(new_robot: NewRo
     robot = new_robot(DeclaredArmDriver)
     assert status(robot)["stop_channel"] == "stop_channel(port) of the class"
     killed_ns = time.monotonic_ns()
-    os.kill(pid_of(robot, "wire"), signal.SIGKILL)
+    os.kill(pids(robot)["wire"], signal.SIGKILL)
     until(lambda: small_arm.said("halt", killed_ns), "it is halted")
     until(lambda: status(robot)["connected"], "there is another wire")
     assert small_arm.said("stop", killed_ns) == []
@@ -154,8 +154,8 @@ def test_saf_003_the_root_is_killed_and_the_wire_stops_its_own_object(
     robot = new_robot(SmallArmDriver)
     json_of(robot.send_action({"pan": 10.0}))
     killed_ns = time.monotonic_ns()
-    left = (pid_of(robot, "wire"), spare_of(robot))
-    os.kill(pid_of(robot, "root"), signal.SIGKILL)
+    left = (pids(robot)["wire"], spare_of(robot))
+    os.kill(pids(robot)["root"], signal.SIGKILL)
     until(lambda: small_arm.said("bye", killed_ns), "it is given up")
     assert small_arm.said("stop", killed_ns)
     until(lambda: not any(map(runs, left)), "nothing is left")
@@ -165,14 +165,14 @@ def test_saf_010_an_action_that_hangs_costs_the_process_and_is_never_done(
     new_robot: NewRobot, small_arm: SmallArm, wrong: Path
 ) -> None:
     robot = new_robot(SmallArmDriver)
-    first = pid_of(robot, "wire")
+    first = pids(robot)["wire"]
     wrong.write_text("send hangs")
     sent_ns = time.monotonic_ns()
     json_of(robot.send_action({"pan": 10.0}))
     until(lambda: small_arm.said("stop", sent_ns), "it is stopped by another process")
     wrong.unlink()
     until(lambda: status(robot)["connected"] and state(robot) == "disarmed", "there is another wire")
-    assert pid_of(robot, "wire") != first
+    assert pids(robot)["wire"] != first
     assert small_arm.said("goal") == []
 
 
@@ -194,7 +194,7 @@ def test_saf_005_a_robot_that_no_process_can_stop_is_named_as_not_confirmed(
     robot = new_robot(SmallArmDriver)
     json_of(robot.send_action({"pan": 10.0}))
     wrong.write_text("stop raises")
-    os.kill(pid_of(robot, "wire"), signal.SIGKILL)
+    os.kill(pids(robot)["wire"], signal.SIGKILL)
     until(lambda: state(robot) not in ("armed", "disarmed", "unreachable"), "it is not confirmed")
     assert "not confirmed by pan (id 0)" in why(robot.stop())
     # by the next wire, or by the process that the stop channel starts
@@ -231,7 +231,7 @@ def runs(pid: int) -> bool:
 
 def spare_of(robot: RealRobot) -> int:
     """Return the child of the root that stands ready to stop the robot."""
-    root = pid_of(robot, "root")
+    root = pids(robot)["root"]
     children = Path(f"/proc/{root}/task/{root}/children").read_text().split()
     (spare,) = [int(pid) for pid in children if b" stop" in Path(f"/proc/{pid}/cmdline").read_bytes()]
     return spare
@@ -246,7 +246,7 @@ def test_saf_016_the_process_that_would_stop_the_robot_is_replaced(
     until(lambda: small_arm.said("stop", killed_ns), "the robot is stopped")
     until(lambda: status(robot)["connected"], "there is another wire")
     killed_ns = time.monotonic_ns()
-    os.kill(pid_of(robot, "wire"), signal.SIGKILL)
+    os.kill(pids(robot)["wire"], signal.SIGKILL)
     until(lambda: small_arm.said("stop", killed_ns), "and another process to stop it")
 
 

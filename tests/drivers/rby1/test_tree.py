@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
-import functools
 import itertools
 import math
-import os
-import signal
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +14,9 @@ import pytest
 from strands_actors import Robot, estop
 from strands_actors.caller.robot import RealRobot
 from strands_actors.testing import Twin
-from tests.answers import json_of, state, status, task_ended, until, why
+from tests import trees
+from tests.answers import json_of, state, status, until, why
+from tests.trees import Step, robot_on, run_for, safe_after_s, set_moving, shared_twin
 
 SLACK_S = 1.0
 """On the published bounds, for a busy machine."""
@@ -32,109 +30,33 @@ def twin_process(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Twin]:
 
 @pytest.fixture
 def twin(twin_process: Twin) -> Iterator[Twin]:
-    os.truncate(twin_process.log.path, 0)
-    yield twin_process
-    twin_process.go_on()
-    twin_process.fault("ok")
-    twin_process.plug()
-    twin_process.order("emergency-stop released")
-    twin_process.order("manager ok")
-
-
-@contextlib.contextmanager
-def robot_on(twin: Twin, **options: Any) -> Iterator[RealRobot]:
-    """Connected and armed."""
-    robot = Robot("rby1", mode="real", port=twin.port, **options)
-    try:
-        problem: str | None = "never tried"
-        for _ in range(3):  # on a busy machine a process may be late enough to count as frozen
-            problem = robot.connect_eagerly()
-            if problem is None:
-                break
-        assert problem is None
-        yield robot
-    finally:
-        robot.cleanup()
+    with shared_twin(twin_process, "emergency-stop released", "manager ok") as process:
+        yield process
 
 
 @pytest.fixture
 def robot(twin: Twin, run_dir: Path) -> Iterator[RealRobot]:
-    with robot_on(twin) as connected:
+    with robot_on(twin.port, "rby1") as connected:
         yield connected
-
-
-ATTEMPTS = 5
-"""A machine that pauses ends a rollout before anything was broken: then it is begun again."""
 
 
 @pytest.fixture
 def moving(robot: RealRobot, twin: Twin) -> RealRobot:
-    for _ in range(ATTEMPTS):
-        began_ns = time.monotonic_ns()
-        if state(robot) not in ("armed", "holding"):
-            until(lambda: robot.resume()["status"] == "success", "it is armed")
-        json_of(robot.run_policy(wave(), duration=60.0))
-        task = until(functools.partial(runs, robot, twin, began_ns), "it moves or has ended")
-        if task["running"]:
-            return robot
-    pytest.fail(f"it does not move: {task}")
+    set_moving(robot, twin.log, wave, setpoints=20)
+    return robot
 
 
-def runs(robot: RealRobot, twin: Twin, since_ns: int) -> dict[str, Any] | None:
-    task = json_of(robot.get_task_status())
-    return task if not task["running"] or len(twin.log.host("setpoint", since_ns)) > 20 else None
-
-
-def wave(step: float = 0.04) -> Callable[[Mapping[str, float]], dict[str, float]]:
-    """A policy: torso and head go to and fro from where they are."""
-    zero: list[Mapping[str, float]] = []
-    phase = [0.0]
-
-    def policy(observation: Mapping[str, float]) -> dict[str, float]:
-        zero.append(observation)
-        phase[0] += step
-        swing = 0.2 * (1 - math.cos(phase[0])) / 2
-        return {"torso_5": zero[0]["torso_5"] + swing, "head_0": zero[0]["head_0"] - swing}
-
-    return policy
+def wave() -> Step:
+    """Torso and head."""
+    return trees.wave({"torso_5": 0.2, "head_0": -0.2}, 0.04)
 
 
 def nudge(robot: RealRobot) -> Mapping[str, Any]:
-    """A small step from where the head is, towards zero."""
-    now = robot.get_observation().get("head_0", 0.0)
-    answer: Mapping[str, Any] = robot.send_action({"head_0": now - math.copysign(0.01, now)})
-    return answer
-
-
-def pid(robot: RealRobot, role: str) -> int:
-    tree = robot.tree()
-    assert tree is not None
-    found: int = next(process["pid"] for process in tree["processes"] if process["role"] == role)
-    return found
-
-
-def first_safe(twin: Twin, since_ns: int) -> float:
-    """Seconds until the first safe frame; no setpoint comes after it."""
-    safe = until(lambda: twin.log.first_safe(since_ns), "a safe frame")
-    time.sleep(0.3)
-    assert twin.log.setpoints_after_safe(since_ns) == 0
-    return (safe.t_ns - since_ns) / 1e9
+    return trees.nudge(robot, "head_0")
 
 
 def comes_back(robot: RealRobot, twin: Twin) -> None:
-    """By itself, disarmed; moves only after a resume, from where it is."""
-    until(lambda: state(robot) == "disarmed", "it is back, disarmed")
-    until(lambda: not json_of(robot.get_task_status())["running"], "the rollout has ended")
-    back_ns = time.monotonic_ns()
-    assert "resume() first" in why(nudge(robot))
-    time.sleep(0.2)
-    assert not twin.log.host("setpoint", back_ns), "nothing moves by itself"
-    assert not twin.log.host("enable", back_ns), "nothing is energised by itself"
-    resumed = json_of(robot.resume())
-    seen = robot.get_observation()
-    assert all(abs(resumed["position"][joint] - seen[joint]) < 0.02 for joint in seen)
-    json_of(nudge(robot))
-    until(lambda: twin.log.host("setpoint", back_ns), "a setpoint")
+    trees.comes_back(robot, twin.log, lambda: nudge(robot), within=0.02)
 
 
 # -- the verbs
@@ -155,7 +77,7 @@ def test_connect_observe_act_stop_resume(robot: RealRobot, twin: Twin) -> None:
     stopped = json_of(robot.stop())
     assert stopped["safe_state"] == "stop"
     assert list(stopped["motors"]) == list(seen)
-    assert first_safe(twin, began_ns) < SLACK_S
+    assert safe_after_s(twin.log, began_ns) < SLACK_S
     assert not twin.log.first_safe(began_ns).data, "CancelControl"  # type: ignore[union-attr]
     comes_back(robot, twin)
     assert not twin.log.host("enable", began_ns), "what was on has stayed on"
@@ -172,13 +94,8 @@ def test_saf_014_refusals_name_the_joint_and_write_nothing(robot: RealRobot, twi
 
 
 def test_a_policy_runs_at_50_hz_and_ends_in_a_hold(robot: RealRobot, twin: Twin) -> None:
-    for _ in range(ATTEMPTS):
-        json_of(robot.run_policy(wave(), duration=2.0))
-        task = task_ended(robot)
-        if task["exit_reason"] == "duration":
-            break
-        until(lambda: robot.resume()["status"] == "success", "it is armed")
-    assert task["exit_reason"] == "duration" and task["steps"] > 40, task
+    task = run_for(robot, wave, 2.0)
+    assert task["steps"] > 40, task
     assert state(robot) == "holding"
     held_ns = time.monotonic_ns()
     time.sleep(0.4)
@@ -245,7 +162,7 @@ def test_the_button_is_named_at_connect_and_nothing_is_energised(twin: Twin, run
 
 
 def test_an_estop_takes_the_power_where_that_was_asked_for(twin: Twin, run_dir: Path) -> None:
-    with robot_on(twin, on_estop="power_off") as robot:
+    with robot_on(twin.port, "rby1", on_estop="power_off") as robot:
         assert json_of(robot.stop())["safe_state"] == "stop"
         json_of(robot.resume())
         estopped_ns = time.monotonic_ns()
@@ -253,29 +170,6 @@ def test_an_estop_takes_the_power_where_that_was_asked_for(twin: Twin, run_dir: 
         assert outcome.safe_state == "off"
         until(lambda: twin.log.host("safe", estopped_ns)[2:], "cancel, disable and power off")
         until(lambda: status(robot)["sensors"]["power"] == [0.0], "the motors have no power")
-
-
-# -- processes die and freeze
-
-
-@pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP])
-def test_saf_003_the_wire_process_dies_or_freezes(moving: RealRobot, twin: Twin, fault: signal.Signals) -> None:
-    """The root stops the robot by its own connection, and starts the wire again."""
-    victim = pid(moving, "wire")
-    began_ns = time.monotonic_ns()
-    os.kill(victim, fault)
-    assert first_safe(twin, began_ns) < 0.2 + SLACK_S
-    comes_back(moving, twin)
-    assert pid(moving, "wire") != victim
-
-
-@pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP])
-def test_saf_003_the_root_process_dies_or_freezes(moving: RealRobot, twin: Twin, fault: signal.Signals) -> None:
-    began_ns = time.monotonic_ns()
-    os.kill(pid(moving, "root"), fault)
-    assert first_safe(twin, began_ns) < 0.2 + SLACK_S
-    json_of(moving.resume())
-    json_of(nudge(moving))
 
 
 # -- the robot freezes, or its network goes

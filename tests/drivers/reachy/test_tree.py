@@ -24,8 +24,8 @@ from strands_actors import Robot, estop
 from strands_actors.caller.robot import RealRobot
 from strands_actors.drivers.reachy import protocol as p
 from strands_actors.testing import Twin
-from strands_actors.testing.wirelog import Entry
-from tests.answers import json_of, state, status, until, why
+from tests.answers import json_of, pids, state, status, until, why
+from tests.trees import armed, connected, first_safe, robot_on, shared_twin
 
 SLACK_S = 1.0
 """On the published bounds, for a busy machine."""
@@ -40,51 +40,23 @@ def twin_process(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Twin]:
 @pytest.fixture
 def twin(twin_process: Twin) -> Iterator[Twin]:
     twin_process.power_cycle()
-    os.truncate(twin_process.log.path, 0)
-    yield twin_process
-    twin_process.go_on()
-    twin_process.fault("ok")
-    twin_process.plug()
-
-
-def connected(robot: RealRobot) -> RealRobot:
-    problem: str | None = "never tried"
-    for _ in range(3):  # on a busy machine a process may be late enough to count as frozen
-        problem = robot.connect_eagerly()
-        if problem is None:
-            break
-    assert problem is None
-    return robot
+    with shared_twin(twin_process) as process:
+        yield process
 
 
 @pytest.fixture
 def reachy(twin: Twin, run_dir: Path) -> Iterator[RealRobot]:
-    robot = Robot("reachy_mini", mode="real", port=f"http://{twin.port}")
-    try:
-        yield connected(robot)
-    finally:
-        robot.cleanup()
-
-
-def pid(reachy: RealRobot, role: str) -> int:
-    tree = reachy.tree()
-    assert tree is not None
-    found: int = next(process["pid"] for process in tree["processes"] if process["role"] == role)
-    return found
+    with robot_on(f"http://{twin.port}", "reachy_mini") as robot:
+        yield robot
 
 
 def move(reachy: RealRobot, twin: Twin, **action: float) -> int:
     """Send it and see it on the wire; when."""
     began_ns = time.monotonic_ns()
-    if state(reachy) not in ("armed", "holding"):
-        until(lambda: reachy.resume()["status"] == "success", "it is armed")
+    armed(reachy)
     json_of(reachy.send_action(action))
     until(lambda: twin.log.host("setpoint", began_ns), "a setpoint")
     return began_ns
-
-
-def first_safe(twin: Twin, since_ns: int) -> Entry:
-    return until(lambda: twin.log.first_safe(since_ns), "a safe frame")
 
 
 def ask(twin: Twin, target: str) -> Any:
@@ -124,7 +96,7 @@ def test_saf_005_a_stop_ends_the_move_where_it_is_and_no_other_follows(reachy: R
     began_ns = time.monotonic_ns()
     stopped = json_of(reachy.stop())
     assert stopped["safe_state"] == "hold" and stopped["unconfirmed"] == [] and len(stopped["motors"]) == 9
-    assert (first_safe(twin, began_ns).t_ns - began_ns) / 1e9 < 0.1 + SLACK_S
+    assert (first_safe(twin.log, began_ns).t_ns - began_ns) / 1e9 < 0.1 + SLACK_S
     assert ask(twin, p.RUNNING) == []
     stands(reachy)
     assert "call resume() first" in why(reachy.send_action({"head_yaw": 1.0}))
@@ -147,7 +119,7 @@ def test_targets_that_the_daemon_ignores_are_told_and_all_moves_end(reachy: Real
         other.send(json.dumps({"type": "goto_target", "antennas": [2.0, 2.0], "duration": 9.0}))
         until(lambda: ask(twin, p.RUNNING), "it moves")
         began_ns = move(reachy, twin, head_yaw=1.0)
-        first_safe(twin, began_ns)
+        first_safe(twin.log, began_ns)
         until(lambda: state(reachy) == "disarmed", "it is let go of")
         assert "a move of another client is running" in why(reachy.send_action({"head_yaw": 1.0}))
         assert ask(twin, p.RUNNING) == []
@@ -178,8 +150,8 @@ def test_saf_003_the_stop_channel_ends_the_move(reachy: RealRobot, twin: Twin, n
     move(reachy, twin, antenna_left=120.0, duration=8.0)
     time.sleep(0.2)
     began_ns = time.monotonic_ns()
-    os.kill(pid(reachy, "wire"), number)
-    assert (first_safe(twin, began_ns).t_ns - began_ns) / 1e9 < 0.2 + SLACK_S
+    os.kill(pids(reachy)["wire"], number)
+    assert (first_safe(twin.log, began_ns).t_ns - began_ns) / 1e9 < 0.2 + SLACK_S
     until(lambda: ask(twin, p.RUNNING) == [], "the move has ended")
     until(lambda: state(reachy) == "disarmed", "a new wire, disarmed")
     twin.log.no_setpoint_after_safe(began_ns)
@@ -199,7 +171,7 @@ def test_saf_003_what_a_service_began_ends_with_its_caller(twin: Twin, run_dir: 
         until(lambda: twin.log.host("setpoint"), "it has begun")
         began_ns = time.monotonic_ns()
         os.kill(caller.pid, signal.SIGKILL)
-        assert (first_safe(twin, began_ns).t_ns - began_ns) / 1e9 < 0.1 + SLACK_S
+        assert (first_safe(twin.log, began_ns).t_ns - began_ns) / 1e9 < 0.1 + SLACK_S
         until(lambda: ask(twin, p.RUNNING) == [], "the move has ended")
         twin.log.no_setpoint_after_safe(began_ns)
     finally:
@@ -213,7 +185,7 @@ def test_saf_020_a_cable_that_is_back_carries_the_safe_frame_first(reachy: RealR
     until(lambda: state(reachy) in ("lost", "down", None), "it is noticed")
     back_ns = time.monotonic_ns()
     twin.plug()
-    first_safe(twin, back_ns)
+    first_safe(twin.log, back_ns)
     first = next(one for one in twin.log.entries(back_ns) if one.sender == "host")
     assert first.kind == "safe"
     until(lambda: state(reachy) == "disarmed", "it is back, disarmed")
@@ -230,7 +202,7 @@ def test_saf_006_a_stop_leaves_at_once_whatever_the_daemon_answers(
     time.sleep(0.1)
     began_ns = time.monotonic_ns()
     reachy.stop()
-    assert (first_safe(twin, began_ns).t_ns - began_ns) / 1e9 < 0.1 + SLACK_S
+    assert (first_safe(twin.log, began_ns).t_ns - began_ns) / 1e9 < 0.1 + SLACK_S
     twin.log.no_setpoint_after_safe(began_ns)
     twin.fault("ok")
     until(lambda: state(reachy) == "disarmed", "confirmed at last")
@@ -254,7 +226,7 @@ def test_saf_014_motors_without_torque_are_refused_and_nothing_is_written(twin: 
 def test_saf_003_torque_that_somebody_takes_away_ends_what_is_live(reachy: RealRobot, twin: Twin) -> None:
     began_ns = move(reachy, twin, antenna_left=100.0, duration=8.0)
     httpx.post(f"http://{twin.port}{p.SET_MODE}gravity_compensation", trust_env=False)
-    first_safe(twin, began_ns)
+    first_safe(twin.log, began_ns)
     until(lambda: state(reachy) == "disarmed", "it is let go of")
     assert "motors are gravity_compensation" in status(reachy)["cause"]
 
@@ -395,9 +367,9 @@ def test_saf_007_one_estop_drops_the_head_beside_an_arm(reachy: RealRobot, twin:
             "so101": "limp",
         }
         assert outcomes["reachy_mini"].outcome == "safe"
-        assert first_safe(twin, began_ns).safe_state == "limp"
+        assert first_safe(twin.log, began_ns).safe_state == "limp"
         first_safe(other, began_ns)
         assert ask(twin, p.MOTORS) == {"mode": "disabled"} and ask(twin, p.RUNNING) == []
         assert "e-stopped by a button" in why(reachy.send_action({"head_yaw": 0.1}))
         assert "e-stopped by a button" in why(reachy.motors(mode="enabled"))
-        assert twin.log.host("setpoint", first_safe(twin, began_ns).t_ns) == []
+        assert twin.log.host("setpoint", first_safe(twin.log, began_ns).t_ns) == []

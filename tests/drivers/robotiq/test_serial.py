@@ -22,11 +22,9 @@ from strands_actors.drivers.robotiq.twin import twin_of
 from strands_actors.drivers.robotiq.wire import RobotiqWire
 from strands_actors.kernel.clock import VirtualClock
 from strands_actors.testing import WireLog
-from tests.answers import until
+from tests.answers import pids, until
 from tests.drivers.common.memory_port import MemoryPort, Permission, virtual
 from tests.drivers.common.twin_process import TwinProcess
-
-from .test_tree import pid_of
 
 PORT = "/dev/ttyUSB0"
 BYTE_S = 10 / 115_200
@@ -212,7 +210,7 @@ def test_saf_003_a_dead_wire_leaves_a_gripper_that_holds(twin: TwinProcess) -> N
         assert gripper.send_action({"gripper": 0.9, "speed": 0.0})["status"] == "success"
         until(lambda: bool(log.host("setpoint")), "it moves")
         killed_ns = time.monotonic_ns()
-        os.kill(pid_of(gripper, "wire"), signal.SIGKILL)
+        os.kill(pids(gripper)["wire"], signal.SIGKILL)
         until(lambda: bool(log.host("safe", killed_ns)), "the root holds it, by the wire's own port")
         assert log.setpoints_after_safe(killed_ns) == 0
 

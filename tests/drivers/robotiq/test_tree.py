@@ -19,7 +19,7 @@ from strands_actors.caller.robot import RealRobot
 from strands_actors.contract.driver import Reason
 from strands_actors.supervisors.gate.messages import StopReport
 from strands_actors.testing import WireLog
-from tests.answers import json_of, until, why
+from tests.answers import json_of, pids, until, why
 from tests.drivers.common.twin_process import TwinProcess
 
 STATUS_WITHIN_S = 0.5
@@ -67,13 +67,6 @@ def state(robot: RealRobot) -> str | None:
 
 def until_state(robot: RealRobot, *wanted: str) -> None:
     until(lambda: state(robot) in wanted, f"it is {' or '.join(wanted)}")
-
-
-def pid_of(robot: RealRobot, role: str) -> int:
-    tree = robot.tree()
-    assert tree is not None
-    found: int = next(process["pid"] for process in tree["processes"] if process["role"] == role)
-    return found
 
 
 def move(robot: RealRobot, closed: float) -> None:
@@ -184,7 +177,7 @@ def test_an_emergency_stop_locks_although_the_grip_is_kept(armed: RealRobot, twi
 
 
 def test_one_answer_too_late_and_everything_still_works(armed: RealRobot, twin: TwinProcess) -> None:
-    wire = pid_of(armed, "wire")
+    wire = pids(armed)["wire"]
     twin.command("fault delayed")
     time.sleep(0.3)  # some answers of each kind
     json_of(armed.send_action({"gripper": 0.5}))
@@ -193,7 +186,7 @@ def test_one_answer_too_late_and_everything_still_works(armed: RealRobot, twin: 
     json_of(armed.stop())
     json_of(armed.resume())
     move(armed, 0.2)
-    assert pid_of(armed, "wire") == wire
+    assert pids(armed)["wire"] == wire
 
 
 def test_the_cable_is_pulled_and_put_back(armed: RealRobot, twin: TwinProcess) -> None:
@@ -227,35 +220,6 @@ def test_it_recovers_from_what_it_cannot_understand(armed: RealRobot, twin: Twin
     since_ns = time.monotonic_ns()
     twin.command("fault ok")
     works_again(armed, twin, since_ns)
-
-
-# -- the processes
-
-
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
-def test_the_wire_process_is_killed_or_frozen(armed: RealRobot, twin: TwinProcess, number: signal.Signals) -> None:
-    json_of(armed.send_action(SLOWLY))
-    wire = pid_of(armed, "wire")
-    since_ns = time.monotonic_ns()
-    os.kill(wire, number)
-    until(lambda: WireLog(twin.log_path).first_safe(since_ns) is not None, "it is held")
-    WireLog(twin.log_path).safe_within(since_ns, 1.0)
-    works_again(armed, twin, since_ns)
-    assert pid_of(armed, "wire") != wire
-
-
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
-def test_the_root_process_is_killed_or_frozen(armed: RealRobot, twin: TwinProcess, number: signal.Signals) -> None:
-    json_of(armed.send_action(SLOWLY))
-    root = pid_of(armed, "root")
-    since_ns = time.monotonic_ns()
-    os.kill(root, number)
-    until(lambda: WireLog(twin.log_path).first_safe(since_ns) is not None, "it is held")
-    log = WireLog(twin.log_path)
-    log.safe_within(since_ns, 1.0)
-    json_of(armed.resume())
-    assert log.setpoints_after_safe(since_ns) == 0
-    move(armed, 0.3)
 
 
 # -- the gripper freezes
@@ -321,9 +285,9 @@ def test_a_short_freeze_needs_nobody(armed: RealRobot, twin: TwinProcess) -> Non
 
 def test_nothing_is_left(gripper: RealRobot, twin: TwinProcess) -> None:
     assert gripper.connect_eagerly() is None
-    pids = [pid_of(gripper, role) for role in ("root", "wire")]
+    victims = [pids(gripper)[role] for role in ("root", "wire")]
     json_of(gripper.cleanup())
-    until(lambda: not any(_runs(pid) for pid in pids), "every process is gone")
+    until(lambda: not any(_runs(pid) for pid in victims), "every process is gone")
 
 
 def _runs(pid: int) -> bool:

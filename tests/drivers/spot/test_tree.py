@@ -25,7 +25,8 @@ from strands_actors.drivers.spot.messages import decode
 from strands_actors.surfaces.mesh import estop
 from strands_actors.testing import Twin
 from strands_actors.testing.wirelog import Entry
-from tests.answers import json_of, state, status, until, why
+from tests.answers import json_of, pids, state, status, until, why
+from tests.trees import armed, first_safe, robot_on
 
 SLACK_S = 0.4
 """For a machine that runs other tests meanwhile."""
@@ -40,18 +41,8 @@ def twin(tmp_path: Path) -> Iterator[Twin]:
 
 @pytest.fixture
 def spot(twin: Twin, run_dir: Path) -> Iterator[RealRobot]:
-    robot = Robot("spot", mode="real", port=twin.port)
-    try:
-        until(lambda: connected(robot), "it is connected")
+    with robot_on(twin.port, "spot") as robot:
         yield robot
-    finally:
-        robot.cleanup()
-
-
-def connected(robot: RealRobot) -> bool:
-    problem = robot.connect_eagerly()
-    print(problem)
-    return problem is None
 
 
 def service(robot: RealRobot, name: str, **arguments: float) -> dict[str, Any]:
@@ -59,15 +50,8 @@ def service(robot: RealRobot, name: str, **arguments: float) -> dict[str, Any]:
     return answer
 
 
-def pids(robot: RealRobot) -> dict[str, int]:
-    tree = robot.tree()
-    assert tree is not None
-    return {process["role"]: process["pid"] for process in tree["processes"]}
-
-
 def stand(robot: RealRobot) -> None:
-    if state(robot) not in ("armed", "holding"):
-        until(lambda: robot.resume()["status"] == "success", "it is armed")
+    armed(robot)
     json_of(service(robot, "stand"))
 
 
@@ -78,10 +62,6 @@ def walk(robot: RealRobot, twin: Twin, **speeds: float) -> int:
     json_of(robot.send_action({"vx": 0.0, **speeds}))
     until(lambda: twin.log.host("setpoint", began_ns), "a setpoint")
     return began_ns
-
-
-def first_safe(twin: Twin, since_ns: int) -> Entry:
-    return until(lambda: twin.log.first_safe(since_ns), "a safe frame")
 
 
 def read(name: str, entry: Entry) -> dict[str, Any]:
@@ -127,7 +107,7 @@ def test_it_stands_up_before_it_walks_and_says_so(spot: RealRobot, twin: Twin) -
 
 def test_saf_001_a_twist_ends_on_the_robots_clock_and_nothing_repeats_it(spot: RealRobot, twin: Twin) -> None:
     began_ns = walk(spot, twin, vx=0.5)
-    hold = first_safe(twin, began_ns)
+    hold = first_safe(twin.log, began_ns)
     assert 0.55 < (hold.t_ns - began_ns) / 1e9 < 0.7 + SLACK_S and hold.safe_state == "hold"
     (sent,) = twin.log.host("setpoint", began_ns)
     told = read("RobotCommand", sent)
@@ -158,7 +138,7 @@ def test_saf_004_check_ins_stop_with_the_process_that_earns_them(spot: RealRobot
     time.sleep(2.5)
     assert 2 <= len(check_ins(twin, began_ns)) <= 4, "a third of 3 s apart"
     os.kill(pids(spot)["wire"], signal.SIGSTOP)
-    safe = first_safe(twin, began_ns)
+    safe = first_safe(twin.log, began_ns)
     assert safe.safe_state == "settle"
     time.sleep(1.5)
     assert check_ins(twin, safe.t_ns) == []
@@ -190,7 +170,7 @@ def test_saf_005_a_stop_stands_it_still_and_nothing_follows(spot: RealRobot, twi
     began_ns = time.monotonic_ns()
     stopped = json_of(spot.stop())
     assert stopped["safe_state"] == "hold" and len(stopped["motors"]) == 10
-    assert (first_safe(twin, began_ns).t_ns - began_ns) / 1e9 < 0.05 + SLACK_S
+    assert (first_safe(twin.log, began_ns).t_ns - began_ns) / 1e9 < 0.05 + SLACK_S
     assert "call resume() first" in why(spot.send_action({"vx": 0.1}))
     time.sleep(3.5)
     assert motors(spot) == p.Motors.ON, "it stands: its e-stop is fed as long as the chain is alive"
@@ -219,7 +199,7 @@ def test_saf_010_a_command_that_waits_in_a_stopped_robot_is_followed_by_a_safe_f
     assert "not confirmed" in why(spot.stop())
     back_ns = time.monotonic_ns()
     twin.go_on()
-    first_safe(twin, back_ns)
+    first_safe(twin.log, back_ns)
     until(lambda: state(spot) == "disarmed", "it is back, disarmed, and confirmed")
     time.sleep(0.3)
     frames = [one for one in twin.log.entries(back_ns) if one.sender == "host" and one.kind in ("setpoint", "safe")]
@@ -239,7 +219,7 @@ def test_saf_002_a_robot_that_was_away_for_a_second_ends_safe(spot: RealRobot, t
     twin.go_on()
     until(lambda: state(spot) == "disarmed", "it is back, disarmed")
     assert len(twin.log.host("setpoint", back_ns)) <= 3, "of a hundred and fifty that were sent"
-    assert first_safe(twin, back_ns).safe_state == "settle"
+    assert first_safe(twin.log, back_ns).safe_state == "settle"
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
@@ -249,7 +229,7 @@ def test_saf_003_a_process_of_its_own_settles_it_by_the_e_stop(
     walk(spot, twin, vx=0.5)
     began_ns = time.monotonic_ns()
     os.kill(pids(spot)["wire"], number)
-    safe = first_safe(twin, began_ns)
+    safe = first_safe(twin.log, began_ns)
     assert safe.safe_state == "settle" and read("EstopCheckIn", safe)["stop_level"] == p.StopLevel.SETTLE_THEN_CUT
     assert (safe.t_ns - began_ns) / 1e9 < 0.3 + SLACK_S
     until(lambda: state(spot) == "disarmed", "a new wire, disarmed")
@@ -263,7 +243,7 @@ def test_saf_020_a_cable_that_is_back_carries_no_command_before_the_safe_frame(s
     until(lambda: state(spot) in ("lost", "down", None), "it is noticed")
     back_ns = time.monotonic_ns()
     twin.plug()
-    safe = first_safe(twin, back_ns)
+    safe = first_safe(twin.log, back_ns)
     before = [one for one in twin.log.entries(back_ns) if one.sender == "host" and one.t_ns < safe.t_ns]
     assert {one.kind for one in before} <= {"read", "config", "other"}
     until(lambda: state(spot) == "disarmed", "it is back, disarmed")
@@ -276,7 +256,7 @@ def test_saf_006_a_stop_leaves_at_once_whatever_the_robot_answers(spot: RealRobo
     twin.fault(fault)
     began_ns = time.monotonic_ns()
     spot.stop()
-    assert (first_safe(twin, began_ns).t_ns - began_ns) / 1e9 < 0.3 + SLACK_S
+    assert (first_safe(twin.log, began_ns).t_ns - began_ns) / 1e9 < 0.3 + SLACK_S
     twin.log.no_setpoint_after_safe(began_ns)
     twin.fault("ok")
     until(lambda: state(spot) == "disarmed", "confirmed at last")
@@ -311,7 +291,7 @@ def test_a_lease_that_was_taken_over_is_named_and_not_returned(spot: RealRobot, 
     assert "held by tablet-7" in why(spot.resume())
     stopped = json_of(spot.cleanup())
     assert "taken over by tablet-7: it is not returned" in stopped["motors"]["vx"]["detail"]
-    assert first_safe(twin, began_ns).safe_state in ("", "settle")
+    assert first_safe(twin.log, began_ns).safe_state in ("", "settle")
 
 
 def why_if(answer: dict[str, Any]) -> str:
@@ -333,7 +313,7 @@ def test_a_cleanup_sits_powers_off_and_returns_the_lease(twin: Twin, run_dir: Pa
     stand(robot)
     began_ns = time.monotonic_ns()
     json_of(robot.cleanup())
-    safe = first_safe(twin, began_ns)
+    safe = first_safe(twin.log, began_ns)
     assert "safe_power_off_request" in read("RobotCommand", safe)["command"]["full_body_command"]
     assert returned(twin, safe.t_ns)
     with Robot("spot", mode="real", port=twin.port) as other:
@@ -410,7 +390,7 @@ def test_an_agent_stands_it_up_reads_it_and_stops_it(spot: RealRobot, twin: Twin
     json_of(asked(spot, {"action": "status"}))
     began_ns = time.monotonic_ns()
     json_of(asked(spot, {"action": "stop"}))
-    assert first_safe(twin, began_ns).safe_state == "hold"
+    assert first_safe(twin.log, began_ns).safe_state == "hold"
 
 
 def test_saf_007_one_estop_settles_it_beside_an_arm(spot: RealRobot, twin: Twin, tmp_path: Path) -> None:
@@ -423,6 +403,6 @@ def test_saf_007_one_estop_settles_it_beside_an_arm(spot: RealRobot, twin: Twin,
         safe_states = {robot: outcome.safe_state for robot, outcome in outcomes.items()}
         assert safe_states == {"spot": "settle", "so101": "limp"}
         first_safe(other, began_ns)
-        safe = first_safe(twin, began_ns)
+        safe = first_safe(twin.log, began_ns)
         assert "e-stopped by a button" in why(spot.send_action({"vx": 0.1}))
         assert twin.log.host("setpoint", safe.t_ns) == []

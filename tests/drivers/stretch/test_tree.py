@@ -23,7 +23,8 @@ from strands_actors.drivers.stretch.parameters import parameters_of
 from strands_actors.surfaces.mesh import estop
 from strands_actors.testing import Twin
 from strands_actors.testing.wirelog import Entry
-from tests.answers import json_of, state, status, until, why
+from tests.answers import json_of, pids, state, status, until, why
+from tests.trees import armed, first_safe, robot_on
 
 SLACK_S = 0.4
 """For a machine that runs other tests meanwhile."""
@@ -39,12 +40,8 @@ def twin(tmp_path: Path) -> Iterator[Twin]:
 
 @pytest.fixture
 def stretch(twin: Twin, run_dir: Path) -> Iterator[RealRobot]:
-    robot = Robot("stretch3", mode="real", port=twin.port)
-    try:
-        until(lambda: robot.connect_eagerly() is None, "it is connected")
+    with robot_on(twin.port, "stretch3") as robot:
         yield robot
-    finally:
-        robot.cleanup()
 
 
 def commands(entries: list[Entry]) -> list[p.Command]:
@@ -58,13 +55,6 @@ def commands(entries: list[Entry]) -> list[p.Command]:
     return found
 
 
-def pid(robot: RealRobot, role: str) -> int:
-    tree = robot.tree()
-    assert tree is not None
-    found: int = next(process["pid"] for process in tree["processes"] if process["role"] == role)
-    return found
-
-
 def sensor(robot: RealRobot, name: str) -> list[float]:
     found: list[float] = status(robot)["sensors"][name]
     return found
@@ -72,26 +62,16 @@ def sensor(robot: RealRobot, name: str) -> list[float]:
 
 def drive(robot: RealRobot, twin: Twin, vx: float = 0.2, wz: float = 0.0) -> int:
     """Send a twist and see it on the wire; when."""
-    if state(robot) not in ("armed", "holding"):
-        until(lambda: robot.resume()["status"] == "success", "it is armed")
+    armed(robot)
     began_ns = time.monotonic_ns()
     json_of(robot.set_twist(vx=vx, wz=wz))
     until(lambda: twin.log.host("setpoint", began_ns), "a setpoint")
     return began_ns
 
 
-def held(twin: Twin, since_ns: int) -> Entry:
-    """Return the frame by which the whole robot has been told to hold."""
-
-    def look() -> Entry | None:
-        return next((one for one in twin.log.host("safe", since_ns) if one.safe_state == "hold"), None)
-
-    return until(look, "all are told to hold")
-
-
 def test_saf_001_a_twist_is_repeated_for_its_lifetime_then_everything_holds(stretch: RealRobot, twin: Twin) -> None:
     began_ns = drive(stretch, twin, 0.1, 0.4)
-    safe = held(twin, began_ns)
+    safe = first_safe(twin.log, began_ns, "hold")
     assert 0.25 < (safe.t_ns - began_ns) / 1e9 < 0.35 + SLACK_S
     sent = commands(twin.log.host("setpoint", began_ns))
     assert 4 <= len(sent) <= 10, "both wheels, every 100 ms while it lives"
@@ -140,7 +120,7 @@ def test_saf_005_a_stop_holds_every_motor_and_reads_each_back(stretch: RealRobot
     report = json_of(stretch.stop())
     assert report["safe_state"] == "hold" and report["unconfirmed"] == []
     assert set(report["motors"]) == {*JOINTS, "left_wheel", "right_wheel"}
-    assert (held(twin, began_ns).t_ns - began_ns) / 1e9 < 0.05 + SLACK_S
+    assert (first_safe(twin.log, began_ns, "hold").t_ns - began_ns) / 1e9 < 0.05 + SLACK_S
     twin.log.no_setpoint_after_safe(began_ns)
     assert {one.mode for one in commands(twin.log.host("safe", began_ns))} == {p.Mode.VELOCITY, p.Mode.HOLD}
     until(lambda: stretch.get_observation()["vx"] == 0.0, "it stands")
@@ -166,7 +146,7 @@ def test_saf_010_a_command_that_waits_in_a_stopped_robot_is_followed_by_a_hold(
     assert "left_wheel" in why(refusal)
     back_ns = time.monotonic_ns()
     twin.go_on()
-    held(twin, back_ns)
+    first_safe(twin.log, back_ns, "hold")
     until(lambda: state(stretch) == "disarmed", "it is back, disarmed, and confirmed")
     frames = [one for one in twin.log.entries(back_ns) if one.sender == "host" and one.kind in ("setpoint", "safe")]
     assert frames[-1].kind == "safe", "whatever it carried out late"
@@ -181,8 +161,8 @@ def test_saf_003_the_root_holds_every_board_by_duplicates_of_its_ports(
     json_of(stretch.send_action({"lift": 0.9}))
     drive(stretch, twin, 0.2)
     began_ns = time.monotonic_ns()
-    os.kill(pid(stretch, "wire"), number)
-    assert (held(twin, began_ns).t_ns - began_ns) / 1e9 < 0.15 + SLACK_S
+    os.kill(pids(stretch)["wire"], number)
+    assert (first_safe(twin.log, began_ns, "hold").t_ns - began_ns) / 1e9 < 0.15 + SLACK_S
     time.sleep(0.3)
     twin.log.no_setpoint_after_safe(began_ns)
     until(lambda: state(stretch) == "disarmed", "a new wire, disarmed")
@@ -197,7 +177,7 @@ def test_saf_020_cables_that_are_back_carry_a_hold_before_any_question(stretch: 
     until(lambda: state(stretch) in ("lost", "down", None), "it is noticed")
     back_ns = time.monotonic_ns()
     twin.plug()
-    held(twin, back_ns)
+    first_safe(twin.log, back_ns, "hold")
     until(lambda: state(stretch) == "disarmed", "it is back, disarmed")
     twin.log.no_setpoint_after_safe(back_ns)
 
@@ -272,12 +252,7 @@ def test_saf_013_the_wheels_watchdog_is_armed_and_read_back_and_stops_them_when_
     for _ in range(8):
         drive(stretch, twin, 0.2)
         time.sleep(0.1)
-    tree = stretch.tree()
-    assert tree is not None
-    victims = sorted(
-        process["pid"] for process in tree["processes"] if process["role"] in ("root", "wire", "standby")
-    )
-    assert len(victims) == 3
+    victims = [pids(stretch)[role] for role in ("root", "wire", "standby")]
     for victim in victims:
         os.kill(victim, signal.SIGSTOP)
     for victim in victims:
@@ -318,7 +293,7 @@ def test_an_agent_reads_and_stops_it_and_cannot_move_it(stretch: RealRobot, twin
     assert set(json_of(asked({"action": "state"}))["velocities"]) >= {"lift", "arm"}
     assert "set_twist" in why(asked({"action": "set_twist", "vx": 0.1}))
     json_of(asked({"action": "stop"}))
-    held(twin, began_ns)
+    first_safe(twin.log, began_ns, "hold")
     assert state(stretch) == "disarmed"
 
 

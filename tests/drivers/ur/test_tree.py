@@ -3,15 +3,15 @@ log."""
 
 from __future__ import annotations
 
-import functools
 import math
 import os
 import signal
 import socket
 import struct
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -20,10 +20,11 @@ from strands_actors.caller.robot import RealRobot
 from strands_actors.drivers.ur.arms import JOINTS
 from strands_actors.drivers.ur.protocol import DASHBOARD_PORT
 from strands_actors.testing import Twin
-from tests.answers import json_of, state, status, until, why
+from tests import trees
+from tests.answers import json_of, pids, state, status, until, why
+from tests.trees import Step, robot_on, run_for, safe_after_s, set_moving, shared_twin, slowest_status_s
 
-from .arm import ELBOW, PAN, arm_on, nudge, pid, wave
-
+PAN, LIFT, ELBOW = "shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint"
 SLACK_S = 1.0
 """On the published bounds, for a busy machine."""
 
@@ -36,71 +37,32 @@ def twin_process(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Twin]:
 
 @pytest.fixture
 def twin(twin_process: Twin) -> Iterator[Twin]:
-    os.truncate(twin_process.log.path, 0)
-    yield twin_process
-    twin_process.go_on()
-    twin_process.fault("ok")
-    twin_process.plug()
-    for line in ("safety NORMAL", "mode RUNNING", "remote yes"):
-        twin_process.order(line)
+    with shared_twin(twin_process, "safety NORMAL", "mode RUNNING", "remote yes") as process:
+        yield process
 
 
 @pytest.fixture
 def arm(twin: Twin, run_dir: Path) -> Iterator[RealRobot]:
-    with arm_on(twin) as connected:
+    with robot_on(twin.port, "ur5e") as connected:
         yield connected
 
 
 @pytest.fixture
 def moving(arm: RealRobot, twin: Twin) -> RealRobot:
-    for _ in range(3):  # a machine that pauses ends a rollout before anything was broken
-        began_ns = time.monotonic_ns()
-        if state(arm) not in ("armed", "holding"):
-            until(lambda: arm.resume()["status"] == "success", "it is armed")
-        json_of(arm.run_policy(wave(), duration=60.0))
-        task = until(functools.partial(runs, arm, twin, began_ns), "it moves or has ended")
-        if task["running"]:
-            return arm
-    pytest.fail(f"it does not move: {task}")
+    set_moving(arm, twin.log, wave)
+    return arm
 
 
-def runs(arm: RealRobot, twin: Twin, since_ns: int) -> dict[str, object] | None:
-    task = json_of(arm.get_task_status())
-    return task if not task["running"] or len(twin.log.host("setpoint", since_ns)) > 30 else None
+def wave() -> Step:
+    return trees.wave({PAN: 0.3}, 0.016)
 
 
-def first_safe(twin: Twin, since_ns: int) -> float:
-    """Seconds until the first safe frame; no setpoint comes after it."""
-    safe = until(lambda: twin.log.first_safe(since_ns), "a safe frame")
-    time.sleep(0.3)
-    assert twin.log.setpoints_after_safe(since_ns) == 0
-    return (safe.t_ns - since_ns) / 1e9
+def nudge(arm: RealRobot) -> Mapping[str, Any]:
+    return trees.nudge(arm, PAN)
 
 
 def comes_back(arm: RealRobot, twin: Twin) -> None:
-    """By itself, disarmed; moves only after a resume, from where it is."""
-    until(lambda: state(arm) == "disarmed", "it is back, disarmed")
-    until(lambda: not json_of(arm.get_task_status())["running"], "the rollout has ended")
-    back_ns = time.monotonic_ns()
-    assert "resume() first" in why(nudge(arm))
-    time.sleep(0.2)
-    assert not twin.log.host("setpoint", back_ns), "nothing moves by itself"
-    assert not twin.log.host("enable", back_ns)
-    resumed = json_of(arm.resume())
-    seen = arm.get_observation()
-    assert all(abs(resumed["position"][joint] - seen[joint]) < 0.01 for joint in JOINTS)
-    json_of(nudge(arm))
-    until(lambda: twin.log.host("setpoint", back_ns), "a setpoint")
-
-
-def worst_status_s(arm: RealRobot, for_s: float) -> float:
-    worst_s, end_s = 0.0, time.monotonic() + for_s
-    while time.monotonic() < end_s:
-        began_s = time.monotonic()
-        status(arm)
-        worst_s = max(worst_s, time.monotonic() - began_s)
-        time.sleep(0.02)
-    return worst_s
+    trees.comes_back(arm, twin.log, lambda: nudge(arm))
 
 
 # -- the verbs
@@ -125,7 +87,7 @@ def test_connect_observe_act_stop_resume(arm: RealRobot, twin: Twin) -> None:
     stopped = json_of(arm.stop())
     assert stopped["safe_state"] == "stop"
     assert list(stopped["motors"]) == list(JOINTS)
-    assert first_safe(twin, began_ns) < SLACK_S
+    assert safe_after_s(twin.log, began_ns) < SLACK_S
     assert "resume() first" in why(arm.send_action({PAN: 0.0}))
     comes_back(arm, twin)
 
@@ -149,9 +111,7 @@ def test_saf_014_refusals_name_the_joint_and_write_nothing(arm: RealRobot, twin:
 
 
 def test_a_policy_runs_at_125_hz_and_ends_in_a_hold(arm: RealRobot, twin: Twin) -> None:
-    json_of(arm.run_policy(wave(), duration=2.0))
-    task = until(lambda: None if (now := json_of(arm.get_task_status()))["running"] else now, "it ends")
-    assert task["exit_reason"] == "duration", task
+    task = run_for(arm, wave, 2.0)
     assert task["steps"] > 60, "half of what a free machine does"
     assert state(arm) == "holding"
     held_ns = time.monotonic_ns()
@@ -294,22 +254,12 @@ def test_local_control_is_named(twin: Twin, run_dir: Path) -> None:
 @pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP])
 def test_saf_003_the_wire_process_dies_or_freezes(moving: RealRobot, twin: Twin, fault: signal.Signals) -> None:
     """The root stops the arm by its own sockets, and starts the wire again."""
-    victim = pid(moving, "wire")
+    victim = pids(moving)["wire"]
     began_ns = time.monotonic_ns()
     os.kill(victim, fault)
-    assert first_safe(twin, began_ns) < 0.2 + SLACK_S
+    assert safe_after_s(twin.log, began_ns) < 0.2 + SLACK_S
     assert twin.log.first_safe(began_ns).data == b"stop\n"  # type: ignore[union-attr]
     comes_back(moving, twin)
-
-
-@pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP])
-def test_saf_003_the_root_process_dies_or_freezes(moving: RealRobot, twin: Twin, fault: signal.Signals) -> None:
-    victim = pid(moving, "root")
-    began_ns = time.monotonic_ns()
-    os.kill(victim, fault)
-    assert first_safe(twin, began_ns) < 0.2 + SLACK_S
-    json_of(moving.resume())
-    json_of(nudge(moving))
 
 
 # -- the controller freezes, or its network goes
@@ -317,7 +267,7 @@ def test_saf_003_the_root_process_dies_or_freezes(moving: RealRobot, twin: Twin,
 
 def test_saf_012_frozen_while_it_moves(moving: RealRobot, twin: Twin) -> None:
     twin.pause()
-    assert worst_status_s(moving, 2.0) < 0.2 + SLACK_S
+    assert slowest_status_s(moving, 2.0) < 0.2 + SLACK_S
     assert not status(moving)["connected"]
     # While its process is being replaced there is not even a gate.
     assert why(nudge_blind(moving)).startswith(("move: not connected", "move: the gate of"))
@@ -340,7 +290,7 @@ def test_saf_005_stop_of_a_frozen_controller_is_an_error_that_names_every_joint(
     answer = moving.stop()
     assert time.monotonic() - began_s < 3.0 + SLACK_S
     assert all(joint in why(answer) for joint in JOINTS), answer
-    assert worst_status_s(moving, 0.5) < 0.2 + SLACK_S
+    assert slowest_status_s(moving, 0.5) < 0.2 + SLACK_S
     twin.go_on()
     comes_back(moving, twin)
 
@@ -412,7 +362,7 @@ def test_saf_012_the_controller_goes_while_connecting(twin: Twin, run_dir: Path,
             twin.pause()
         else:
             twin.unplug()
-        assert worst_status_s(arm, 1.5) < 0.2 + SLACK_S
+        assert slowest_status_s(arm, 1.5) < 0.2 + SLACK_S
         began_s = time.monotonic()
         arm.stop()
         assert time.monotonic() - began_s < 3.0 + SLACK_S

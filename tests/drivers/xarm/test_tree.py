@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import math
 import os
@@ -10,7 +9,7 @@ import signal
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,9 @@ from strands_actors import Robot
 from strands_actors.caller.robot import RealRobot
 from strands_actors.drivers.xarm import protocol as p
 from strands_actors.testing import Twin
-from tests.answers import json_of, state, status, task_ended, until, why
+from tests import trees
+from tests.answers import json_of, pids, state, status, until, why
+from tests.trees import Step, robot_on, run_for, safe_after_s, set_moving, shared_twin
 
 SLACK_S = 1.0
 """On the published bounds, for a busy machine."""
@@ -37,127 +38,32 @@ def twin_process(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Twin]:
 
 @pytest.fixture
 def twin(twin_process: Twin) -> Iterator[Twin]:
-    os.truncate(twin_process.log.path, 0)
-    yield twin_process
-    twin_process.go_on()
-    twin_process.fault("ok")
-    twin_process.plug()
-    twin_process.order("error 0")
-
-
-@contextlib.contextmanager
-def arm_on(twin: Twin, **options: Any) -> Iterator[RealRobot]:
-    """Connected and armed."""
-    arm = Robot("xarm7", mode="real", port=twin.port, **options)
-    try:
-        problem: str | None = "never tried"
-        for _ in range(3):  # on a busy machine a process may be late enough to count as frozen
-            problem = arm.connect_eagerly()
-            if problem is None:
-                break
-        assert problem is None
-        yield arm
-    finally:
-        arm.cleanup()
+    with shared_twin(twin_process, "error 0") as process:
+        yield process
 
 
 @pytest.fixture
 def arm(twin: Twin, run_dir: Path) -> Iterator[RealRobot]:
-    with arm_on(twin) as connected:
+    with robot_on(twin.port, "xarm7") as connected:
         yield connected
-
-
-ATTEMPTS = 5
-"""A machine that pauses ends a rollout before anything was broken: then it is begun again."""
 
 
 @pytest.fixture
 def moving(arm: RealRobot, twin: Twin) -> RealRobot:
-    set_moving(arm, twin)
+    set_moving(arm, twin.log, wave)
     return arm
 
 
-def set_moving(arm: RealRobot, twin: Twin) -> None:
-    for _ in range(ATTEMPTS):
-        began_ns = time.monotonic_ns()
-        make_ready(arm)
-        json_of(arm.run_policy(wave(), duration=60.0))
-        task = until(functools.partial(runs, arm, twin, began_ns), "it moves or has ended")
-        if task["running"]:
-            return
-    pytest.fail(f"it does not move: {task}")
-
-
-def make_ready(arm: RealRobot) -> None:
-    if state(arm) not in ("armed", "holding"):
-        until(lambda: arm.resume()["status"] == "success", "it is armed")
-
-
-def run_for(arm: RealRobot, seconds: float) -> dict[str, Any]:
-    """Move for so long, to the end; what the rollout says then."""
-    for _ in range(ATTEMPTS):
-        make_ready(arm)
-        json_of(arm.run_policy(wave(), duration=seconds))
-        task = task_ended(arm)
-        if task["exit_reason"] == "duration":
-            return task
-    pytest.fail(f"it does not move for {seconds:g} s: {task}")
-
-
-def runs(arm: RealRobot, twin: Twin, since_ns: int) -> dict[str, Any] | None:
-    task = json_of(arm.get_task_status())
-    return task if not task["running"] or len(twin.log.host("setpoint", since_ns)) > 30 else None
-
-
-def wave(amplitude: float = 0.3, step: float = 0.02) -> Callable[[Mapping[str, float]], dict[str, float]]:
-    """A policy: joint 1 goes to and fro from where it is. A pause does not make it jump."""
-    zero: list[float] = []
-    phase = [0.0]
-
-    def policy(observation: Mapping[str, float]) -> dict[str, float]:
-        zero.append(observation["joint1"])
-        phase[0] += step
-        return {"joint1": zero[0] + amplitude * (1 - math.cos(phase[0])) / 2}
-
-    return policy
+def wave() -> Step:
+    return trees.wave({"joint1": 0.3}, 0.02)
 
 
 def nudge(arm: RealRobot) -> Mapping[str, Any]:
-    """A small step from where the joint is, towards zero."""
-    now = arm.get_observation().get("joint1", 0.0)
-    answer: Mapping[str, Any] = arm.send_action({"joint1": now - math.copysign(0.01, now)})
-    return answer
-
-
-def pid(arm: RealRobot, role: str) -> int:
-    tree = arm.tree()
-    assert tree is not None
-    found: int = next(process["pid"] for process in tree["processes"] if process["role"] == role)
-    return found
-
-
-def first_safe(twin: Twin, since_ns: int) -> float:
-    """Seconds until the first safe frame; no setpoint comes after it."""
-    safe = until(lambda: twin.log.first_safe(since_ns), "a safe frame")
-    time.sleep(0.3)
-    assert twin.log.setpoints_after_safe(since_ns) == 0
-    return (safe.t_ns - since_ns) / 1e9
+    return trees.nudge(arm, "joint1")
 
 
 def comes_back(arm: RealRobot, twin: Twin) -> None:
-    """By itself, disarmed; moves only after a resume, from where it is."""
-    until(lambda: state(arm) == "disarmed", "it is back, disarmed")
-    until(lambda: not json_of(arm.get_task_status())["running"], "the rollout has ended")
-    back_ns = time.monotonic_ns()
-    assert "resume() first" in why(nudge(arm))
-    time.sleep(0.2)
-    assert not twin.log.host("setpoint", back_ns), "nothing moves by itself"
-    assert not twin.log.host("enable", back_ns), "servo mode is not set up again by itself"
-    resumed = json_of(arm.resume())
-    seen = arm.get_observation()
-    assert all(abs(resumed["position"][joint] - seen[joint]) < 0.01 for joint in JOINTS)
-    json_of(nudge(arm))
-    until(lambda: twin.log.host("setpoint", back_ns), "a setpoint")
+    trees.comes_back(arm, twin.log, lambda: nudge(arm))
 
 
 def controller_state(twin: Twin) -> int:
@@ -187,7 +93,7 @@ def test_connect_observe_act_stop_resume(arm: RealRobot, twin: Twin) -> None:
     stopped = json_of(arm.stop())
     assert stopped["safe_state"] == "stop"
     assert list(stopped["motors"]) == JOINTS
-    assert first_safe(twin, began_ns) < SLACK_S
+    assert safe_after_s(twin.log, began_ns) < SLACK_S
     assert twin.log.first_safe(began_ns).data[6:] == STOP  # type: ignore[union-attr]
     assert controller_state(twin) == p.State.STOPPED
     time.sleep(0.5)
@@ -206,7 +112,7 @@ def test_saf_014_refusals_name_the_joint_and_write_nothing(arm: RealRobot, twin:
 
 
 def test_a_policy_runs_at_100_hz_and_ends_in_a_hold(arm: RealRobot, twin: Twin) -> None:
-    task = run_for(arm, 2.0)
+    task = run_for(arm, wave, 2.0)
     assert task["steps"] > 60, "a third of what a free machine does"
     assert state(arm) == "holding"
     held_ns = time.monotonic_ns()
@@ -219,7 +125,7 @@ def test_a_policy_runs_at_100_hz_and_ends_in_a_hold(arm: RealRobot, twin: Twin) 
 
 
 def test_a_control_frequency_of_its_own(twin: Twin, run_dir: Path) -> None:
-    with arm_on(twin, control_frequency=50) as arm:
+    with robot_on(twin.port, "xarm7", control_frequency=50) as arm:
         here = arm.get_observation()["joint1"]
         assert "limit 0.0628 at 50 Hz" in why(arm.send_action({"joint1": here + 0.1}))
         json_of(arm.send_action({"joint1": here + 0.06}))
@@ -243,11 +149,11 @@ def test_saf_003_the_controller_stops_by_itself_or_by_another_client(
 ) -> None:
     """The tree notices whatever it does, makes safe, says why, and nothing goes on by itself."""
     if how == "moves":
-        set_moving(arm, twin)
+        set_moving(arm, twin.log, wave)
     elif how == "stands":
         json_of(nudge(arm))
     else:
-        run_for(arm, 0.2)
+        run_for(arm, wave, 0.2)
         assert state(arm) == "holding"
     ordered_ns = time.monotonic_ns()
     twin.order(order)
@@ -293,23 +199,13 @@ def test_nobody_listens_there(run_dir: Path) -> None:
 @pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP])
 def test_saf_003_the_wire_process_dies_or_freezes(moving: RealRobot, twin: Twin, fault: signal.Signals) -> None:
     """The root stops the arm by its own connection, and starts the wire again."""
-    victim = pid(moving, "wire")
+    victim = pids(moving)["wire"]
     began_ns = time.monotonic_ns()
     os.kill(victim, fault)
-    assert first_safe(twin, began_ns) < 0.2 + SLACK_S
+    assert safe_after_s(twin.log, began_ns) < 0.2 + SLACK_S
     assert twin.log.first_safe(began_ns).data[6:] == STOP  # type: ignore[union-attr]
     comes_back(moving, twin)
-    assert pid(moving, "wire") != victim
-
-
-@pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP])
-def test_saf_003_the_root_process_dies_or_freezes(moving: RealRobot, twin: Twin, fault: signal.Signals) -> None:
-    victim = pid(moving, "root")
-    began_ns = time.monotonic_ns()
-    os.kill(victim, fault)
-    assert first_safe(twin, began_ns) < 0.2 + SLACK_S
-    json_of(moving.resume())
-    json_of(nudge(moving))
+    assert pids(moving)["wire"] != victim
 
 
 # -- the controller freezes, or its network goes
@@ -436,10 +332,10 @@ def test_an_arm_of_another_type_is_gated_by_its_own_range(tmp_path: Path, run_di
 
 
 def test_nothing_is_left(twin: Twin, run_dir: Path) -> None:
-    with arm_on(twin) as arm:
-        pids = [pid(arm, role) for role in ("root", "wire")]
+    with robot_on(twin.port, "xarm7") as arm:
+        victims = [pids(arm)[role] for role in ("root", "wire")]
         ended_ns = time.monotonic_ns()
-    until(lambda: not any(_runs(one) for one in pids), "every process is gone")
+    until(lambda: not any(_runs(one) for one in victims), "every process is gone")
     assert twin.log.first_safe(ended_ns) is not None
     assert controller_state(twin) == p.State.STOPPED
 

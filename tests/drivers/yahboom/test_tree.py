@@ -16,13 +16,13 @@ from typing import Any
 
 import pytest
 
-from strands_actors import Robot
 from strands_actors.caller.robot import RealRobot
 from strands_actors.drivers.yahboom import messages as m
 from strands_actors.kernel.processes.guard import ALLOW, ALLOW_TOPICS
 from strands_actors.testing import Twin
 from strands_actors.testing.wirelog import Entry
-from tests.answers import json_of, state, status, until, why
+from tests.answers import json_of, pids, state, status, until, why
+from tests.trees import armed, first_safe, robot_on
 
 SLACK_S = 0.4
 """For a machine that runs other tests meanwhile."""
@@ -36,12 +36,8 @@ def twin(tmp_path: Path) -> Iterator[Twin]:
 
 @pytest.fixture
 def m3(twin: Twin, run_dir: Path) -> Iterator[RealRobot]:
-    robot = Robot("yahboom_m3pro", mode="real", port=f"ws://{twin.port}")
-    try:
-        until(lambda: robot.connect_eagerly() is None, "it is connected")
+    with robot_on(f"ws://{twin.port}", "yahboom_m3pro") as robot:
         yield robot
-    finally:
-        robot.cleanup()
 
 
 def message(entry: Entry) -> dict[str, Any]:
@@ -53,30 +49,18 @@ def of(entries: list[Entry], topic: str) -> list[dict[str, Any]]:
     return [message(entry) for entry in entries if json.loads(entry.data)["topic"] == topic]
 
 
-def pid(robot: RealRobot, role: str) -> int:
-    tree = robot.tree()
-    assert tree is not None
-    found: int = next(process["pid"] for process in tree["processes"] if process["role"] == role)
-    return found
-
-
 def drive(robot: RealRobot, twin: Twin, **speeds: float) -> int:
     """Send a twist and see it on the wire; when."""
     began_ns = time.monotonic_ns()
-    if state(robot) not in ("armed", "holding"):
-        until(lambda: robot.resume()["status"] == "success", "it is armed")
+    armed(robot)
     json_of(robot.send_action({"linear.x": 0.0, **{key.replace("_", "."): value for key, value in speeds.items()}}))
     until(lambda: twin.log.host("setpoint", began_ns), "a setpoint")
     return began_ns
 
 
-def first_safe(twin: Twin, since_ns: int) -> Entry:
-    return until(lambda: twin.log.first_safe(since_ns), "a safe frame")
-
-
 def test_saf_001_a_twist_is_repeated_for_its_lifetime_and_ends_in_zero(m3: RealRobot, twin: Twin) -> None:
     began_ns = drive(m3, twin, linear_x=0.5, angular_z=-1.0)
-    zero = first_safe(twin, began_ns)
+    zero = first_safe(twin.log, began_ns)
     assert 0.25 < (zero.t_ns - began_ns) / 1e9 < 0.35 + SLACK_S
     sent = of(twin.log.host("setpoint", began_ns), m.CMD_VEL)
     assert 2 <= len(sent) <= 4, "10 Hz while it lives"
@@ -117,7 +101,7 @@ def test_saf_005_a_stop_is_repeated_until_odometry_shows_that_it_stands(m3: Real
     began_ns = time.monotonic_ns()
     stopped = json_of(m3.stop())
     assert stopped["safe_state"] == "zero" and len(stopped["motors"]) == 9
-    assert (first_safe(twin, began_ns).t_ns - began_ns) / 1e9 < 0.05 + SLACK_S
+    assert (first_safe(twin.log, began_ns).t_ns - began_ns) / 1e9 < 0.05 + SLACK_S
     zeros = twin.log.host("safe", began_ns)
     assert len(zeros) >= 3
     assert all(message(one) == m.twist_message(m.REST, stop=True) for one in zeros)
@@ -186,8 +170,8 @@ def test_saf_002_a_bridge_that_was_away_for_a_second_carries_out_zero_last_and_n
 def test_saf_003_the_roots_own_connection_stops_the_base(m3: RealRobot, twin: Twin, number: signal.Signals) -> None:
     drive(m3, twin, linear_x=0.5)
     began_ns = time.monotonic_ns()
-    os.kill(pid(m3, "wire"), number)
-    assert (first_safe(twin, began_ns).t_ns - began_ns) / 1e9 < 0.15 + SLACK_S
+    os.kill(pids(m3)["wire"], number)
+    assert (first_safe(twin.log, began_ns).t_ns - began_ns) / 1e9 < 0.15 + SLACK_S
     time.sleep(0.3)
     twin.log.no_setpoint_after_safe(began_ns)
     until(lambda: state(m3) == "disarmed", "a new wire, disarmed")
@@ -199,7 +183,7 @@ def test_saf_020_a_cable_that_is_back_carries_zero_before_any_question(m3: RealR
     until(lambda: state(m3) in ("lost", "down", None), "it is noticed")
     back_ns = time.monotonic_ns()
     twin.plug()
-    zero = first_safe(twin, back_ns)
+    zero = first_safe(twin.log, back_ns)
     before = [one for one in twin.log.entries(back_ns) if one.sender == "host" and one.t_ns < zero.t_ns]
     assert not any(b"rosapi" in one.data or one.kind == "setpoint" for one in before)
     until(lambda: state(m3) == "disarmed", "it is back, disarmed")
@@ -213,7 +197,7 @@ def test_saf_006_a_stop_leaves_at_once_whatever_the_bridge_answers(m3: RealRobot
     time.sleep(0.1)
     began_ns = time.monotonic_ns()
     m3.stop()
-    assert (first_safe(twin, began_ns).t_ns - began_ns) / 1e9 < 0.05 + SLACK_S
+    assert (first_safe(twin.log, began_ns).t_ns - began_ns) / 1e9 < 0.05 + SLACK_S
     twin.log.no_setpoint_after_safe(began_ns)
     twin.fault("ok")
     until(lambda: state(m3) == "disarmed", "confirmed at last")

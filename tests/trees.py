@@ -1,0 +1,162 @@
+"""What the tests of any robot's tree do: connect it, have it move, and see it come back. Judged by
+the twin's log."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import math
+import os
+import time
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import pytest
+
+from strands_actors import Robot
+from strands_actors.caller.robot import RealRobot
+from strands_actors.testing import Twin, WireLog
+from strands_actors.testing.wirelog import Entry
+from tests.answers import PATIENCE_S, json_of, state, task, task_ended, until, why
+
+Step = Callable[[Mapping[str, float]], dict[str, float]]
+"""A policy that is a function: from an observation to an action."""
+
+ATTEMPTS = 5
+"""A machine that pauses ends a rollout before anything was broken: then it is begun again."""
+
+
+@contextlib.contextmanager
+def shared_twin(twin: Twin, *orders: str) -> Iterator[Twin]:
+    """Lend a twin that the tests of a module share, with an empty log. Afterwards it is well again:
+    ``orders`` undo what only this robot has."""
+    os.truncate(twin.log.path, 0)
+    yield twin
+    twin.go_on()
+    twin.fault("ok")
+    twin.plug()
+    for line in orders:
+        twin.order(line)
+
+
+def connected(robot: RealRobot) -> RealRobot:
+    """Connect and arm it; return it. More than one try: on a busy machine a process may be late
+    enough to count as frozen."""
+    deadline_s = time.monotonic() + PATIENCE_S
+    while (problem := robot.connect_eagerly()) is not None:
+        assert time.monotonic() < deadline_s, f"it does not connect: {problem}"
+    return robot
+
+
+@contextlib.contextmanager
+def robot_on(port: str, name: str, **options: Any) -> Iterator[RealRobot]:
+    """A robot that is connected and armed, and cleaned up whatever the test does."""
+    robot = Robot(name, mode="real", port=port, **options)
+    try:
+        yield connected(robot)
+    finally:
+        robot.cleanup()
+
+
+def armed(robot: RealRobot) -> None:
+    """Resume it, if it was disarmed."""
+    if state(robot) not in ("armed", "holding"):
+        until(lambda: robot.resume()["status"] == "success", "it is armed")
+
+
+def nudge(robot: RealRobot, joint: str, step: float = 0.01) -> Mapping[str, Any]:
+    """Ask for a small step from where the joint is, towards zero."""
+    now = robot.get_observation().get(joint, 0.0)
+    answer: Mapping[str, Any] = robot.send_action({joint: now - math.copysign(step, now)})
+    return answer
+
+
+def wave(amplitudes: Mapping[str, float], phase_step: float) -> Step:
+    """Return a policy: joints go to and fro from where they are first seen. A pause does not make
+    them jump."""
+    zero: dict[str, float] = {}
+    phase = 0.0
+
+    def policy(observation: Mapping[str, float]) -> dict[str, float]:
+        nonlocal phase
+        if not zero:
+            zero.update(observation)
+        phase += phase_step
+        return {joint: zero[joint] + size * (1 - math.cos(phase)) / 2 for joint, size in amplitudes.items()}
+
+    return policy
+
+
+def set_moving(robot: RealRobot, log: WireLog, new_policy: Callable[[], Step], setpoints: int = 30) -> None:
+    """Begin a rollout, and see so many setpoints on the wire."""
+
+    def moves_or_ended(began_ns: int) -> dict[str, Any] | None:
+        now = task(robot)
+        return now if not now["running"] or len(log.host("setpoint", began_ns)) > setpoints else None
+
+    now: dict[str, Any] = {}
+    for _ in range(ATTEMPTS):
+        began_ns = time.monotonic_ns()
+        armed(robot)
+        json_of(robot.run_policy(new_policy(), duration=60.0))
+        now = until(functools.partial(moves_or_ended, began_ns), "it moves or has ended")
+        if now["running"]:
+            return
+    pytest.fail(f"it does not move: {now}")
+
+
+def run_for(robot: RealRobot, new_policy: Callable[[], Step], duration_s: float) -> dict[str, Any]:
+    """Run a rollout to its end; return what is told of it then."""
+    now: dict[str, Any] = {}
+    for _ in range(ATTEMPTS):
+        armed(robot)
+        json_of(robot.run_policy(new_policy(), duration=duration_s))
+        now = task_ended(robot)
+        if now["exit_reason"] == "duration":
+            return now
+    pytest.fail(f"it does not move for {duration_s:g} s: {now}")
+
+
+def first_safe(log: WireLog, since_ns: int, safe_state: str | None = None) -> Entry:
+    """Wait for the first safe frame; with ``safe_state``, for one that brings all of the robot to it."""
+
+    def look() -> Entry | None:
+        frames = log.host("safe", since_ns)
+        return next((one for one in frames if safe_state is None or one.safe_state == safe_state), None)
+
+    return until(look, "a safe frame" if safe_state is None else f"a frame of {safe_state}")
+
+
+def safe_after_s(log: WireLog, since_ns: int) -> float:
+    """Return how long it took to the first safe frame, in seconds; no setpoint comes after it."""
+    safe = first_safe(log, since_ns)
+    time.sleep(0.3)
+    log.no_setpoint_after_safe(since_ns)
+    return (safe.t_ns - since_ns) / 1e9
+
+
+def comes_back(robot: RealRobot, log: WireLog, move: Callable[[], Mapping[str, Any]], within: float = 0.01) -> None:
+    """It is back by itself, disarmed; what ``move`` asks for is done only after a resume, from where
+    the robot is, ``within`` so much of each axis."""
+    until(lambda: state(robot) == "disarmed", "it is back, disarmed")
+    until(lambda: not task(robot)["running"], "the rollout has ended")
+    back_ns = time.monotonic_ns()
+    assert "resume() first" in why(move())
+    time.sleep(0.2)
+    log.silent_after(back_ns, "setpoint", "enable")
+    resumed = json_of(robot.resume())["position"]
+    seen = robot.get_observation()
+    assert all(abs(resumed[axis] - seen[axis]) < within for axis in seen)
+    json_of(move())
+    until(lambda: log.host("setpoint", back_ns), "a setpoint")
+
+
+def slowest_status_s(robot: RealRobot, for_s: float) -> float:
+    """Ask for its status again and again; return how long the slowest answer took."""
+    slowest_s, end_s = 0.0, time.monotonic() + for_s
+    while time.monotonic() < end_s:
+        began_s = time.monotonic()
+        json_of(robot.get_status())
+        slowest_s = max(slowest_s, time.monotonic() - began_s)
+        time.sleep(0.02)
+    return slowest_s
