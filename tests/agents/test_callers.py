@@ -83,6 +83,8 @@ def test_who_gives_up_waiting_stops_neither_the_stop_nor_the_portal(arm: RealRob
     asyncio.run(impatient())
     until(lambda: limps(twin.log, began_ns), "it is stopped all the same")
     until(lambda: state(arm) in ("disarmed", "unconfirmed"), "every motor was tried")
+    twin.fault("ok")
+    until(lambda: state(arm) == "disarmed", "nothing keeps its tree, which ends with the test")
 
 
 def test_a_cancelled_future_ends_what_runs_for_it() -> None:
@@ -114,13 +116,13 @@ def test_status_has_the_same_keys_whatever_the_robot_does(twin: Twin, new_arm: N
     assert set(before) <= set(live)
     assert live["connect_error"] is None
     json.dumps(live)
-    frozen = [pids(arm)[role] for role in ("root", "wire")]
-    for pid in frozen:
+    victims = [pids(arm)[role] for role in ("root", "wire")]
+    for pid in victims:
         os.kill(pid, signal.SIGSTOP)
     try:
         frozen = status(arm)
     finally:
-        for pid in frozen:
+        for pid in victims:
             os.kill(pid, signal.SIGCONT)
     assert set(frozen) == set(live)
     assert (frozen["state"], frozen["connected"]) == ("unreachable", False)

@@ -332,7 +332,7 @@ def test_the_death_of_the_wire_is_in_the_file(tmp_path: Path) -> None:
         assert arm.send_action({"gripper": 30.0})["status"] == "success"
         wire = pids(arm)["wire"]
         os.kill(wire, signal.SIGKILL)
-        until(lambda: pids(arm)["wire"] not in (0, wire), "a new wire", PATIENCE_S)
+        until(lambda: pids(arm).get("wire", wire) != wire, "a new wire", PATIENCE_S)
         assert arm.resume()["status"] == "success"
         until_recorded(path, arm)
         assert arm.send_action({"gripper": 20.0})["status"] == "success"

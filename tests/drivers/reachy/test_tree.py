@@ -368,7 +368,7 @@ def test_saf_007_one_estop_drops_the_head_beside_an_arm(reachy: RealRobot, twin:
         }
         assert outcomes["reachy_mini"].outcome == "safe"
         assert first_safe(twin.log, began_ns).safe_state == "limp"
-        first_safe(other, began_ns)
+        first_safe(other.log, began_ns)
         assert ask(twin, p.MOTORS) == {"mode": "disabled"} and ask(twin, p.RUNNING) == []
         assert "e-stopped by a button" in why(reachy.send_action({"head_yaw": 0.1}))
         assert "e-stopped by a button" in why(reachy.motors(mode="enabled"))

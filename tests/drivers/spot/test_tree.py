@@ -402,7 +402,7 @@ def test_saf_007_one_estop_settles_it_beside_an_arm(spot: RealRobot, twin: Twin,
         outcomes = {outcome.robot: outcome for outcome in estop(by="a button", within_s=5.0)}
         safe_states = {robot: outcome.safe_state for robot, outcome in outcomes.items()}
         assert safe_states == {"spot": "settle", "so101": "limp"}
-        first_safe(other, began_ns)
+        first_safe(other.log, began_ns)
         safe = first_safe(twin.log, began_ns)
         assert "e-stopped by a button" in why(spot.send_action({"vx": 0.1}))
         assert twin.log.host("setpoint", safe.t_ns) == []
