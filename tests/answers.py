@@ -17,7 +17,7 @@ def until(look: Callable[[], T | None], what: str, within_s: float = PATIENCE_S)
     deadline_s = time.monotonic() + within_s
     while not (seen := look()):
         assert time.monotonic() < deadline_s, f"not within {within_s:g} s: {what}"
-        time.sleep(0.005)
+        time.sleep(0.01)
     return seen
 
 

@@ -3,11 +3,12 @@ itself."""
 
 from __future__ import annotations
 
-import json
-import os
+import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import BinaryIO, NamedTuple
+
+import msgspec
 
 RUNS = 12
 """Of a story."""
@@ -27,35 +28,68 @@ class Tail:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._offset = 0
+        self._first = b""  # line; a log that was emptied and has grown since has another
+        self.emptied = False
+        """Whether the log was, since this began to read it."""
 
     def new(self) -> Iterator[Entry]:
         """What was written since the last time. A log that was emptied begins anew."""
         if not self._path.exists():
             return
         with self._path.open("rb") as log:
-            if os.fstat(log.fileno()).st_size < self._offset:
-                self._offset = 0
+            self._look_at_the_first_line(log)
             log.seek(self._offset)
             for line in log:
                 if not line.endswith(b"\n"):
                     return  # still being written
+                self._first = self._first or line
                 self._offset += len(line)
                 yield _entry(line)
 
+    def _look_at_the_first_line(self, log: BinaryIO) -> None:
+        if log.read(len(self._first)) != self._first:
+            self._offset, self._first = 0, b""
+            self.emptied = True
+
+
+class _Row(msgspec.Struct):
+    """A line of the log."""
+
+    t_ns: int
+    sender: str = msgspec.field(name="from")
+    kind: str
+    hex: str
+    safe_state: str | None = None
+
+
+_decode = msgspec.json.Decoder(_Row).decode
+
 
 def _entry(line: bytes) -> Entry:
-    row = json.loads(line)
-    return Entry(row["t_ns"], row["from"], row["kind"], bytes.fromhex(row["hex"]), row.get("safe_state"))
+    row = _decode(line)
+    return Entry(row.t_ns, row.sender, row.kind, bytes.fromhex(row.hex), row.safe_state)
 
 
 class WireLog:
-    """Reads the NDJSON log of a twin that may still be writing it."""
+    """Reads the NDJSON log of a twin that may still be writing it. Keeps what it has read: who waits
+    for a frame looks again and again."""
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
+        self._tail = self.tail()
+        self._read: list[Entry] = []
+        self._lock = threading.Lock()
 
     def entries(self, since_ns: int = 0) -> Iterator[Entry]:
-        return (entry for entry in self.tail().new() if entry.t_ns >= since_ns)
+        with self._lock:
+            new = list(self._tail.new())
+            if self._tail.emptied:
+                self._tail = self.tail()
+                self._read = []  # another: who still looks at what was before keeps that
+                new = list(self._tail.new())
+            self._read += new
+            read = self._read
+        return (entry for entry in read if entry.t_ns >= since_ns)
 
     def tail(self) -> Tail:
         """From its beginning, and then what is new."""
