@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 from collections import deque
-from collections.abc import AsyncIterator, Iterable
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from typing import Any, NamedTuple
 
+import pytest
 import trio
 
 from strands_actors.contract.wire import WireDown
@@ -19,6 +21,7 @@ from strands_actors.drivers.rby1.twin.controller import Controller
 from strands_actors.drivers.rby1.twin.service import RBY1Service
 from strands_actors.drivers.rby1.wire import RBY1Wire
 from strands_actors.kernel.clock import NS, Clock
+from tests.drivers.common.memory_port import Permission, virtual
 
 PORT = "192.0.2.1:50051"
 
@@ -174,3 +177,57 @@ class Stream:
     def _check(self) -> None:
         if self.closed or self._world.gone:
             raise WireDown("the connection is gone")
+
+
+Test = Callable[..., Awaitable[None]]
+
+
+def in_a_world(test: Test) -> Callable[..., None]:
+    """In virtual time, with a robot."""
+
+    @functools.wraps(test)
+    def run(**kwargs: Any) -> None:
+        async def main() -> None:
+            async with World().living() as world:
+                await test(world, **kwargs)
+
+        virtual(main)
+
+    # pytest looks for fixtures in the signature: without the world
+    del run.__wrapped__  # type: ignore[attr-defined]
+    return run
+
+
+def with_each(name: str, values: list[Any]) -> Callable[[Test], Callable[..., None]]:
+    """As ``in_a_world``, once for each value."""
+
+    def decorate(test: Test) -> Callable[..., None]:
+        def run(value: Any) -> None:
+            async def main() -> None:
+                async with World().living() as world:
+                    await test(world, value)
+
+            virtual(main)
+
+        run.__name__, run.__doc__ = test.__name__, test.__doc__  # type: ignore[attr-defined]
+        return pytest.mark.parametrize("value", values)(run)
+
+    return decorate
+
+
+async def armed(world: World) -> RBY1Wire:
+    wire = world.wire()
+    await wire.open()
+    await wire.arm(Permission())
+    return wire
+
+
+async def cycle(wire: RBY1Wire, cycles: int = 1) -> None:
+    for _ in range(cycles):
+        await trio.sleep(0.01)
+        await wire.read()
+
+
+def stepped(world: World, rad: float) -> tuple[float, ...]:
+    at = world.controller.plant.position_rad
+    return (at[0] + rad, *at[1:])

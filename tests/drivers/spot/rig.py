@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import trio
 
 from strands_actors.contract.driver import Candidate, GateState
-from strands_actors.contract.wire import Observation, Permit, PermitDenied, WireDown
+from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
 from strands_actors.drivers.common.grpc_messages import MAX_MESSAGE
 from strands_actors.drivers.common.twin import Connection
 from strands_actors.drivers.common.twin.grpc import GrpcClient, ServerCall
@@ -257,3 +257,34 @@ def refused(action: dict[str, Any], at: GateState | None = None) -> Refused:
     found = answer(action, at)
     assert isinstance(found, Refused), found
     return found
+
+
+def target(world: World, seen: Observation, **action: float) -> tuple[float, ...]:
+    """Return what an action comes to."""
+    now_ns = seen.t_ns
+    at = GateState(now_ns, seen, tuple(0.0 if value != value else value for value in seen.position), now_ns, False)
+    candidate = world.driver.parse(action, at)
+    assert isinstance(candidate, Candidate), candidate
+    return candidate.values
+
+
+def velocity(taken: Taken) -> dict[str, Any]:
+    asked: dict[str, Any] = taken.body["command"]["synchronized_command"]["mobility_command"][
+        "se2_velocity_request"
+    ]
+    return asked
+
+
+def confirmed(reports: tuple[MotorReport, ...]) -> bool:
+    assert len(reports) == 10
+    return all(report.safe for report in reports)
+
+
+async def pass_time(world: World, seconds: float, *wires: SpotWire) -> None:
+    """Let time pass as a tree does: feed and read, ten times a second."""
+    for _ in range(round(seconds * 10)):
+        for wire in wires:
+            await wire.feed()
+            await wire.read()
+        world.twin.pass_time()
+        await trio.sleep(0.1)

@@ -1,58 +1,22 @@
-"""The wire and the stop channel in virtual time, over the twin's services in memory: what leaves,
-when, and what is confirmed."""
+"""The wire in virtual time, over the twin's services in memory: what leaves, and when."""
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
 import pytest
 import trio
 
-from strands_actors.contract.driver import Candidate, GateState
-from strands_actors.contract.wire import MotorReport, Observation, PermitDenied, WireDown
-from strands_actors.drivers.common.twin import Fault
+from strands_actors.contract.wire import PermitDenied, WireDown
 from strands_actors.drivers.spot import protocol as p
 from strands_actors.drivers.spot.config import PASSWORD, USERNAME, parse_port
 from strands_actors.drivers.spot.protocol import Motors
 from strands_actors.drivers.spot.session import own_name
-from strands_actors.drivers.spot.wire import SpotWire
 from strands_actors.kernel.messages import Refused
 from tests.drivers.common.memory_port import virtual
 
-from .rig import Go, Taken, World, let_a_tablet_drive, ready
-
-
-def target(world: World, seen: Observation, **action: float) -> tuple[float, ...]:
-    """Return what an action comes to."""
-    now_ns = seen.t_ns
-    at = GateState(now_ns, seen, tuple(0.0 if value != value else value for value in seen.position), now_ns, False)
-    candidate = world.driver.parse(action, at)
-    assert isinstance(candidate, Candidate), candidate
-    return candidate.values
-
-
-def velocity(taken: Taken) -> dict[str, Any]:
-    asked: dict[str, Any] = taken.body["command"]["synchronized_command"]["mobility_command"][
-        "se2_velocity_request"
-    ]
-    return asked
-
-
-def confirmed(reports: tuple[MotorReport, ...]) -> bool:
-    assert len(reports) == 10
-    return all(report.safe for report in reports)
-
-
-async def pass_time(world: World, seconds: float, *wires: SpotWire) -> None:
-    """Let time pass as a tree does: feed and read, ten times a second."""
-    for _ in range(round(seconds * 10)):
-        for wire in wires:
-            await wire.feed()
-            await wire.read()
-        world.twin.pass_time()
-        await trio.sleep(0.1)
+from .rig import Go, World, confirmed, let_a_tablet_drive, pass_time, ready, target, velocity
 
 
 def test_opening_logs_in_reads_the_directory_and_learns_the_robots_clock() -> None:
@@ -405,191 +369,5 @@ def test_sitting_down_returns_the_lease_and_one_that_was_taken_over_is_reported(
         assert confirmed(reports), "by our e-stop endpoint"
         assert reports[0].detail == "the lease was taken over by tablet-7: it is not returned"
         assert world.of("ReturnLease") == [] and world.twin.leases.owner == "tablet-7"
-
-    virtual(test)
-
-
-# -- safe
-
-
-def test_saf_005_a_stop_is_confirmed_by_what_it_reports_afterwards() -> None:
-    async def test() -> None:
-        world = World()
-        wire = await ready(world)
-        seen = await wire.read()
-        await wire.write(target(world, seen, vx=1.0), Go())
-        await pass_time(world, 0.3, wire)
-        assert confirmed(await wire.make_safe("hold"))
-        assert world.twin.mechanism.runs == pytest.approx((0.0, 0.0, 0.0), abs=0.05)
-        for fault in (Fault.WRONG, Fault.STUCK):
-            world.twin.set_fault(fault)
-            reports = await wire.make_safe("hold")
-            assert not confirmed(reports) and reports[0].detail.startswith("not confirmed"), fault
-
-    virtual(test)
-
-
-def test_saf_005_a_robot_that_does_not_tell_its_speed_is_not_known_to_stand() -> None:
-    reading = p.reading({"robot_state": {"power_state": {"motor_power_state": 2}}})
-    assert math.isnan(reading.speed)
-
-
-def test_saf_010_a_command_that_comes_late_behind_a_stop_is_refused_by_its_lease() -> None:
-    async def test() -> None:
-        world = World()
-        wire = await ready(world)
-        seen = await wire.read()
-        world.frozen = True
-        with pytest.raises(WireDown, match="has not answered"):
-            await wire.write(target(world, seen, arm_el0=1.0), Go())
-        late = list(world.streams)
-        world.frozen = False
-        world.taken.clear()
-        late[-1].take_waiting()
-        ((kind, _),) = [(one.kind, one.name) for one in world.taken]
-        assert kind == "setpoint", "it is done after all"
-        assert confirmed(await wire.make_safe("hold")), "so it is stopped"
-        lease = world.of("RobotCommand")[0].body["lease"]
-        use = world.twin.leases.use(lease)
-        assert use["status"] == p.LeaseUse.OLDER, "and once it is, nothing older moves it"
-
-    virtual(test)
-
-
-def test_saf_005_sitting_that_is_not_done_is_followed_by_the_e_stop() -> None:
-    async def test() -> None:
-        world = World()
-        wire = await ready(world)
-        world.twin.muted = {"RobotCommand"}
-        settle, world.twin.mechanism.settle = world.twin.mechanism.settle, lambda: None  # type: ignore[method-assign]
-        world.twin.mechanism.settle = lambda: settle() if world.twin.estop.level != 4 else None  # type: ignore[method-assign]
-        assert confirmed(await wire.make_safe("settle"))
-        assert world.safe() == ["settle", "settle"]
-        assert [one.name for one in world.taken if one.kind == "safe"] == ["RobotCommand", "EstopCheckIn"]
-
-    virtual(test)
-
-
-def test_an_e_stop_that_cuts_is_said_at_once_and_alone() -> None:
-    async def test() -> None:
-        world = World({"on_estop": "cut"})
-        assert world.driver.fallbacks["estop"] == "off"  # type: ignore[index]
-        wire = await ready(world)
-        assert confirmed(await wire.make_safe("off"))
-        assert world.safe() == ["off"] and world.twin.mechanism.motors is Motors.OFF
-        world.taken.clear()
-        await pass_time(world, 5.0, wire)
-        assert world.of("EstopCheckIn") == [], "nothing lifts it but a resume"
-        await wire.arm(Go())
-        assert world.twin.estop.level is p.StopLevel.NONE
-
-    virtual(test)
-
-
-def test_saf_006_a_robot_that_is_hung_is_given_up_in_time_and_reported() -> None:
-    async def test() -> None:
-        world = World()
-        wire = await ready(world)
-        world.frozen = True
-        for state in ("hold", "settle"):
-            began_s = trio.current_time()
-            reports = await wire.make_safe(state)
-            assert trio.current_time() - began_s < world.driver.timing.safe_s - 0.5
-            assert reports[0].written and not confirmed(reports)
-
-    virtual(test)
-
-
-def test_saf_012_an_answer_that_is_missing_leaves_the_age_and_a_silent_robot_is_lost() -> None:
-    async def test() -> None:
-        world = World()
-        wire = await ready(world, stands=False)
-        first = await wire.read()
-        world.frozen = True
-        again = await wire.read()
-        assert again.stamp_ns == first.stamp_ns, "an old reading keeps its age"
-        with pytest.raises(WireDown, match="has not answered"):
-            for _ in range(5):
-                await wire.read()
-
-    virtual(test)
-
-
-def test_saf_020_a_lost_link_is_reached_by_lease_and_e_stop_on_a_new_connection() -> None:
-    async def test() -> None:
-        world = World()
-        wire = await ready(world)
-        world.gone = True
-        assert not confirmed(await wire.reach("settle"))
-        world.gone = False
-        world.taken.clear()
-        assert confirmed(await wire.reach("settle"))
-        assert world.safe() == ["settle"] * 3 and world.twin.mechanism.motors is Motors.OFF
-        assert world.names("setpoint") == []
-
-    virtual(test)
-
-
-@pytest.mark.parametrize("state", ["hold", "settle"])
-def test_saf_002_a_network_that_is_slow_to_connect_is_waited_for(state: str) -> None:
-    async def test() -> None:
-        world = World()
-        wire = await ready(world)
-        for stream in world.streams:
-            stream.close()
-        world.taken.clear()
-        world.connect_s = 0.8
-        reports = await wire.reach(state)
-        first = next(one for one in world.taken if one.kind == "safe")
-        assert (first.name, first.safe_state) == ("RobotCommand", state), world.names()
-        assert confirmed(reports) and world.names("setpoint") == []
-
-    virtual(test)
-
-
-# -- the stop channel
-
-
-def test_saf_003_the_stop_channel_asserts_our_endpoint_and_needs_no_lease() -> None:
-    async def test() -> None:
-        for state, level in (("settle", "settle"), ("hold", "settle"), ("off", "off")):
-            world = World()
-            await ready(world)
-            channel = world.stop_channel()
-            async with trio.open_nursery() as nursery:
-                await nursery.start(channel.serve)
-                world.taken.clear()
-                reports = await channel.make_safe(state)
-                nursery.cancel_scope.cancel()
-            assert confirmed(reports), reports[0].detail
-            assert world.safe() == [level] and world.twin.mechanism.motors is Motors.OFF
-            assert not {"AcquireLease", "TakeLease", "RobotCommand"} & set(world.names())
-            channel.close()
-
-    virtual(test)
-
-
-def test_saf_003_the_stop_channel_connects_anew_when_its_connection_is_dead() -> None:
-    async def test() -> None:
-        world = World()
-        await ready(world)
-        channel = world.stop_channel()
-        async with trio.open_nursery() as nursery:
-            await nursery.start(channel.serve)
-            world.streams[-1].close()
-            first = await channel.make_safe("settle")
-            assert confirmed(first) or confirmed(await channel.make_safe("settle"))
-            nursery.cancel_scope.cancel()
-        assert world.twin.mechanism.motors is Motors.OFF
-
-    virtual(test)
-
-
-def test_a_stop_by_a_channel_without_anything_of_ours_leaves_the_robot_alone() -> None:
-    async def test() -> None:
-        world = World()
-        let_a_tablet_drive(world)
-        assert confirmed(await world.stop_channel().make_safe("settle"))
-        assert world.safe() == [] and world.twin.mechanism.motors is Motors.ON
 
     virtual(test)

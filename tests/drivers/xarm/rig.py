@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 from collections import deque
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Awaitable, Callable
+from typing import Any, NamedTuple
 
 import trio
 
-from strands_actors.contract.wire import WireDown
+from strands_actors.contract.wire import PermitDenied, WireDown
 from strands_actors.drivers.common.twin import Faults
 from strands_actors.drivers.xarm import reports as r
 from strands_actors.drivers.xarm.driver import XArm
@@ -17,6 +18,7 @@ from strands_actors.drivers.xarm.twin import ControlSession, controller_of
 from strands_actors.drivers.xarm.twin.publisher import Publisher
 from strands_actors.drivers.xarm.wire import XArmWire
 from strands_actors.kernel.clock import NS, Clock
+from tests.drivers.common.memory_port import Permission, virtual
 
 PORT = "192.0.2.1:502"
 
@@ -155,3 +157,40 @@ class ReportStream:
 
     def close_in_order(self) -> None:
         pass
+
+
+def in_virtual_time(test: Callable[..., Awaitable[None]]) -> Callable[..., None]:
+    @functools.wraps(test)
+    def run(*args: Any, **kwargs: Any) -> None:
+        virtual(functools.partial(test, *args, **kwargs))
+
+    return run
+
+
+async def armed(world: World) -> XArmWire:
+    wire = world.wire()
+    await wire.open()
+    await wire.arm(Permission())
+    return wire
+
+
+async def cycle(wire: XArmWire, cycles: int = 1) -> None:
+    for _ in range(cycles):
+        await trio.sleep(0.01)
+        await wire.read()
+
+
+def stepped(world: World, rad: float) -> tuple[float, ...]:
+    at = world.controller.plant.position_rad
+    return (at[0] + rad, *at[1:])
+
+
+class Stoppable:
+    """A permit that is gone from some moment on."""
+
+    def __init__(self) -> None:
+        self.gone = False
+
+    def check(self) -> None:
+        if self.gone:
+            raise PermitDenied

@@ -3,11 +3,6 @@ believed."""
 
 from __future__ import annotations
 
-import functools
-import math
-from collections.abc import Awaitable, Callable
-from typing import Any
-
 import pytest
 import trio
 
@@ -16,36 +11,9 @@ from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.xarm import protocol as p
 from strands_actors.drivers.xarm.protocol import Register, State
 from strands_actors.drivers.xarm.wire import QUIET_S, XArmWire
-from tests.drivers.common.memory_port import Permission, virtual
+from tests.drivers.common.memory_port import Permission
 
-from .rig import World
-
-
-def in_virtual_time(test: Callable[..., Awaitable[None]]) -> Callable[..., None]:
-    @functools.wraps(test)
-    def run(*args: Any, **kwargs: Any) -> None:
-        virtual(functools.partial(test, *args, **kwargs))
-
-    return run
-
-
-async def armed(world: World) -> XArmWire:
-    wire = world.wire()
-    await wire.open()
-    await wire.arm(Permission())
-    return wire
-
-
-async def cycle(wire: XArmWire, cycles: int = 1) -> None:
-    for _ in range(cycles):
-        await trio.sleep(0.01)
-        await wire.read()
-
-
-def stepped(world: World, rad: float) -> tuple[float, ...]:
-    at = world.controller.plant.position_rad
-    return (at[0] + rad, *at[1:])
-
+from .rig import Stoppable, World, armed, cycle, in_virtual_time, stepped
 
 # -- opening
 
@@ -176,17 +144,6 @@ async def test_saf_009_a_stop_during_bring_up_wins(denied_at: int) -> None:
     motors = await wire.make_safe("stop")
     assert all(motor.safe for motor in motors)
     assert world.controller.state == State.STOPPED
-
-
-class Stoppable:
-    """A permit that is gone from some moment on."""
-
-    def __init__(self) -> None:
-        self.gone = False
-
-    def check(self) -> None:
-        if self.gone:
-            raise PermitDenied
 
 
 @pytest.mark.parametrize("replies", range(1, 6))
@@ -360,186 +317,3 @@ async def test_garbage_ends_the_link() -> None:
     world.faults.set(Fault.GARBAGE)
     with pytest.raises(WireDown, match="understood"):
         await cycle(wire, 30)
-
-
-# -- safe
-
-
-@in_virtual_time
-async def test_saf_005_a_stop_is_read_back() -> None:
-    world = World()
-    wire = await armed(world)
-    await wire.write(stepped(world, 0.03), Permission())
-    motors = await wire.make_safe("stop")
-    assert [motor.axis for motor in motors] == [f"joint{number}" for number in range(1, 8)]
-    assert all(motor.written and motor.acknowledged and motor.safe for motor in motors)
-    assert world.kinds("read")[-2:] == ["setpoint", "safe"]
-    assert world.bodies("safe")[-1] == b"\x0c\x04"
-
-
-@in_virtual_time
-async def test_saf_005_a_stop_that_nobody_answers_is_tried_again_and_named() -> None:
-    world = World()
-    wire = await armed(world)
-    began_s = trio.current_time()
-    world.deaf = True
-    motors = await wire.make_safe("stop")
-    assert all(motor.written and not motor.acknowledged and not motor.safe for motor in motors)
-    assert {motor.detail for motor in motors} == {"silent"}
-    assert world.bodies("safe")[-3:] == [b"\x0c\x04"] * 3
-    assert trio.current_time() - began_s < world.driver.timing.safe_s
-
-
-@in_virtual_time
-async def test_saf_005_a_controller_that_stays_as_it_was_is_named() -> None:
-    world = World()
-    wire = await armed(world)
-    await cycle(wire, 3)
-    assert (await wire.make_safe("hold"))[0].safe
-    world.controller.set_state = lambda state: None  # type: ignore[method-assign]
-    (motor, *_) = await wire.make_safe("stop")
-    assert (motor.safe, motor.acknowledged, motor.detail) == (False, True, "its controller says state 2")
-
-
-@in_virtual_time
-async def test_saf_020_a_stop_whose_connection_is_gone_takes_another() -> None:
-    world = World()
-    wire = await armed(world)
-    world.connections[-1].close()
-    assert all(motor.safe for motor in await wire.make_safe("stop"))
-    assert len(world.connections) == 2
-    assert world.connections[-1].closed == "in order", "so that a frozen controller still gets it"
-    world.gone = True
-    (motor, *_) = await wire.make_safe("stop")
-    assert (motor.written, motor.safe) == (False, False)
-    assert "cannot connect" in motor.detail
-
-
-@in_virtual_time
-async def test_saf_020_a_link_that_was_lost_is_stopped_all_the_same() -> None:
-    world = World()
-    wire = await armed(world)
-    wire.close()
-    assert all(motor.safe for motor in await wire.reach("stop"))
-    assert world.controller.state == State.STOPPED
-
-
-@in_virtual_time
-async def test_saf_020_a_controller_that_takes_no_other_connection_is_told_on_the_one_it_has() -> None:
-    """Its answers may be cut off, and what we say arrive."""
-    world = World()
-    wire = await armed(world)
-    world.full = True
-    (motor, *_) = await wire.reach("stop")
-    assert world.controller.state == State.STOPPED
-    assert (motor.written, motor.acknowledged, motor.safe) == (True, False, False)
-    assert "cannot connect" in motor.detail
-
-
-@in_virtual_time
-async def test_a_hold_is_the_last_target_again_and_can_be_told_from_it() -> None:
-    world = World()
-    wire = await armed(world)
-    target = stepped(world, 0.03)
-    await wire.write(target, Permission())
-    motors = await wire.make_safe("hold")
-    assert all(motor.safe for motor in motors) and not wire.hold_failed
-    assert world.kinds("read")[-2:] == ["setpoint", "safe"]
-    setpoint, hold = world.bodies("setpoint")[-1], world.bodies("safe")[-1]
-    assert setpoint[:29] == hold[:29] and setpoint[29:] != hold[29:]
-    assert world.controller.state in (State.MOVING, State.READY)
-    await wire.write(stepped(world, 0.01), Permission())
-    assert math.isclose(world.controller.plant.position_rad[0], 0.03, abs_tol=0.02)
-
-
-@in_virtual_time
-async def test_a_hold_is_not_confirmed_by_an_arm_that_is_stopped_meanwhile() -> None:
-    world = World()
-    wire = await armed(world)
-    before = world.replies
-
-    def on_reply(count: int) -> None:
-        if count == before + 1:
-            world.controller.set_state(State.STOPPED)
-
-    world.on_reply = on_reply
-    assert (await wire.make_safe("hold"))[0].safe
-    assert world.bodies("safe")[-1] == b"\x0c\x04", "it is stopped by us, too"
-
-
-@in_virtual_time
-async def test_saf_006_a_stop_does_not_wait_for_a_hold_to_be_confirmed() -> None:
-    world = World()
-    wire = await armed(world)
-    world.controller.plant.set_stuck(0, True)  # it never gets to its target: the hold is not confirmed
-    await wire.write(stepped(world, 0.2), Permission())
-    assert wire.interruptible
-    with trio.move_on_after(0.03) as cut:
-        await wire.make_safe("hold")
-    assert cut.cancelled_caught
-    assert all(motor.safe for motor in await wire.make_safe("stop"))
-    assert world.controller.state == State.STOPPED
-
-
-@in_virtual_time
-async def test_after_a_stop_there_is_no_target_to_hold() -> None:
-    world = World()
-    wire = await armed(world)
-    await wire.make_safe("stop")
-    told = len(world.written)
-    await wire.make_safe("hold")
-    assert [entry.body for entry in world.written[told:] if entry.kind != "read"] == [b"\x0c\x04"]
-    assert wire.hold_failed
-
-
-@in_virtual_time
-async def test_an_arm_that_cannot_be_held_is_stopped() -> None:
-    """It is stuck far from its target, or somebody took it out of servo mode."""
-    world = World()
-    wire = await armed(world)
-    world.controller.plant.set_stuck(0, True)
-    await wire.write(stepped(world, 0.2), Permission())
-    motors = await wire.make_safe("hold")
-    assert all(motor.safe for motor in motors)
-    assert world.controller.state == State.STOPPED
-    assert wire.hold_failed == "it is not where it is to hold"
-    await wire.make_safe("hold")
-    assert wire.hold_failed == "it was stopped", "a second one finds it so"
-    await wire.make_safe("stop")
-    assert not wire.hold_failed
-    other = World()
-    wire = await armed(other)
-    other.controller.set_mode(0)
-    assert all(motor.safe for motor in await wire.make_safe("hold"))
-    assert other.bodies("safe")[-1] == b"\x0c\x04"
-    assert wire.hold_failed == "it does not take its target"
-
-
-@in_virtual_time
-async def test_not_connected_is_not_safe() -> None:
-    world = World()
-    wire = world.wire()
-    assert {(motor.written, motor.safe, motor.detail) for motor in await wire.make_safe("stop")} == {
-        (False, False, "not connected")
-    }
-    with pytest.raises(WireDown, match="Open it first"):
-        await wire.read()
-
-
-# -- the root's stop channel
-
-
-@in_virtual_time
-async def test_saf_003_the_stop_channel_needs_nothing_of_the_wires() -> None:
-    world = World()
-    await armed(world)
-    channel = world.stop_channel()
-    motors = await channel.make_safe("stop")
-    channel.close()
-    assert all(motor.safe for motor in motors)
-    assert world.connections[-1].closed == "in order"
-    world.deaf = True
-    began_s = trio.current_time()
-    motors = await channel.make_safe("stop")
-    assert all(motor.written and not motor.safe for motor in motors)
-    assert trio.current_time() - began_s < world.driver.timing.safe_s

@@ -3,15 +3,18 @@ libraries of others see."""
 
 from __future__ import annotations
 
+import json
+import math
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping
+from contextlib import asynccontextmanager
 from typing import Any, NamedTuple
 
 import pytest
 import trio
 
 from strands_actors.contract.driver import Candidate, GateState
-from strands_actors.contract.wire import Observation, WireDown
+from strands_actors.contract.wire import MotorReport, Observation, StopChannel, Wire, WireDown
 from strands_actors.drivers.yahboom.config import YahboomConfig
 from strands_actors.drivers.yahboom.driver import Yahboom
 from strands_actors.drivers.yahboom.rosbridge import RosbridgeLink
@@ -21,6 +24,7 @@ from strands_actors.drivers.yahboom.wire import YahboomWire
 from strands_actors.kernel.clock import Clock, VirtualClock
 from strands_actors.kernel.messages import Refused
 from strands_actors.testing import Twin
+from tests.drivers.common.memory_port import Permission
 
 NOW_NS = 10**12
 KNOWN = (0.0,) * 9
@@ -187,3 +191,47 @@ def judge_client(seen: Mapping[str, Any], twin: Twin) -> None:
     assert 0.2 < seen["at"] < 0.8
     assert (seen["stood"], seen["zeroed"]) == (0.0, 0.0)
     assert kinds == ["setpoint"] * 11 + ["safe"] + ["setpoint"] * 2
+
+
+NAN = math.nan
+
+
+@asynccontextmanager
+async def served(wire: Wire | StopChannel) -> AsyncIterator[None]:
+    async with trio.open_nursery() as nursery:
+        await nursery.start(wire.serve)
+        yield
+        nursery.cancel_scope.cancel()
+
+
+@asynccontextmanager
+async def running(world: World) -> AsyncIterator[YahboomWire]:
+    """A wire that is open, served and armed."""
+    wire = world.wire()
+    await wire.open()
+    async with served(wire):
+        await wire.arm(Permission())
+        world.taken.clear()
+        yield wire
+    wire.close()
+
+
+def target(world: World, now_ns: int = NOW_NS, **action: float) -> tuple[float, ...]:
+    """What an action comes to on an arm that is at zero."""
+    named = {
+        key.replace("_x", ".x").replace("_y", ".y").replace("_z", ".z"): value for key, value in action.items()
+    }
+    candidate = world.driver.parse(named, state(now_ns=now_ns))
+    return candidate.values  # type: ignore[union-attr]
+
+
+def msgs(world: World, topic: str) -> list[dict[str, Any]]:
+    sent = [json.loads(one.text) for one in world.taken]
+    return [one["msg"] for one in sent if one["op"] == "publish" and one["topic"] == topic]
+
+
+def all_safe(reports: tuple[MotorReport, ...]) -> bool:
+    assert [report.axis for report in reports] == [
+        "linear.x", "linear.y", "angular.z", "arm1", "arm2", "arm3", "arm4", "arm5", "gripper",
+    ]  # fmt: skip
+    return all(report.safe for report in reports)

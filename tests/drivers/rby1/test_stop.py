@@ -1,0 +1,325 @@
+"""What stops it, in virtual time on the twin's services: the wire, a link that was lost, the root's stop
+channel."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+import pytest
+import trio
+
+from strands_actors.contract.wire import WireDown
+from strands_actors.drivers.common.twin import Fault
+from strands_actors.drivers.rby1 import protocol as p
+from strands_actors.drivers.rby1.protocol import Control, Manager, Method
+from strands_actors.drivers.rby1.stop_channel import KEPT
+from strands_actors.drivers.rby1.stopping import ANSWER_S, ATTEMPTS, LONGEST_S
+from tests.drivers.common.memory_port import Permission
+
+from .rig import World, armed, cycle, in_a_world, stepped, with_each
+
+# -- safe
+
+
+@with_each("safe_state", ["hold", "stop"])
+async def test_saf_005_a_stop_ends_the_stream_cancels_and_is_read_back(world: World, safe_state: str) -> None:
+    wire = await armed(world)
+    for _ in range(5):
+        await wire.write(stepped(world, 0.03), Permission())
+        await cycle(wire, 2)
+    before = len(world.written)
+    began_s = trio.current_time()
+    motors = await wire.make_safe(safe_state)
+    assert [motor.axis for motor in motors] == list(world.driver.axes)
+    assert all(motor.written and motor.acknowledged and motor.safe and not motor.detail for motor in motors)
+    assert world.written[before].kind == "safe" and world.written[before].t_s == began_s, "before any wait"
+    assert [entry.kind for entry in world.written[before:] if entry.kind != "read"] == ["safe"]
+    assert world.controller.manager == Manager.ENABLED
+    assert world.controller.control == Control.IDLE
+    at = world.controller.plant.position_rad
+    await cycle(wire, 50)
+    assert world.controller.plant.position_rad == pytest.approx(at, abs=0.005)
+
+
+@in_a_world
+async def test_after_a_stop_the_next_write_opens_a_new_stream(world: World) -> None:
+    wire = await armed(world)
+    await wire.write(stepped(world, 0.02), Permission())
+    (first,) = world.service._commands
+    await wire.make_safe("stop")
+    assert not world.service._commands
+    await wire.arm(Permission())
+    await wire.write(stepped(world, 0.02), Permission())
+    (second,) = world.service._commands
+    assert first is not second
+
+
+@in_a_world
+async def test_saf_005_a_cancel_that_nobody_answers_is_tried_again_then_the_manager_is_disabled(
+    world: World,
+) -> None:
+    wire = await armed(world)
+    before, began_s = len(world.written), trio.current_time()
+    answer = world.service._obey
+
+    def mute(method: Method, message: bytes) -> bytes:
+        if method is Method.CANCEL:
+            raise p.MalformedFrame("refused")
+        return answer(method, message)
+
+    world.service._obey = mute  # type: ignore[method-assign]
+    motors = await wire.make_safe("stop")
+    orders = [entry for entry in world.written[before:] if entry.kind == "safe"]
+    assert [bool(entry.data) for entry in orders] == [False] * (ATTEMPTS + 1) + [True]
+    assert world.controller.manager == Manager.IDLE, "disabled"
+    assert all(not motor.safe and "refused" in motor.detail for motor in motors), "nobody said it was done"
+    assert trio.current_time() - began_s <= LONGEST_S
+
+
+@in_a_world
+async def test_a_robot_that_goes_on_although_it_was_cancelled_is_disabled(world: World) -> None:
+    wire = await armed(world)
+    await wire.write(stepped(world, 0.02), Permission())
+    world.controller.cancel = lambda: None  # type: ignore[method-assign]
+    world.controller.leave = lambda owner: None  # type: ignore[method-assign]
+    torso = world.controller._motions["torso"]
+    world.controller._motions["torso"] = msgspec.structs.replace(torso, until_s=9e9)
+    motors = await wire.make_safe("stop")
+    assert all(motor.safe for motor in motors)
+    assert world.controller.manager == Manager.IDLE
+    assert world.kinds("read", "setpoint", "enable") == ["safe"] * (ATTEMPTS + 2)
+
+
+@in_a_world
+async def test_a_hold_does_not_disable(world: World) -> None:
+    wire = await armed(world)
+    await wire.write(stepped(world, 0.02), Permission())
+    world.controller.cancel = lambda: None  # type: ignore[method-assign]
+    world.controller.leave = lambda owner: None  # type: ignore[method-assign]
+    torso = world.controller._motions["torso"]
+    world.controller._motions["torso"] = msgspec.structs.replace(torso, until_s=9e9)
+    motors = await wire.make_safe("hold")
+    assert not any(motor.safe for motor in motors)
+    assert {motor.detail for motor in motors} == {"its controller is EXECUTING (2)"}
+    assert world.controller.manager == Manager.ENABLED
+
+
+@in_a_world
+async def test_saf_005_joints_whose_speed_is_not_told_do_not_stand(world: World) -> None:
+    wire = await armed(world)
+    state = world.controller.state
+    world.controller.state = (
+        lambda: msgspec.structs.replace(  # type: ignore[method-assign]
+            state(), position=state().position[:22], velocity=state().velocity[:22]
+        )
+    )
+    motors = await wire.make_safe("stop")
+    assert [motor.axis for motor in motors if not motor.safe] == ["head_0", "head_1"]
+    assert motors[-1].detail == "moves"
+
+
+@in_a_world
+async def test_off_takes_the_power_and_sees_that_it_is_gone(world: World) -> None:
+    wire = await armed(world)
+    await wire.write(stepped(world, 0.02), Permission())
+    began_s, before = trio.current_time(), len(world.written)
+    motors = await wire.make_safe("off")
+    assert [entry.kind for entry in world.written[before : before + 3]] == ["safe"] * 3
+    assert {entry.t_s for entry in world.written[before : before + 3]} == {began_s}, "all before any wait"
+    assert not world.controller.supplies["48v"] and not world.controller.runs
+    assert world.controller.supplies["24v"], "the computer goes on"
+    assert all(motor.written and motor.acknowledged for motor in motors)
+    await trio.sleep(2.0)  # the arms have fallen
+    again = await wire.make_safe("off")
+    assert all(motor.safe for motor in again), [motor for motor in again if not motor.safe][:3]
+
+
+@in_a_world
+async def test_saf_005_a_frozen_robot_is_an_error_that_names_every_joint_and_is_bounded(world: World) -> None:
+    wire = await armed(world)
+    world.frozen = True
+    began_s = trio.current_time()
+    motors = await wire.make_safe("stop")
+    assert trio.current_time() - began_s == pytest.approx((ATTEMPTS + 1) * ANSWER_S, abs=0.02)
+    assert trio.current_time() - began_s < world.driver.timing.safe_s
+    assert all(motor.written and not motor.acknowledged and not motor.safe for motor in motors)
+    assert {motor.detail for motor in motors} == {"silent"}
+    assert len(world.streams) == 2, "another connection was tried"
+    assert not world.streams[0].closed, "on which the order still stands"
+
+
+@in_a_world
+async def test_saf_010_what_a_frozen_robot_finds_late_is_followed_by_the_stop(world: World) -> None:
+    wire = await armed(world)
+    await cycle(wire, 5)
+    world.frozen = True
+    await wire.write(stepped(world, 0.03), Permission())
+    assert not any(motor.safe for motor in await wire.make_safe("stop"))
+    world.go_on()
+    assert world.kinds("read", "enable")[0] == "setpoint", "it was on its way"
+    assert set(world.kinds("read", "enable")[1:]) == {"safe"}
+    assert world.controller.control == Control.IDLE
+    assert world.controller.manager == Manager.IDLE, "the last resort was found, too"
+
+
+@in_a_world
+async def test_saf_010_a_late_command_on_another_connection_is_seen_and_cancelled(world: World) -> None:
+    """The root's stop may be taken up before what the dead wire had sent."""
+    wire = await armed(world)
+    channel = world.stop_channel()
+    await cycle(wire, 5)
+    async with trio.open_nursery() as nursery:
+        await nursery.start(channel.serve)
+        world.frozen = True
+        await wire.write(stepped(world, 0.04), Permission())
+        reports: list[Any] = []
+
+        async def stop() -> None:
+            reports.extend(await channel.make_safe("stop"))
+
+        nursery.start_soon(stop)
+        await trio.sleep(0.05)
+        world.go_on(reversed(world.streams))
+        await trio.sleep(1.0)
+        nursery.cancel_scope.cancel()
+    assert world.kinds("read", "enable", "keepalive") == ["safe", "setpoint", "safe"]
+    assert reports and all(motor.safe for motor in reports)
+    assert world.controller.control == Control.IDLE
+    channel.close()
+
+
+@in_a_world
+async def test_saf_020_a_stop_whose_connection_is_gone_takes_another(world: World) -> None:
+    wire = await armed(world)
+    await wire.write(stepped(world, 0.03), Permission())
+    world.streams[-1].close()
+    assert all(motor.safe for motor in await wire.make_safe("stop"))
+    assert len(world.streams) == 2
+    assert world.streams[-1].closed == "in order"
+    world.gone = True
+    motors = await wire.make_safe("stop")
+    assert {(motor.written, motor.safe) for motor in motors} == {(False, False)}
+    assert "cannot connect" in motors[0].detail
+
+
+@in_a_world
+async def test_saf_020_a_link_that_was_lost_is_stopped_all_the_same(world: World) -> None:
+    wire = await armed(world)
+    await wire.write(stepped(world, 0.03), Permission())
+    wire.close()
+    assert world.controller.control == Control.IDLE, "a stream that ends takes its command with it"
+    before = len(world.written)
+    assert all(motor.safe for motor in await wire.reach("stop"))
+    assert world.written[before].kind == "safe", "it asks nothing first"
+
+
+@in_a_world
+async def test_not_connected_is_not_safe(world: World) -> None:
+    wire = world.wire()
+    motors = await wire.make_safe("stop")
+    assert {(motor.written, motor.safe, motor.detail) for motor in motors} == {(False, False, "not connected")}
+    with pytest.raises(WireDown, match="Open it first"):
+        await wire.read()
+
+
+# -- the root's stop channel
+
+
+@in_a_world
+async def test_saf_003_the_stop_channel_has_a_connection_of_its_own_before_it_is_needed(world: World) -> None:
+    wire = await armed(world)
+    channel = world.stop_channel()
+    async with trio.open_nursery() as nursery:
+        await nursery.start(channel.serve)
+        assert len(world.streams) == 2
+        await trio.sleep(2.0)
+        assert "keepalive" in world.kinds()
+        await wire.write(stepped(world, 0.03), Permission())
+        began_s = trio.current_time()
+        motors = await channel.make_safe("stop")
+        safe = next(entry for entry in world.written if entry.kind == "safe")
+        assert safe.t_s == began_s, "at once"
+        assert all(motor.safe for motor in motors)
+        assert len(world.streams) == 2
+        nursery.cancel_scope.cancel()
+    channel.close()
+    assert world.streams[-1].closed == "in order", "so that a frozen robot still finds it"
+
+
+@in_a_world
+async def test_saf_020_a_kept_connection_that_has_died_in_silence_is_not_waited_for_twice(world: World) -> None:
+    """Half open: it takes what is written, and nobody is there."""
+    wire = await armed(world)
+    channel = world.stop_channel()
+    async with trio.open_nursery() as nursery:
+        await nursery.start(channel.serve)
+        kept = world.streams[-1]
+        kept._take = lambda data: None  # type: ignore[method-assign]
+        await wire.write(stepped(world, 0.03), Permission())
+        began_s = trio.current_time()
+        motors = await channel.make_safe("stop")
+        assert all(motor.safe for motor in motors)
+        assert trio.current_time() - began_s < 2 * ANSWER_S + 0.2
+        assert not kept.closed
+        nursery.cancel_scope.cancel()
+    channel.close()
+    assert kept.closed == world.streams[-1].closed == "in order"
+
+
+@in_a_world
+async def test_saf_020_a_stop_is_written_to_a_robot_that_cannot_be_understood(world: World) -> None:
+    wire = await armed(world)
+    await wire.write(stepped(world, 0.03), Permission())
+    world.service.faults.set(Fault.GARBAGE)
+    with pytest.raises(WireDown):
+        await cycle(wire, 30)
+    wire.close()
+    before, began_s = len(world.written), trio.current_time()
+    motors = await wire.reach("stop")
+    assert world.written[before].kind == "safe" and world.written[before].t_s == began_s
+    assert all(motor.written and not motor.safe for motor in motors)
+    assert "HTTP/2" in motors[0].detail
+
+
+@in_a_world
+async def test_a_robot_that_speaks_and_does_nothing_does_not_collect_connections(world: World) -> None:
+    await armed(world)
+    world.service.message = lambda call, t_ns, message: None  # type: ignore[method-assign]
+    channel = world.stop_channel()
+    for _ in range(6):
+        began_s = trio.current_time()
+        motors = await channel.make_safe("stop")
+        assert {motor.detail for motor in motors} == {"silent"}
+        assert trio.current_time() - began_s <= LONGEST_S + 0.01 < world.driver.timing.safe_s
+    assert sum(not stream.closed for stream in world.streams) <= 1 + KEPT + 1, (
+        "the wire's, the last ones, the newest"
+    )
+    channel.close()
+    assert sum(not stream.closed for stream in world.streams) == 1
+
+
+@in_a_world
+async def test_a_connection_that_is_lost_is_replaced(world: World) -> None:
+    channel = world.stop_channel()
+    async with trio.open_nursery() as nursery:
+        await nursery.start(channel.serve)
+        world.streams[-1].close()
+        await trio.sleep(1.5)
+        assert len(world.streams) == 2 and not world.streams[-1].closed
+        nursery.cancel_scope.cancel()
+    channel.close()
+
+
+@in_a_world
+async def test_a_stop_channel_that_nobody_serves_connects_when_it_is_used(world: World) -> None:
+    await armed(world)
+    channel = world.stop_channel()
+    assert all(motor.safe for motor in await channel.make_safe("stop"))
+    world.gone = True
+    world.streams[-1].close()
+    motors = await channel.make_safe("stop")
+    assert not any(motor.written for motor in motors)
+    world.gone = False
+    assert all(motor.safe for motor in await channel.make_safe("stop")), "it finds the robot anew"
+    channel.close()

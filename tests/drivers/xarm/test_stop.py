@@ -1,0 +1,197 @@
+"""What stops it, in virtual time on the twin's controller: the wire, a link that was lost, the root's
+stop channel."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import trio
+
+from strands_actors.contract.wire import WireDown
+from strands_actors.drivers.xarm.protocol import State
+from tests.drivers.common.memory_port import Permission
+
+from .rig import World, armed, cycle, in_virtual_time, stepped
+
+# -- safe
+
+
+@in_virtual_time
+async def test_saf_005_a_stop_is_read_back() -> None:
+    world = World()
+    wire = await armed(world)
+    await wire.write(stepped(world, 0.03), Permission())
+    motors = await wire.make_safe("stop")
+    assert [motor.axis for motor in motors] == [f"joint{number}" for number in range(1, 8)]
+    assert all(motor.written and motor.acknowledged and motor.safe for motor in motors)
+    assert world.kinds("read")[-2:] == ["setpoint", "safe"]
+    assert world.bodies("safe")[-1] == b"\x0c\x04"
+
+
+@in_virtual_time
+async def test_saf_005_a_stop_that_nobody_answers_is_tried_again_and_named() -> None:
+    world = World()
+    wire = await armed(world)
+    began_s = trio.current_time()
+    world.deaf = True
+    motors = await wire.make_safe("stop")
+    assert all(motor.written and not motor.acknowledged and not motor.safe for motor in motors)
+    assert {motor.detail for motor in motors} == {"silent"}
+    assert world.bodies("safe")[-3:] == [b"\x0c\x04"] * 3
+    assert trio.current_time() - began_s < world.driver.timing.safe_s
+
+
+@in_virtual_time
+async def test_saf_005_a_controller_that_stays_as_it_was_is_named() -> None:
+    world = World()
+    wire = await armed(world)
+    await cycle(wire, 3)
+    assert (await wire.make_safe("hold"))[0].safe
+    world.controller.set_state = lambda state: None  # type: ignore[method-assign]
+    (motor, *_) = await wire.make_safe("stop")
+    assert (motor.safe, motor.acknowledged, motor.detail) == (False, True, "its controller says state 2")
+
+
+@in_virtual_time
+async def test_saf_020_a_stop_whose_connection_is_gone_takes_another() -> None:
+    world = World()
+    wire = await armed(world)
+    world.connections[-1].close()
+    assert all(motor.safe for motor in await wire.make_safe("stop"))
+    assert len(world.connections) == 2
+    assert world.connections[-1].closed == "in order", "so that a frozen controller still gets it"
+    world.gone = True
+    (motor, *_) = await wire.make_safe("stop")
+    assert (motor.written, motor.safe) == (False, False)
+    assert "cannot connect" in motor.detail
+
+
+@in_virtual_time
+async def test_saf_020_a_link_that_was_lost_is_stopped_all_the_same() -> None:
+    world = World()
+    wire = await armed(world)
+    wire.close()
+    assert all(motor.safe for motor in await wire.reach("stop"))
+    assert world.controller.state == State.STOPPED
+
+
+@in_virtual_time
+async def test_saf_020_a_controller_that_takes_no_other_connection_is_told_on_the_one_it_has() -> None:
+    """Its answers may be cut off, and what we say arrive."""
+    world = World()
+    wire = await armed(world)
+    world.full = True
+    (motor, *_) = await wire.reach("stop")
+    assert world.controller.state == State.STOPPED
+    assert (motor.written, motor.acknowledged, motor.safe) == (True, False, False)
+    assert "cannot connect" in motor.detail
+
+
+@in_virtual_time
+async def test_a_hold_is_the_last_target_again_and_can_be_told_from_it() -> None:
+    world = World()
+    wire = await armed(world)
+    target = stepped(world, 0.03)
+    await wire.write(target, Permission())
+    motors = await wire.make_safe("hold")
+    assert all(motor.safe for motor in motors) and not wire.hold_failed
+    assert world.kinds("read")[-2:] == ["setpoint", "safe"]
+    setpoint, hold = world.bodies("setpoint")[-1], world.bodies("safe")[-1]
+    assert setpoint[:29] == hold[:29] and setpoint[29:] != hold[29:]
+    assert world.controller.state in (State.MOVING, State.READY)
+    await wire.write(stepped(world, 0.01), Permission())
+    assert math.isclose(world.controller.plant.position_rad[0], 0.03, abs_tol=0.02)
+
+
+@in_virtual_time
+async def test_a_hold_is_not_confirmed_by_an_arm_that_is_stopped_meanwhile() -> None:
+    world = World()
+    wire = await armed(world)
+    before = world.replies
+
+    def on_reply(count: int) -> None:
+        if count == before + 1:
+            world.controller.set_state(State.STOPPED)
+
+    world.on_reply = on_reply
+    assert (await wire.make_safe("hold"))[0].safe
+    assert world.bodies("safe")[-1] == b"\x0c\x04", "it is stopped by us, too"
+
+
+@in_virtual_time
+async def test_saf_006_a_stop_does_not_wait_for_a_hold_to_be_confirmed() -> None:
+    world = World()
+    wire = await armed(world)
+    world.controller.plant.set_stuck(0, True)  # it never gets to its target: the hold is not confirmed
+    await wire.write(stepped(world, 0.2), Permission())
+    assert wire.interruptible
+    with trio.move_on_after(0.03) as cut:
+        await wire.make_safe("hold")
+    assert cut.cancelled_caught
+    assert all(motor.safe for motor in await wire.make_safe("stop"))
+    assert world.controller.state == State.STOPPED
+
+
+@in_virtual_time
+async def test_after_a_stop_there_is_no_target_to_hold() -> None:
+    world = World()
+    wire = await armed(world)
+    await wire.make_safe("stop")
+    told = len(world.written)
+    await wire.make_safe("hold")
+    assert [entry.body for entry in world.written[told:] if entry.kind != "read"] == [b"\x0c\x04"]
+    assert wire.hold_failed
+
+
+@in_virtual_time
+async def test_an_arm_that_cannot_be_held_is_stopped() -> None:
+    """It is stuck far from its target, or somebody took it out of servo mode."""
+    world = World()
+    wire = await armed(world)
+    world.controller.plant.set_stuck(0, True)
+    await wire.write(stepped(world, 0.2), Permission())
+    motors = await wire.make_safe("hold")
+    assert all(motor.safe for motor in motors)
+    assert world.controller.state == State.STOPPED
+    assert wire.hold_failed == "it is not where it is to hold"
+    await wire.make_safe("hold")
+    assert wire.hold_failed == "it was stopped", "a second one finds it so"
+    await wire.make_safe("stop")
+    assert not wire.hold_failed
+    other = World()
+    wire = await armed(other)
+    other.controller.set_mode(0)
+    assert all(motor.safe for motor in await wire.make_safe("hold"))
+    assert other.bodies("safe")[-1] == b"\x0c\x04"
+    assert wire.hold_failed == "it does not take its target"
+
+
+@in_virtual_time
+async def test_not_connected_is_not_safe() -> None:
+    world = World()
+    wire = world.wire()
+    assert {(motor.written, motor.safe, motor.detail) for motor in await wire.make_safe("stop")} == {
+        (False, False, "not connected")
+    }
+    with pytest.raises(WireDown, match="Open it first"):
+        await wire.read()
+
+
+# -- the root's stop channel
+
+
+@in_virtual_time
+async def test_saf_003_the_stop_channel_needs_nothing_of_the_wires() -> None:
+    world = World()
+    await armed(world)
+    channel = world.stop_channel()
+    motors = await channel.make_safe("stop")
+    channel.close()
+    assert all(motor.safe for motor in motors)
+    assert world.connections[-1].closed == "in order"
+    world.deaf = True
+    began_s = trio.current_time()
+    motors = await channel.make_safe("stop")
+    assert all(motor.written and not motor.safe for motor in motors)
+    assert trio.current_time() - began_s < world.driver.timing.safe_s
