@@ -89,16 +89,28 @@ def wave(amplitudes: Mapping[str, float], phase_step: float) -> Step:
 
 def set_moving(robot: RealRobot, log: WireLog, new_policy: Callable[[], Step], setpoints: int = 30) -> None:
     """Begin a rollout, and see so many setpoints on the wire."""
+    begin_moving(
+        robot,
+        lambda: robot.run_policy(new_policy(), duration=60.0),
+        lambda _, began_ns: len(log.host("setpoint", began_ns)) > setpoints,
+    )
+
+
+def begin_moving(
+    robot: RealRobot, begin: Callable[[], Mapping[str, Any]], moves: Callable[[dict[str, Any], int], bool]
+) -> None:
+    """Begin what ``begin`` asks for, and see it move. ``moves``: from what is told of it, and from
+    when it began."""
 
     def moves_or_ended(began_ns: int) -> dict[str, Any] | None:
         now = task(robot)
-        return now if not now["running"] or len(log.host("setpoint", began_ns)) > setpoints else None
+        return now if not now["running"] or moves(now, began_ns) else None
 
     now: dict[str, Any] = {}
     for _ in range(ATTEMPTS):
         began_ns = time.monotonic_ns()
         armed(robot)
-        json_of(robot.run_policy(new_policy(), duration=60.0))
+        json_of(begin())
         now = until(functools.partial(moves_or_ended, began_ns), "it moves or has ended")
         if now["running"]:
             return
@@ -107,14 +119,21 @@ def set_moving(robot: RealRobot, log: WireLog, new_policy: Callable[[], Step], s
 
 def run_for(robot: RealRobot, new_policy: Callable[[], Step], duration_s: float) -> dict[str, Any]:
     """Run a rollout to its end; return what is told of it then."""
+    return run_to_end(robot, lambda: robot.run_policy(new_policy(), duration=duration_s))
+
+
+def run_to_end(
+    robot: RealRobot, begin: Callable[[], Mapping[str, Any]], exit_reason: str = "duration"
+) -> dict[str, Any]:
+    """Begin what ``begin`` asks for; return what is told of it when it has ended, for that reason."""
     now: dict[str, Any] = {}
     for _ in range(ATTEMPTS):
         armed(robot)
-        json_of(robot.run_policy(new_policy(), duration=duration_s))
+        json_of(begin())
         now = task_ended(robot)
-        if now["exit_reason"] == "duration":
+        if now["exit_reason"] == exit_reason:
             return now
-    pytest.fail(f"it does not move for {duration_s:g} s: {now}")
+    pytest.fail(f"it does not run to its end: {now}")
 
 
 def first_safe(log: WireLog, since_ns: int, safe_state: str | None = None) -> Entry:

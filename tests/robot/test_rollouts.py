@@ -19,6 +19,7 @@ from strands_actors.kernel.ref import Ref
 from strands_actors.supervisors.gate.messages import GetStatus
 from strands_actors.testing import Twin
 from tests.answers import json_of, pids, state, status, task, task_ended, until, why
+from tests.trees import begin_moving, run_to_end
 
 from .helpers import COUNTS_PER_DEGREE, IDS, at, goals, holds, limps
 
@@ -169,13 +170,10 @@ def test_a_chunk_is_executed_action_by_action_at_the_control_rate(arm: RealRobot
 
 
 def test_a_duration_ends_a_rollout_and_n_steps_wins_over_it(arm: RealRobot) -> None:
-    json_of(arm.run_policy(ahead, duration=0.5))
-    ended = task_ended(arm)
-    assert ended["exit_reason"] == "duration", ended
+    ended = run_to_end(arm, lambda: arm.run_policy(ahead, duration=0.5))
     assert 0.45 <= ended["elapsed_s"] < 2.0
-    json_of(arm.run_policy(ahead, duration=0.05, n_steps=20))
-    ended = task_ended(arm)
-    assert (ended["exit_reason"], ended["steps"]) == ("n_steps", 20), ended
+    ended = run_to_end(arm, lambda: arm.run_policy(ahead, duration=0.05, n_steps=20), "n_steps")
+    assert ended["steps"] == 20, ended
 
 
 def test_a_refused_action_ends_the_rollout_with_the_reason(arm: RealRobot, twin: Twin) -> None:
@@ -357,8 +355,7 @@ def test_a_policy_that_goes_silent_is_held_and_the_rollout_says_why(
 
 
 def test_stop_ends_a_healthy_rollout_for_good(arm: RealRobot, twin: Twin) -> None:
-    json_of(arm.run_policy(ahead))
-    until(lambda: task(arm)["steps"] > 5, "it moves")
+    begin_moving(arm, lambda: arm.run_policy(ahead), lambda told, _: told["steps"] > 5)
     stopped_ns = time.monotonic_ns()
     json_of(arm.stop())
     ended = task(arm)
@@ -388,12 +385,9 @@ def test_a_named_policy_runs_in_a_process_of_its_own(arm: RealRobot, twin: Twin,
 
 
 def test_a_named_policy_ends_after_its_duration(arm: RealRobot) -> None:
-    json_of(arm.start_task("wave", policy_provider="sine", duration=0.5))
-    ended = task_ended(arm)
-    assert ended["exit_reason"] == "duration", ended
+    run_to_end(arm, lambda: arm.start_task("wave", policy_provider="sine", duration=0.5))
     until(lambda: len((arm.tree() or {})["processes"]) == 4, "its process ends")  # caller, root, wire, standby
-    json_of(arm.start_task("wave", policy_provider="mock", duration=0.5))
-    assert task_ended(arm)["exit_reason"] == "duration"
+    run_to_end(arm, lambda: arm.start_task("wave", policy_provider="mock", duration=0.5))
 
 
 def test_options_the_policy_does_not_take_are_told(arm: RealRobot) -> None:
@@ -404,8 +398,7 @@ def test_options_the_policy_does_not_take_are_told(arm: RealRobot) -> None:
 
 
 def test_stop_ends_a_named_policy_too(arm: RealRobot, twin: Twin) -> None:
-    json_of(arm.start_task("wave", policy_provider="sine"))
-    until(lambda: task(arm)["steps"] >= 8, "it moves")
+    begin_moving(arm, lambda: arm.start_task("wave", policy_provider="sine"), lambda told, _: told["steps"] >= 8)
     stopped_ns = time.monotonic_ns()
     assert json_of(arm.stop())["safe_state"] == "limp"
     twin.log.safe_within(stopped_ns, GENEROUS_S)

@@ -51,8 +51,8 @@ def command(entry: Entry) -> dict[str, Any]:
 
 def drive(rover: RealRobot, twin: Twin, **action: float) -> int:
     """Send it and see it on the wire; when."""
-    began_ns = time.monotonic_ns()
     armed(rover)
+    began_ns = time.monotonic_ns()
     json_of(rover.send_action(action))
     until(lambda: twin.log.host("setpoint", began_ns), "a setpoint")
     return began_ns

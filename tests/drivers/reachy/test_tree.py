@@ -52,8 +52,8 @@ def reachy(twin: Twin, run_dir: Path) -> Iterator[RealRobot]:
 
 def move(reachy: RealRobot, twin: Twin, **action: float) -> int:
     """Send it and see it on the wire; when."""
-    began_ns = time.monotonic_ns()
     armed(reachy)
+    began_ns = time.monotonic_ns()
     json_of(reachy.send_action(action))
     until(lambda: twin.log.host("setpoint", began_ns), "a setpoint")
     return began_ns

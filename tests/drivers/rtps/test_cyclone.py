@@ -232,12 +232,12 @@ def test_our_robot_and_a_cyclone_driver(reliable: bool) -> None:
             await driver.do(do="request", id=9, api=7101, text='{"data":1}')
             await driver.until(lambda _: len(asked.heard[COMMAND]) == 20 and asked.heard[REQUEST])
             ours.writers[RESPONSE].write(response(9, 7101, 0, "ok"))
-            await driver.until(lambda said: said[-1].get("topic") == RESPONSE)
+            (told,) = await driver.until(lambda said: [line for line in said if line.get("topic") == RESPONSE])
             await driver.until(lambda _: len(driver.images(STATE)) == 20)
             assert asked.heard[COMMAND] == [HEAD + command for command in commands]
             assert asked.heard[REQUEST] == [request(9, 7101, '{"data":1}')]
             assert driver.images(STATE) == [state_image(state).hex() for state in states]
-            assert driver.said[-1] == {"topic": RESPONSE, "id": 9, "api": 7101, "code": 0, "text": "ok"}
+            assert told == {"topic": RESPONSE, "id": 9, "api": 7101, "code": 0, "text": "ok"}
 
     run(main)
 

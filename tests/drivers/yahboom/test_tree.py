@@ -51,8 +51,8 @@ def of(entries: list[Entry], topic: str) -> list[dict[str, Any]]:
 
 def drive(robot: RealRobot, twin: Twin, **speeds: float) -> int:
     """Send a twist and see it on the wire; when."""
-    began_ns = time.monotonic_ns()
     armed(robot)
+    began_ns = time.monotonic_ns()
     json_of(robot.send_action({"linear.x": 0.0, **{key.replace("_", "."): value for key, value in speeds.items()}}))
     until(lambda: twin.log.host("setpoint", began_ns), "a setpoint")
     return began_ns
