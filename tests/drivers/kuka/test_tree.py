@@ -24,7 +24,7 @@ from strands_actors.testing import WireLog
 from tests.agents.scripted import Scripted
 from tests.answers import json_of, pids, state, status, task, task_ended, until, why
 from tests.drivers.common.twin_process import TwinProcess
-from tests.trees import safe_after_s, wave
+from tests.trees import armed, safe_after_s, wave
 
 AXES = [f"joint{number}" for number in range(1, JOINTS + 1)]
 PROGRAM = "from strands_actors.surfaces.cli import main; main()"
@@ -53,8 +53,7 @@ class Arm:
     def commandable(self) -> None:
         """Wait for an active session, and resume if it was disarmed."""
         until(lambda: status(self.robot).get("connected"), "it is connected")
-        if state(self.robot) not in ("armed", "holding"):
-            until(lambda: self.robot.resume()["status"] == "success", "it is armed")
+        armed(self.robot)
         until(lambda: self.nudge(rad=0.0)["status"] == "success", "it may be commanded")
 
     def roll_out(self) -> None:
