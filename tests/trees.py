@@ -157,6 +157,13 @@ def safe_after_s(log: WireLog, since_ns: int) -> float:
 def comes_back(robot: RealRobot, log: WireLog, move: Callable[[], Mapping[str, Any]], within: float = 0.01) -> None:
     """It is back by itself, disarmed; what ``move`` asks for is done only after a resume, from where
     the robot is, ``within`` so much of each axis."""
+    back_ns = is_resumed(robot, log, move, within)
+    json_of(move())
+    until(lambda: log.host("setpoint", back_ns), "a setpoint")
+
+
+def is_resumed(robot: RealRobot, log: WireLog, move: Callable[[], Mapping[str, Any]], within: float = 0.01) -> int:
+    """As ``comes_back``, up to the resume; return since when it is back."""
     until(lambda: state(robot) == "disarmed", "it is back, disarmed")
     until(lambda: not task(robot)["running"], "the rollout has ended")
     back_ns = time.monotonic_ns()
@@ -166,21 +173,7 @@ def comes_back(robot: RealRobot, log: WireLog, move: Callable[[], Mapping[str, A
     resumed = json_of(robot.resume())["position"]
     seen = robot.get_observation()
     assert all(abs(resumed[axis] - seen[axis]) < within for axis in seen)
-    works(robot, move)
-    until(lambda: log.host("setpoint", back_ns), "a setpoint")
-
-
-def works(robot: RealRobot, move: Callable[[], Mapping[str, Any]]) -> None:
-    """It does what ``move`` asks for; on a busy machine at a second try: what was read too long ago is
-    no position."""
-
-    def moves() -> bool:
-        if move()["status"] == "success":
-            return True
-        robot.resume()
-        return False
-
-    until(moves, "it moves")
+    return back_ns
 
 
 def slowest_status_s(robot: RealRobot, for_s: float) -> float:
