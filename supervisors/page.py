@@ -3,15 +3,19 @@ it.
 
 Whether something may be energised stands here because the standby can ask nobody: a wire that is
 killed while it makes safe leaves a standby that acts; one that has made safe, a standby that ends.
+Which safe state was ordered stands here because another process may have to bring it about than the
+one that was asked.
 """
 
 from __future__ import annotations
 
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.kernel.health.heartbeat import Word, private_page
 
 ROOT, WIRE, STANDBY = range(3)
 """Places of heartbeats."""
-_OWED, _SILENT = 3, 4
+_OWED, _SILENT, _ORDERED = 3, 4, 5
+_MILDEST_FIRST = tuple(SafeState)
 
 
 class Owed:
@@ -22,6 +26,7 @@ class Owed:
         page = private_page() if words is None else words
         self._owed = Word(page, _OWED)
         self._silent = Word(page, _SILENT)
+        self._ordered = Word(page, _ORDERED)  # a severity; 0: nothing, or the mildest
 
     @property
     def safe_state(self) -> bool:
@@ -42,3 +47,20 @@ class Owed:
     @silent_until_ns.setter
     def silent_until_ns(self, until_ns: int) -> None:
         self._silent.set(until_ns)
+
+    def order(self, safe_state: str) -> SafeState:
+        """Note an order to make safe. Return where to bring the robot: there, or to a more severe
+        state that was ordered before and not confirmed since. An e-stop whose link is lost, or whose
+        wire is frozen, is not answered by the milder state that such a fault leads to."""
+        severity = max(SafeState(safe_state).severity, self._ordered.get())
+        self._ordered.set(severity)
+        return _MILDEST_FIRST[severity]
+
+    def confirm(self, safe_state: str) -> None:
+        """Note that every motor has confirmed it."""
+        if SafeState(safe_state).severity >= self._ordered.get():
+            self.begin_anew()
+
+    def begin_anew(self) -> None:
+        """Forget what was ordered: it is confirmed, or the robot is armed by a later order."""
+        self._ordered.set(0)

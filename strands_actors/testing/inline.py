@@ -20,6 +20,7 @@ from strands_actors.supervisors import addresses
 from strands_actors.supervisors.gate.failsafe import State
 from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.gate.messages import GetStatus, Status
+from strands_actors.supervisors.page import Owed
 from strands_actors.supervisors.root.guardian import Guardian
 from strands_actors.supervisors.root.lock_keeper import LockKeeper
 from strands_actors.supervisors.root.locks import Locks
@@ -81,18 +82,19 @@ async def open_inline_tree(
     node = Node(port, clock or VirtualClock())
     wires_made: list[InlineWire] = []
     roots, wires = pair()
+    owed = Owed()
     try:
         async with trio.open_nursery() as nursery:
 
             def start_wire(state: State, cause: str) -> InlineWire:
-                wires_made.append(InlineWire(node, nursery, driver, port, state, cause, wires))
+                wires_made.append(InlineWire(node, nursery, driver, port, state, cause, wires, owed))
                 return wires_made[-1]
 
             await nursery.start(node.run)
             keeper = None if locks is None else LockKeeper(locks)
             if keeper is not None:
                 nursery.start_soon(keeper.run)
-            guardian = Guardian(driver, roots, start_wire, gate=at.gate, keeper=keeper)
+            guardian = Guardian(driver, roots, start_wire, gate=at.gate, keeper=keeper, owed=owed)
             await nursery.start(node.cell(at.path("guardian"), lambda: guardian).run)
             supervisor = Supervisor([ChildSpec("wire", guardian.keep)], budget=budget or Budget(100, 5.0))
             nursery.start_soon(supervisor.run)

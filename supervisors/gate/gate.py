@@ -97,6 +97,7 @@ class Gate(Actor):
         self._stops: list[tuple[int, Deferred, bool]] = []  # epoch of the stop, who waits for it, is it an e-stop
         self._lock = LockKept(0, locked_since)  # the newest that was kept
         self._resumes: list[Deferred] = []
+        self._grants: list[tuple[Lease, Deferred]] = []  # to be told when the hold is over
         self._services: dict[int, Deferred] = {}  # by number: who waits for what is being carried out
         self._service = 0
         self._cause, self._reason = cause, ""
@@ -271,12 +272,21 @@ class Gate(Actor):
 
     # -- the lease
 
-    def _acquire(self, message: Acquire) -> Lease | Refused:
+    def _acquire(self, message: Acquire) -> Lease | Refused | Deferred:
+        """Granted in the middle of a hold, it is answered when that is over: what the next command
+        does not name stays where it is then."""
         answer = self._leases.acquire(message, self.context.received_ns, self._state.mode is Mode.HOLDING)
         self._tell_decided(
             message.holder, "acquire", answer if isinstance(answer, Refused) else "granted", message.channel
         )
-        return answer if isinstance(answer, Refused) else Lease(answer, self._state.epoch)
+        if isinstance(answer, Refused):
+            return answer
+        lease, last = Lease(answer, self._state.epoch), self._last_stop
+        if self._state.mode is not Mode.HOLDING or (last is not None and last.epoch >= lease.epoch):
+            return lease
+        deferred = self.context.defer()
+        self._grants.append((lease, deferred))
+        return deferred
 
     def _release(self, message: Release) -> Deferred | None:
         """Answered when what wrote under another lease has been held."""
@@ -407,14 +417,24 @@ class Gate(Actor):
         report = self._last_stop = message.report
         self._last_stop_ns = self.context.received_ns
         self._answer_stops()
-        if report.epoch != self._state.epoch:
-            return
+        if report.epoch == self._state.epoch:
+            self._go_on(message)
+        waiting, self._grants = self._grants, []
+        for lease, grant in waiting:
+            if lease.epoch > report.epoch:
+                self._grants.append((lease, grant))
+            else:
+                grant.send(lease)
+
+    def _go_on(self, message: SafeDone) -> None:
+        report = message.report
         if message.hold_failed:
             self._trip(Reason.FAULT, f"it could not hold: {message.hold_failed}")
         else:
             self._advance(Event.SAFE_CONFIRMED if report.confirmed else Event.SAFE_UNCONFIRMED)
-            if self._state.mode is Mode.HOLDING and self._observation is not None:
-                self._aim_where_held(report, self._observation)
+            seen = message.observation or self._observation
+            if self._state.mode is Mode.HOLDING and seen is not None:
+                self._aim_where_held(report, seen)
 
     def _answer_stops(self) -> None:
         """Those that are done: reported by the wire and, of an e-stop, with its lock on the
@@ -488,6 +508,9 @@ class Gate(Actor):
         self._step(
             Event.LINK_UP, self._driver.fallbacks[Reason.LINK], Reason.LINK, self._cause or "the link was lost"
         )
+        stop = self._last_stop
+        if self._state.mode is Mode.DISARMED and stop is not None and not stop.confirmed:
+            self._trip(stop.reason, self._cause)  # ordered while nobody heard it
 
     def _link_lost(self, why: str) -> None:
         self._connect_error = why

@@ -8,7 +8,7 @@ import msgspec
 
 from strands_actors.contract.wire import Observation
 from strands_actors.kernel.actor import Deferred
-from strands_actors.supervisors.gate.messages import LockKept, StopReport
+from strands_actors.supervisors.gate.messages import Lease, LockKept, StopReport
 
 from . import failsafe
 from .lease import Leases
@@ -41,3 +41,4 @@ class GateMemory(msgspec.Struct, frozen=True):
     no_standby: str = ""
     reason: str = ""
     audited: bool = False
+    grants: list[tuple[Lease, Deferred]] = []

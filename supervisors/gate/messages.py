@@ -212,6 +212,7 @@ class SafeDone(Message, frozen=True):
 
     report: StopReport
     hold_failed: str = ""  # why it could not hold, and was brought to rest in another way
+    observation: Observation | None = None  # read after a hold that says nothing of its targets
 
 
 class ArmDone(Message, frozen=True):

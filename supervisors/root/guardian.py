@@ -19,6 +19,7 @@ import msgspec
 import trio
 
 from strands_actors.contract.driver import Driver, Reason
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, StopChannel, WireDown
 from strands_actors.kernel.actor import Actor, Deferred, describe
 from strands_actors.kernel.clock import NS
@@ -45,7 +46,7 @@ from strands_actors.supervisors.wire.watchdog import Tick
 
 from .guarded import GuardedStandby, GuardedWire
 from .lock_keeper import Kept, LockKeeper
-from .stop_channel import INSIST_S, LINGER_S, all_safe, attempt, attempt_anew, pauses_s
+from .stop_channel import INSIST_S, LINGER_S, all_safe, attempt, attempt_anew, not_reached, pauses_s
 from .stopped_detector import LOOK_EVERY, LOOKS, StoppedDetector
 
 START_DEADLINE_S = 5.0
@@ -111,6 +112,7 @@ class Guardian(Actor):
         self.last_report: StopReport | None = None
         self._confirmed = True
         self._leaving = self._released = False
+        self._is_last = False  # there will be no other wire
         self._ticks = 0
         self._guarded: GuardedWire | None = None  # of the wire that lives
         self._stopped_looks = 0
@@ -308,13 +310,29 @@ class Guardian(Actor):
         kept = await self._kept(self.state.locked_by)
         waiting.send(msgspec.structs.replace(report, note=kept.problem) if self.state.locked_by else report)
 
+    async def _obey_without_wire(
+        self, waiting: Deferred, report: StopReport, reason: Reason, ordered: SafeState
+    ) -> None:
+        """Answer with what became of the robot when its wire ended, if that is what is ordered or more
+        severe; else bring it about. A wire that is still to begin does so, before anything else."""
+        if not SafeState(report.safe_state).at_least(ordered):
+            self._confirmed, self._owed.safe_state = False, True
+            if self._is_last or self._leaving:
+                await self._make_safe(self.state.epoch)
+                report = self.last_report or report
+            else:
+                motors = not_reached(self._driver, "the next wire process begins with it")
+                report = StopReport(reason, ordered, self.state.epoch, False, motors, "stop_channel")
+        await self._answer_fence(waiting, report)
+
     def _fence(self, message: Fence) -> Deferred:
+        ordered = self._owed.order(self._driver.fallbacks[message.reason])
         lock = (message.by or "an operator") if message.lock else self.state.locked_by
         self.state = StateIs(self.state.mode, self.state.epoch, lock, self.state.cause)
         deferred = self.context.defer()
         if self.idle.is_set() and self.last_report is not None:
             self._keep_lock()
-            self.context.start_soon(self._answer_fence, deferred, self.last_report)
+            self.context.start_soon(self._obey_without_wire, deferred, self.last_report, message.reason, ordered)
             return deferred
         self._break(message.reason, f"{message.reason}: no answer from the wire")
         self._again.set()
@@ -365,6 +383,7 @@ class Guardian(Actor):
     async def insist(self) -> None:
         """There will be no other wire: make safe until it is confirmed, or the tree ends."""
         self.idle = trio.Event()
+        self._is_last = True
         await self._insist(self.state.epoch, float("inf"))
         self.idle.set()
 
@@ -431,7 +450,7 @@ class Guardian(Actor):
         root died before the fence."""
         async with trio.open_nursery() as nursery:
             if self._stop_channel is not None and guarded.alive and self._broken.is_set():
-                nursery.start_soon(attempt, self._stop_channel, self._driver, self._driver.fallbacks[Reason.WIRE])
+                nursery.start_soon(attempt, self._stop_channel, self._driver, self._ordered())
                 for _ in range(2):  # by the second one it has run, as far as its first wait
                     await trio.lowlevel.checkpoint()
             fenced = await guarded.fence()
@@ -447,15 +466,19 @@ class Guardian(Actor):
         for pause_s in pauses_s():
             await self._make_safe(epoch)
             longest_s = LINGER_S if self._leaving else for_s
-            if self._confirmed or was_safe or trio.current_time() + pause_s > began_s + longest_s:
+            over = was_safe or trio.current_time() + pause_s > began_s + longest_s
+            if self._confirmed or (over and not self._waiting):
                 return
             self._again = trio.Event()
             with trio.move_on_after(pause_s):
                 await self._again.wait()
 
+    def _ordered(self) -> SafeState:
+        return self._owed.order(self._driver.fallbacks[Reason.WIRE])
+
     async def _make_safe(self, epoch: int) -> None:
         reason, why = self._why
-        safe_state = self._driver.fallbacks[Reason.WIRE]
+        safe_state = self._ordered()
         began_ns = self.context.clock.now_ns()
         motors: tuple[MotorReport, ...] = ()
         if self._stop_channel is not None:
@@ -464,9 +487,11 @@ class Guardian(Actor):
             # This wire had not come so far as to energise anything, and what the one before left is
             # as it was.
             motors = await attempt_anew(self._driver, self.context.clock, safe_state)
-        self._confirmed = all_safe(motors)
+        whole = safe_state.at_least(self._ordered())  # no e-stop has come meanwhile that wants more
+        self._confirmed = all_safe(motors) and whole
         if self._confirmed:
             self._owed.safe_state = False
+            self._owed.confirm(safe_state)
         now_ns = self.context.clock.now_ns()
         took_ms = (now_ns - began_ns) / 1e6
         epoch = max(epoch, self.state.epoch) + 1
@@ -480,9 +505,10 @@ class Guardian(Actor):
         self._keep_lock()
         if self._on_report is not None:
             self._on_report(report)
-        for waiting in self._waiting:
-            self.context.start_soon(self._answer_fence, waiting, report)
-        self._waiting.clear()
+        if whole:
+            for waiting in self._waiting:
+                self.context.start_soon(self._answer_fence, waiting, report)
+            self._waiting.clear()
         self.reported.set()
 
 

@@ -196,7 +196,7 @@ class Standby(Actor):
     async def _make_safe(self, root: _Seen, wire: _Seen) -> None:
         """Again and again until every motor confirms it, the port is gone, or ``LINGER_S`` are
         over."""
-        safe_state = self._driver.fallbacks[Reason.WIRE]
+        safe_state = self._owed.order(self._driver.fallbacks[Reason.WIRE])
         why = "; ".join(_told(process) for process in (root, wire))
         attempts, motors = 0, tuple[MotorReport, ...]()
         until_s = trio.current_time() + LINGER_S
@@ -208,7 +208,7 @@ class Standby(Actor):
                 if not attempts:
                     for _ in range(2):  # by the second one it has run, as far as its first wait
                         await trio.lowlevel.checkpoint()
-                    begun = self._reported(why, (), 0, over=False)
+                    begun = self._reported(why, safe_state, (), 0, over=False)
                     nursery.start_soon(self._tell, begun)
             attempts, motors = attempts + 1, results[0]
             confirmed = all_safe(motors)
@@ -217,15 +217,16 @@ class Standby(Actor):
             if any(motor.written for motor in motors):
                 gone_s = trio.current_time() + GONE_S
             over = confirmed or trio.current_time() + pause_s > min(until_s, gone_s)
-            await self._tell(self._reported(why, motors, attempts, over))
+            await self._tell(self._reported(why, safe_state, motors, attempts, over))
             if over:
                 break
             await trio.sleep(pause_s)
         self._leave(0 if all_safe(motors) else UNCONFIRMED)
 
-    def _reported(self, why: str, motors: tuple[MotorReport, ...], attempts: int, over: bool) -> StandbyReport:
+    def _reported(
+        self, why: str, safe_state: str, motors: tuple[MotorReport, ...], attempts: int, over: bool
+    ) -> StandbyReport:
         confirmed = bool(motors) and all_safe(motors)
-        safe_state = self._driver.fallbacks[Reason.WIRE]
         return StandbyReport(
             self._robot, self._port, why, safe_state, confirmed, motors, attempts, over, os.getpid()
         )

@@ -180,7 +180,9 @@ class InlineWire:
         state: State,
         cause: str,
         heartbeat: Heartbeat,
+        owed: Owed | None = None,
     ) -> None:
+        self._owed = owed or Owed()
         self._scope = trio.CancelScope()
         self._ended = trio.Event()
         self._why = "the wire group ended"
@@ -203,11 +205,14 @@ class InlineWire:
             with self._scope:
                 try:
                     with group:
-                        await run_group(node, driver, robot, state, cause, end, heartbeat, made=transports.append)
+                        await run_group(
+                            node, driver, robot, state, cause, end, heartbeat,
+                            made=transports.append, owed=self._owed,
+                        )  # fmt: skip
                 except Exception as error:
                     self._why = describe(error)
                 if self._let_go and not self.left_safe:
-                    self.left_safe = await make_safe_alone(driver, node.clock, transports)
+                    self.left_safe = await make_safe_alone(driver, node.clock, transports, self._owed)
         finally:
             self._ended.set()
 
@@ -309,7 +314,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
         report_failure("the wire process, whose root is gone,", error)
     async with trio.open_nursery() as nursery:
         nursery.start_soon(_beat, heartbeat, clock, driver.timing.tick_s)
-        confirmed = await make_safe_alone(driver, clock, transports)
+        confirmed = await make_safe_alone(driver, clock, transports, owed)
         nursery.cancel_scope.cancel()
     if confirmed:
         owed.safe_state = False
@@ -323,11 +328,11 @@ async def _beat(heartbeat: Heartbeat, clock: Clock, tick_s: float) -> None:
         await trio.sleep(tick_s)
 
 
-async def make_safe_alone(driver: Driver, clock: Clock, transports: Sequence[Transport]) -> bool:
+async def make_safe_alone(driver: Driver, clock: Clock, transports: Sequence[Transport], owed: Owed) -> bool:
     """The root is gone, and gate and transport could not make safe, or have failed: go past them,
     again and again until every motor confirms it or ``LINGER_S`` are over. Whether they did.
     ``transports``: the one that ran."""
-    safe_state = driver.fallbacks[Reason.ROOT]
+    safe_state = owed.order(driver.fallbacks[Reason.ROOT])
     descriptors = transports[-1].descriptors() if transports else ()
     with trio.move_on_after(LINGER_S):
         for pause_s in pauses_s():

@@ -202,10 +202,10 @@ class Transport(Actor):
             with self._waiting():
                 await self._wire.feed()
 
-    async def _read(self) -> None:
+    async def _read(self) -> Observation | None:
         wire, observation = self._wire, None
         if wire is None:
-            return
+            return None
         if wire.prompt:
             observation = await wire.read()
         else:
@@ -214,6 +214,7 @@ class Transport(Actor):
         if observation is not None:
             self._reads += 1
             self._gate.tell(Observed(observation, self._writes, self._reads))
+        return observation
 
     # -- safe and armed
 
@@ -222,7 +223,7 @@ class Transport(Actor):
         self._last = None
         if self._performing is not None:
             self._performing.cancel()
-        safe_state = message.safe_state
+        safe_state = self._owed.order(message.safe_state)
         holds = message.reason in HOLDING_REASONS and self._driver.energised(safe_state)
         began_ns = self.context.clock.now_ns()
         motors: tuple[MotorReport, ...] | None = ()
@@ -239,9 +240,24 @@ class Transport(Actor):
                 if self._owed.safe_state or message.reason in ORDERED:
                     motors = await self._reach(safe_state, began_ns) or motors
         hold_failed = self.hold_failed if holds else ""
-        self._report_safe(message.reason, safe_state, message.epoch, began_ns, motors, hold_failed)
-        if not holds and self._wire is not None and _all_safe(motors):
+        seen = await self._look_where_held(motors) if holds and not hold_failed else None
+        self._report_safe(message.reason, safe_state, message.epoch, began_ns, motors, hold_failed, seen)
+        if not _all_safe(motors) or hold_failed:
+            return
+        self._owed.confirm(safe_state)
+        if not holds and self._wire is not None:
             self._owed.safe_state = False
+
+    async def _look_where_held(self, motors: tuple[MotorReport, ...]) -> Observation | None:
+        """Read anew where a wire does not say at which targets it holds. What was read before the
+        hold would send back there what the next command does not name."""
+        if all(motor.target is not None or not motor.safe for motor in motors):
+            return None
+        try:
+            return await self._read()
+        except WireDown as down:
+            self._lose(down)
+            return None
 
     async def _reach(self, safe_state: str, began_ns: int) -> tuple[MotorReport, ...]:
         """Make safe what can be written although there is no link. Empty: it was not done in
@@ -264,12 +280,13 @@ class Transport(Actor):
         began_ns: int,
         motors: tuple[MotorReport, ...],
         hold_failed: str = "",
+        seen: Observation | None = None,
     ) -> None:
         now_ns = self.context.clock.now_ns()
         took_ms = (now_ns - began_ns) / 1e6
         motors = motors or _not_reached(self._driver)
         report = StopReport(reason, safe_state, epoch, _all_safe(motors), motors, took_ms=took_ms, at_ns=now_ns)
-        self._gate.tell(SafeDone(report, hold_failed))
+        self._gate.tell(SafeDone(report, hold_failed, seen))
 
     async def _arm(self, epoch: int) -> None:
         if epoch <= self.epoch:
@@ -283,6 +300,7 @@ class Transport(Actor):
             with self._busy(arm_s), self._silent(), trio.fail_after(arm_s):
                 if self._wire is not None:
                     self._owed.safe_state = True
+                    self._owed.begin_anew()
                     error = "a stop came before the robot was armed"
                     self._wire.hold_failed = ""
                     with self._cut_by_a_stop(self._wire.interruptible):
@@ -391,7 +409,7 @@ class Transport(Actor):
 
     async def _settle(self, number: int) -> None:
         """Write the safe state before anything is asked."""
-        safe_state = self._driver.fallbacks[Reason.LINK]
+        safe_state = self._owed.order(self._driver.fallbacks[Reason.LINK])
         began_ns = self.context.clock.now_ns()
         with self._cut_by_a_stop(), self._busy(self._driver.timing.safe_s, number):
             motors = await self._reach(safe_state, began_ns)

@@ -1,0 +1,200 @@
+"""Where a robot is brought when somebody has ordered a more severe state than a fault leads to
+(SAF-007, SAF-020), and from where it goes on after a hold (SAF-011). In virtual time."""
+
+from __future__ import annotations
+
+import msgspec
+import pytest
+import trio
+
+from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason
+from strands_actors.contract.wire import MotorReport
+from strands_actors.kernel.clock import Clock
+from strands_actors.supervisors.gate.messages import Accepted, Resume, Resumed, Stop, StopReport
+from strands_actors.supervisors.page import Owed
+from strands_actors.supervisors.root.messages import Fence
+from strands_actors.supervisors.wire.messages import RootGone
+from strands_actors.testing import FakeHardware, InlineTree, open_inline_tree, run_virtual
+from strands_actors.testing.fake import HARDWARE, FakeDriver
+
+from .writer import armed, freeze, setpoints
+
+ESTOP = Stop(Reason.ESTOP, "test", lock=True)
+
+
+def driver_of(hardware: FakeHardware, port: str) -> Driver:
+    """Return one whose e-stop takes the power, as that of a Reachy, a Spot or an RB-Y1 may, and
+    whose other stops do not."""
+    HARDWARE[port] = hardware
+    driver = FakeDriver("fake", port, {})
+    del HARDWARE[port]
+    driver.fallbacks = {
+        reason: "hold" if reason in HOLDING_REASONS else "off" if reason is Reason.ESTOP else "stop"
+        for reason in Reason
+    }
+    return driver
+
+
+def since(tree: InlineTree, t_ns: int) -> set[str]:
+    return {entry.safe_state for entry in tree.hardware.of("safe", t_ns)}
+
+
+async def ordered(tree: InlineTree, stop: Stop = ESTOP) -> StopReport:
+    report = await tree.gate.ask(stop, 3.0)
+    assert isinstance(report, StopReport), report
+    return report
+
+
+@pytest.mark.parametrize("is_armed", [True, False])
+def test_saf_007_an_e_stop_that_nobody_heard_is_carried_out_when_the_link_is_back(is_armed: bool) -> None:
+    """The loss of a link leads to a milder state."""
+
+    async def run() -> None:
+        hardware = FakeHardware()
+        async with open_inline_tree(hardware, driver=driver_of(hardware, "estop")) as tree:
+            if is_armed:
+                await armed(tree)
+            hardware.plugged = False
+            await tree.until("lost" if is_armed else "down", within_s=0.2)
+            report = await ordered(tree)
+            assert not report.confirmed and report.safe_state == "off"
+            await trio.sleep(5.0)
+            plugged_ns = tree.node.clock.now_ns()
+            hardware.plugged = True
+            await trio.sleep(3.0)
+            assert since(tree, plugged_ns) == {"off"}
+            status = await tree.until("disarmed")
+            assert status.locked_by == "test"
+            assert status.last_stop is not None and status.last_stop.confirmed
+            assert status.last_stop.safe_state == "off"
+
+    run_virtual(run)
+
+
+def test_saf_007_a_stop_after_an_unconfirmed_e_stop_is_no_milder() -> None:
+    async def run() -> None:
+        hardware = FakeHardware()
+        async with open_inline_tree(hardware, driver=driver_of(hardware, "milder")) as tree:
+            await armed(tree)
+            hardware.silent.add("b")
+            assert (await ordered(tree)).unconfirmed == ["b"]
+            hardware.silent.clear()
+            report = await ordered(tree, Stop(Reason.STOP))
+            assert report.confirmed and report.safe_state == "off"
+            # What is confirmed is over: after a resume a stop is a stop again.
+            assert isinstance(await tree.gate.ask(Resume("test", lift=True), 1.0), Resumed)
+            assert (await ordered(tree, Stop(Reason.STOP))).safe_state == "stop"
+
+    run_virtual(run)
+
+
+def test_saf_007_an_e_stop_on_a_frozen_wire_is_carried_out_by_the_root() -> None:
+    async def run() -> None:
+        hardware = FakeHardware()
+        async with open_inline_tree(hardware, driver=driver_of(hardware, "frozen")) as tree:
+            await armed(tree)
+            frozen_ns = tree.node.clock.now_ns()
+            freeze(tree, "gate")
+            freeze(tree, "transport")
+            report = await tree.guardian.ask(Fence(Reason.ESTOP, "test", lock=True), 3.0)
+            assert isinstance(report, StopReport) and report.confirmed
+            assert (report.safe_state, report.path) == ("off", "stop_channel")
+            assert since(tree, frozen_ns) == {"off"}
+
+    run_virtual(run)
+
+
+def test_saf_007_an_e_stop_during_the_roots_own_milder_attempt_is_carried_out_after_it() -> None:
+    async def run() -> None:
+        hardware = FakeHardware()
+        async with open_inline_tree(hardware, driver=driver_of(hardware, "meanwhile")) as tree:
+            await armed(tree)
+            tree.wire._scope.cancel()
+            with trio.fail_after(1.0):
+                while not hardware.of("safe"):  # noqa: ASYNC110  # of the hardware nobody tells
+                    await trio.sleep(0.0005)
+            assert not tree.keeper.idle.is_set()
+            report = await tree.guardian.ask(Fence(Reason.ESTOP, "test", lock=True), 3.0)
+            assert isinstance(report, StopReport) and report.confirmed and report.safe_state == "off"
+            assert [entry.safe_state for entry in hardware.of("safe")] == ["stop", "off"]
+
+    run_virtual(run)
+
+
+def test_saf_007_an_e_stop_when_no_wire_is_left_is_carried_out_by_the_root() -> None:
+    async def run() -> None:
+        hardware = FakeHardware()
+        async with open_inline_tree(hardware, driver=driver_of(hardware, "over")) as tree:
+            await armed(tree)
+            tree.keeper.leave()
+            tree.wire._scope.cancel()
+            await trio.sleep(1.0)
+            assert tree.keeper.idle.is_set() and tree.keeper.confirmed
+            report = await tree.guardian.ask(Fence(Reason.ESTOP, "test", lock=True), 3.0)
+            assert isinstance(report, StopReport) and report.confirmed and report.safe_state == "off"
+            assert hardware.of("safe")[-1].safe_state == "off" and tree.keeper.confirmed
+            # What was done is not done again.
+            count = len(hardware.of("safe"))
+            report = await tree.guardian.ask(Fence(Reason.STOP, "test"), 3.0)
+            assert isinstance(report, StopReport) and report.confirmed
+            assert len(hardware.of("safe")) == count
+
+    run_virtual(run)
+
+
+def test_saf_007_a_wire_whose_root_is_gone_carries_out_the_e_stop_that_was_not_heard() -> None:
+    async def run() -> None:
+        hardware = FakeHardware()
+        async with open_inline_tree(hardware, driver=driver_of(hardware, "orphan")) as tree:
+            await armed(tree)
+            hardware.plugged = False
+            await tree.until("lost", within_s=0.2)
+            assert not (await ordered(tree)).confirmed
+            tree.keeper.leave()
+            tree.node.ref(tree.gate.address.replace("gate", "watchdog")).tell(RootGone())
+            await trio.sleep(1.0)
+            plugged_ns = tree.node.clock.now_ns()
+            hardware.plugged = True
+            await trio.sleep(5.0)
+            assert since(tree, plugged_ns) == {"off"}
+
+    run_virtual(run)
+
+
+def test_what_was_ordered_is_on_the_page_until_it_is_confirmed() -> None:
+    """The standby reads it there: it can ask nobody."""
+    owed = Owed()
+    assert owed.order("stop") == "stop"
+    assert owed.order("off") == "off"
+    assert owed.order("stop") == "off"
+    owed.confirm("stop")
+    assert owed.order("hold") == "off"
+    owed.confirm("off")
+    assert owed.order("stop") == "stop"
+    owed.begin_anew()
+    assert owed.order("hold") == "hold"
+
+
+def test_saf_011_after_a_hold_the_next_command_moves_what_it_names_and_nothing_else() -> None:
+    """The robot goes on while the hold is carried out, and its wire does not say at which targets it
+    holds."""
+
+    class Coasting(FakeHardware):
+        def make_safe(self, clock: Clock, safe_state: str, path: str) -> tuple[MotorReport, ...]:
+            reports = super().make_safe(clock, safe_state, path)
+            self.position[0] += 0.5
+            return tuple(msgspec.structs.replace(report, target=None) for report in reports)
+
+    async def run() -> None:
+        hardware = Coasting()
+        async with open_inline_tree(hardware) as tree:
+            writer = await armed(tree)
+            assert isinstance(await writer.send(a=5.0), Accepted)
+            await tree.until("holding")
+            held_ns = tree.node.clock.now_ns()
+            await writer.acquire()
+            assert isinstance(await writer.send(b=1.0), Accepted)
+            await trio.sleep(0.005)
+            assert setpoints(tree, held_ns) == [(5.5, 1.0)]
+
+    run_virtual(run)
