@@ -58,6 +58,10 @@ _STOP_AGAIN_NS = round(0.5 * NS)
 """At least so long after a stop that could not be confirmed."""
 
 
+_GRANT_NS = round(0.08 * NS)
+"""Longest that a lease is held back for a hold: who asks over the mesh waits for 0.1 s."""
+ORDERS = frozenset({Reason.STOP, Reason.ESTOP})
+"""Why a person stops a robot; the other reasons are for what the tree itself sees."""
 OBSERVATION_S = 1.0
 """A reading is shown for so long at least: on a busy machine the next may be late."""
 
@@ -97,7 +101,7 @@ class Gate(Actor):
         self._stops: list[tuple[int, Deferred, bool]] = []  # epoch of the stop, who waits for it, is it an e-stop
         self._lock = LockKept(0, locked_since)  # the newest that was kept
         self._resumes: list[Deferred] = []
-        self._grants: list[tuple[Lease, Deferred]] = []  # to be told when the hold is over
+        self._grants: list[tuple[Lease, Deferred, int]] = []  # to be told after a hold; since when
         self._services: dict[int, Deferred] = {}  # by number: who waits for what is being carried out
         self._service = 0
         self._cause, self._reason = cause, ""
@@ -105,6 +109,7 @@ class Gate(Actor):
         self._facts: dict[str, object] = {}
         self._last_stop: StopReport | None = None
         self._last_stop_ns = 0
+        self._stopped_ns = 0  # when somebody last ordered a stop
         self._writes = self._reads = self._refusals = 0
         self._last_refusal = ""
 
@@ -141,6 +146,7 @@ class Gate(Actor):
             case Setpoint():
                 return self._setpoint(message)
             case Probe():
+                self._grant_late(message.now_ns)
                 if self._live_until_ns:
                     self._look(message.now_ns)
                 elif self._state.mode in failsafe.WRITABLE:
@@ -273,8 +279,8 @@ class Gate(Actor):
     # -- the lease
 
     def _acquire(self, message: Acquire) -> Lease | Refused | Deferred:
-        """Granted in the middle of a hold, it is answered when that is over: what the next command
-        does not name stays where it is then."""
+        """Granted in the middle of a hold, it is answered when that is over, or takes long: what the
+        next command does not name stays where it is then."""
         answer = self._leases.acquire(message, self.context.received_ns, self._state.mode is Mode.HOLDING)
         self._tell_decided(
             message.holder, "acquire", answer if isinstance(answer, Refused) else "granted", message.channel
@@ -285,8 +291,20 @@ class Gate(Actor):
         if self._state.mode is not Mode.HOLDING or (last is not None and last.epoch >= lease.epoch):
             return lease
         deferred = self.context.defer()
-        self._grants.append((lease, deferred))
+        self._grants.append((lease, deferred, self.context.received_ns))
         return deferred
+
+    def _grant_late(self, now_ns: int) -> None:
+        """A hold takes long. The newest reading is the best there is of where the robot will be."""
+        late = [waits for waits in self._grants if now_ns - waits[2] >= _GRANT_NS]
+        if late and self._observation is not None and self._state.mode is Mode.HOLDING:
+            self._aim_at_measured(self._observation)
+        self._tell_granted(late)
+
+    def _tell_granted(self, granted: list[tuple[Lease, Deferred, int]]) -> None:
+        for lease, grant, _ in granted:
+            grant.send(lease)
+        self._grants = [waits for waits in self._grants if waits not in granted]
 
     def _release(self, message: Release) -> Deferred | None:
         """Answered when what wrote under another lease has been held."""
@@ -347,6 +365,11 @@ class Gate(Actor):
     # -- stop, resume
 
     def _stop(self, message: Stop) -> StopReport | Deferred | None:
+        if message.channel and message.reason not in ORDERS:
+            # A policy, or who only visits: another reason would end the tree, or hold under a lock.
+            message = msgspec.structs.replace(message, reason=Reason.ESTOP if message.lock else Reason.STOP)
+        if message.reason in ORDERS:
+            self._stopped_ns = self.context.received_ns
         deferred = self.context.defer()
         by = f"{message.reason} by {message.by}" if message.by else str(message.reason)
         lock = (message.by or "an operator") if message.lock else ""
@@ -419,12 +442,7 @@ class Gate(Actor):
         self._answer_stops()
         if report.epoch == self._state.epoch:
             self._go_on(message)
-        waiting, self._grants = self._grants, []
-        for lease, grant in waiting:
-            if lease.epoch > report.epoch:
-                self._grants.append((lease, grant))
-            else:
-                grant.send(lease)
+        self._tell_granted([waits for waits in self._grants if waits[0].epoch <= report.epoch])
 
     def _go_on(self, message: SafeDone) -> None:
         report = message.report
@@ -453,6 +471,9 @@ class Gate(Actor):
 
     def _resume(self, message: Resume) -> Resumed | Refused | Deferred:
         mode = self._state.mode
+        if 0 < message.asked_ns < self._stopped_ns:
+            why = "resume: the robot was stopped after that was asked for"
+            return Refused("stopped", why, "resume again when that is over")
         if mode in failsafe.WRITABLE and self._observation is not None:
             return Resumed(self._state.epoch, self._observation)
         if self._state.locked_by and not message.lift:

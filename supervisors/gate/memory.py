@@ -41,4 +41,5 @@ class GateMemory(msgspec.Struct, frozen=True):
     no_standby: str = ""
     reason: str = ""
     audited: bool = False
-    grants: list[tuple[Lease, Deferred]] = []
+    grants: list[tuple[Lease, Deferred, int]] = []
+    stopped_ns: int = 0

@@ -102,6 +102,7 @@ class Stop(Message, frozen=True):
     reason: Reason
     by: str = ""
     lock: bool = False
+    channel: str = ""
 
 
 class StopReport(Message, frozen=True):
@@ -124,12 +125,14 @@ class StopReport(Message, frozen=True):
 
 class Resume(Message, frozen=True):
     """Lift a lockout (unless ``lift`` is false) and energise at the measured position. Restarts no
-    motion."""
+    motion. ``asked_ns``: when somebody asked for it, by the host's monotonic clock; a stop that came
+    since wins. 0: now."""
 
     lane = "urgent"
 
     by: str = ""
     lift: bool = True
+    asked_ns: int = 0
 
 
 class Resumed(Message, frozen=True):

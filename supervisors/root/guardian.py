@@ -28,6 +28,7 @@ from strands_actors.kernel.health.heartbeat import Heartbeat
 from strands_actors.kernel.health.processor import Life, Standing, life_of
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import Ref
+from strands_actors.kernel.processes.child import report_failure
 from strands_actors.supervisors.gate.failsafe import Mode, State
 from strands_actors.supervisors.gate.messages import LockKept, StandbyIs, Stopped, StopReport
 from strands_actors.supervisors.page import Owed
@@ -55,6 +56,7 @@ one that imports an SDK, on a machine that gives it a tenth of a processor. One 
 noticed at once, and one that has handed its port over is listened to as if it had beaten: what it
 may have energised waits for no deadline."""
 RENEW_PAUSE_S = 0.05
+FENCE_AGAIN_S = 0.1
 END_S = 0.5
 """For a wire that has confirmed its stop to end by itself: it is fenced then."""
 SAFE_MODES = frozenset({Mode.DOWN, Mode.DISARMED, Mode.ENDED})
@@ -148,6 +150,9 @@ class Guardian(Actor):
                 self._break(Reason.WIRE, message.why)
             case StateIs():
                 if self._guarded is not None:  # the dead say nothing any more
+                    if self._broken.is_set() and self.state.locked_by and not message.locked_by:
+                        # Told before its end: it has not heard of an e-stop that came to us.
+                        message = msgspec.structs.replace(message, locked_by=self.state.locked_by)
                     self.state = message
                     self._confirmed = message.mode in SAFE_MODES
                     self._keep_lock()
@@ -325,12 +330,21 @@ class Guardian(Actor):
                 report = StopReport(reason, ordered, self.state.epoch, False, motors, "stop_channel")
         await self._answer_fence(waiting, report)
 
+    def _needs_no_end(self, message: Fence, ordered: SafeState, report: StopReport) -> bool:
+        """Return whether there is no wire that would have to end. ``report``: the last."""
+        if self._guarded is None:
+            return self.idle.is_set() or (self._confirmed and self.reported.is_set())
+        # One that begins has energised nothing. Each that is ended costs of the restarts. Of a lock
+        # it has to know from its start.
+        begins = self._confirmed and not self._failure_detector.heard_ns
+        return begins and not message.lock and SafeState(report.safe_state).at_least(ordered)
+
     def _fence(self, message: Fence) -> Deferred:
         ordered = self._owed.order(self._driver.fallbacks[message.reason])
         lock = (message.by or "an operator") if message.lock else self.state.locked_by
         self.state = StateIs(self.state.mode, self.state.epoch, lock, self.state.cause)
         deferred = self.context.defer()
-        if self.idle.is_set() and self.last_report is not None:
+        if self.last_report is not None and self._needs_no_end(message, ordered, self.last_report):
             self._keep_lock()
             self.context.start_soon(self._obey_without_wire, deferred, self.last_report, message.reason, ordered)
             return deferred
@@ -352,6 +366,10 @@ class Guardian(Actor):
         (``reported``), or was. ``confirmed``: the gate's own stop was. Then the wire ends by
         itself, and its exit code says whether that still holds; else it is fenced."""
         guarded = self._guarded
+        if guarded is None and self.idle.is_set() and not self._confirmed:
+            # The next wire could not be started: there will be none.
+            self.idle, self.reported = trio.Event(), trio.Event()
+            self.context.start_soon(self.insist)
         if guarded is not None and confirmed:
             self._released = True
             guarded.let_go()
@@ -396,7 +414,12 @@ class Guardian(Actor):
         self._stopped_looks = 0
         locked_by = self.state.locked_by
         start = State(Mode.DOWN if self._confirmed else Mode.LOST, self.state.epoch + 1, locked_by)
-        guarded = self._guarded = self._start_wire(start, self.state.cause)
+        try:
+            guarded = self._guarded = self._start_wire(start, self.state.cause)
+        except BaseException:  # no process, no descriptor: nobody is to wait for the end of this life
+            self.idle.set()
+            self.reported.set()
+            raise
         self._failure_detector = self._listen(guarded.standing)
         try:
             task_status.started()
@@ -437,7 +460,7 @@ class Guardian(Actor):
         if self._standby is not None:
             await self._standby.let_go()
         while not fenced:  # two processes at one port would be worse than none
-            fenced = await guarded.fence()
+            fenced = await self._fenced(guarded)
         self.reported.set()
         self.idle.set()
 
@@ -453,9 +476,18 @@ class Guardian(Actor):
                 nursery.start_soon(attempt, self._stop_channel, self._driver, self._ordered())
                 for _ in range(2):  # by the second one it has run, as far as its first wait
                     await trio.lowlevel.checkpoint()
-            fenced = await guarded.fence()
+            fenced = await self._fenced(guarded)
             nursery.cancel_scope.cancel()
         return fenced
+
+    async def _fenced(self, guarded: GuardedWire) -> bool:
+        """Fence it. Whatever fails, the robot is made safe all the same."""
+        try:
+            return await guarded.fence()
+        except Exception as error:
+            report_failure("the fence of the wire process", error)
+            await trio.sleep(FENCE_AGAIN_S)
+            return False
 
     async def _insist(self, epoch: int, for_s: float) -> None:
         """Make safe until every motor confirms it, or the time is over: ``LINGER_S`` when the tree

@@ -35,6 +35,12 @@ class Lock(NamedTuple):
     since: str
 
 
+def place_of_port(port: str) -> str:
+    """Return what a port leads to: of a path the device, of an address the address as it was given,
+    whatever the working directory is."""
+    return os.path.realpath(port) if os.path.isabs(port) or os.path.exists(port) else port
+
+
 class Locks:
     """Of one robot. ``port``: empty for a twin or a simulation, which is known by its name
     alone."""
@@ -43,7 +49,7 @@ class Locks:
         self._directory = directory
         self._robot = robot
         self._port = port
-        self._mark = hashlib.sha256(os.path.realpath(port).encode()).hexdigest()[:16] if port else ""
+        self._mark = hashlib.sha256(place_of_port(port).encode()).hexdigest()[:16] if port else ""
 
     def find(self) -> Lock | None:
         """Return the newest lock that binds this robot. Raise nothing: what cannot be read

@@ -6,6 +6,7 @@ never repaired in place.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import socket
 from collections.abc import Callable, Iterator, Sequence
@@ -333,7 +334,9 @@ async def make_safe_alone(driver: Driver, clock: Clock, transports: Sequence[Tra
     again and again until every motor confirms it or ``LINGER_S`` are over. Whether they did.
     ``transports``: the one that ran."""
     safe_state = owed.order(driver.fallbacks[Reason.ROOT])
-    descriptors = transports[-1].descriptors() if transports else ()
+    descriptors: tuple[int, ...] = ()
+    with contextlib.suppress(OSError):  # no descriptor is left: the port is opened anew
+        descriptors = transports[-1].descriptors() if transports else ()
     with trio.move_on_after(LINGER_S):
         for pause_s in pauses_s():
             if all_safe(await attempt_anew(driver, clock, safe_state, descriptors)):

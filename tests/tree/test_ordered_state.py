@@ -10,7 +10,7 @@ import trio
 from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason
 from strands_actors.contract.wire import MotorReport
 from strands_actors.kernel.clock import Clock
-from strands_actors.supervisors.gate.messages import Accepted, Resume, Resumed, Stop, StopReport
+from strands_actors.supervisors.gate.messages import Accepted, Lease, Resume, Resumed, Stop, StopReport
 from strands_actors.supervisors.page import Owed
 from strands_actors.supervisors.root.messages import Fence
 from strands_actors.supervisors.wire.messages import RootGone
@@ -196,5 +196,22 @@ def test_saf_011_after_a_hold_the_next_command_moves_what_it_names_and_nothing_e
             assert isinstance(await writer.send(b=1.0), Accepted)
             await trio.sleep(0.005)
             assert setpoints(tree, held_ns) == [(5.5, 1.0)]
+
+    run_virtual(run)
+
+
+def test_a_lease_is_not_held_back_for_a_hold_that_takes_long() -> None:
+    """A base that is asked over a network whether it stands."""
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            tree.hardware.confirm_s = 0.6
+            assert isinstance(await writer.send(a=5.0), Accepted)
+            await tree.until("holding")
+            began_s = trio.current_time()
+            assert isinstance(await writer.acquire(), Lease)
+            assert trio.current_time() - began_s < 0.1
+            assert (await tree.status()).mode == "holding"
 
     run_virtual(run)

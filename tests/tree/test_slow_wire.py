@@ -71,11 +71,11 @@ def test_saf_002_nothing_follows_a_hold_that_the_wire_had_to_end() -> None:
             tree.hardware.holds, tree.hardware.confirm_s = False, 0.15
             await trio.sleep(0.2)  # it has expired, and a hold is tried
             assert await mode_of(tree) == Mode.HOLDING
-            await writer.acquire()
+            await writer.read_epoch()
             assert isinstance(await writer.send(ttl_s=1.0, a=0.3), Accepted)
             await trio.sleep(0.12)  # what goes on expires, too
             for _ in range(30):
-                await writer.acquire()
+                await writer.read_epoch()
                 writer.ref.tell(writer.setpoint(ttl_s=1.0, a=0.3))
                 await trio.sleep(0.01)
             limp = next(safe for safe in tree.hardware.of("safe") if safe.safe_state == "limp")
@@ -101,7 +101,7 @@ def test_saf_002_nothing_follows_such_a_hold_whatever_the_gate_does() -> None:
             assert isinstance(await writer.send(a=0.2), Accepted)
             tree.hardware.holds, tree.hardware.confirm_s = False, 0.15
             await trio.sleep(0.2)
-            await writer.acquire()
+            await writer.read_epoch()
             assert isinstance(await writer.send(ttl_s=1.0, a=0.3), Accepted)
             freeze(tree, "gate")  # it is not heard that the hold has failed
             await trio.sleep(0.5)

@@ -24,6 +24,11 @@ class Writer:
             self.lease = answer
         return answer
 
+    async def read_epoch(self) -> None:
+        """Write in the present epoch under the lease it has: who acquires anew in the middle of a hold
+        is answered after it."""
+        self.lease = Lease(self.lease.id, (await self.tree.status()).epoch)
+
     def setpoint(
         self, ttl_s: float = 0.1, latched: bool = False, period_s: float = 0.02, **action: Any
     ) -> Setpoint:

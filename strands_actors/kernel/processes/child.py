@@ -40,6 +40,9 @@ itself."""
 
 def main(fd: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
+    # Ignored, which an exec hands down, the system would reap our children: nobody could learn of
+    # an end, nor of its code.
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     _print_to_stderr()
     sock = socket.socket(fileno=fd)
     run_like_others()
@@ -107,8 +110,10 @@ def told(error: BaseException, indent: str = "") -> Iterator[str]:
 
 
 def report_failure(what: str, error: BaseException) -> None:
-    """Print where something failed that its process outlives."""
-    print(f"{what} failed.", *told(error), sep="\n", file=sys.stderr)
+    """Print where something failed that its process outlives, also when nobody can read it any
+    more."""
+    with contextlib.suppress(OSError, ValueError):
+        print(f"{what} failed.", *told(error), sep="\n", file=sys.stderr)
 
 
 def _read_exactly(sock: socket.socket) -> bytes:

@@ -12,6 +12,9 @@ from typing import Any
 from . import child
 from .process import ChildProcess, OwnChild, specify
 
+UNKNOWN = 1
+"""Exit code of a child that this process did not see end: no success."""
+
 
 def fork_child(link_fd: int, keep: Sequence[int] = (), session: bool = False) -> int:
     """Return its pid. It is as one that ``process.execute`` starts: a process group of its own
@@ -49,7 +52,11 @@ class Forked:
 
     def _wait(self, options: int) -> int | None:
         if self._code is None:
-            pid, status = os.waitpid(self.pid, options)
+            try:
+                pid, status = os.waitpid(self.pid, options)
+            except ChildProcessError:  # somebody else has reaped it: ended, nobody knows how
+                self._code = UNKNOWN
+                return self._code
             if pid:
                 self._code = os.waitstatus_to_exitcode(status)
         return self._code

@@ -1,0 +1,174 @@
+"""Stops that meet a tree between two of its states (SAF-007, SAF-009, SAF-017, SAF-018). In virtual
+time."""
+
+from __future__ import annotations
+
+import trio
+
+from strands_actors.contract.driver import Reason
+from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.gate.failsafe import Mode
+from strands_actors.supervisors.gate.messages import Resume, Resumed, Stop, StopReport
+from strands_actors.supervisors.root.messages import Fence, StateIs
+from strands_actors.testing import InlineTree, open_inline_tree, run_virtual
+
+from .writer import armed, freeze
+
+LIMP = [False, False]
+
+
+async def kill(tree: InlineTree) -> None:
+    tree.wire._scope.cancel()
+    await trio.sleep(0.05)
+
+
+def test_saf_007_a_resume_that_was_asked_for_before_a_stop_does_not_lift_it() -> None:
+    """It waited for the link, and an operator has pressed e-stop since."""
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await armed(tree)
+            asked_ns = tree.node.clock.now_ns()
+            await trio.sleep(0.01)
+            assert isinstance(await tree.gate.ask(Stop(Reason.ESTOP, "operator", lock=True), 1.0), StopReport)
+            answer = await tree.gate.ask(Resume("script", lift=True, asked_ns=asked_ns), 1.0)
+            assert isinstance(answer, Refused) and answer.code == "stopped"
+            status = await tree.status()
+            assert status.locked_by == "operator" and status.mode == Mode.DISARMED
+            assert tree.hardware.energised == LIMP
+            now_ns = tree.node.clock.now_ns()
+            assert isinstance(await tree.gate.ask(Resume("script", asked_ns=now_ns), 1.0), Resumed)
+
+    run_virtual(run)
+
+
+def test_saf_017_a_visitor_stops_and_does_not_end_the_tree() -> None:
+    """Whatever reason it gives. The router stamps the channel on what it sends."""
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await armed(tree)
+            for reason in Reason:
+                for lock in (False, True):
+                    await tree.gate.ask(Stop(reason, "visitor", lock, "a visitor"), 1.0)
+                    status = await tree.status()
+                    assert status.mode == Mode.DISARMED, (reason, status.mode)
+                    assert status.last_stop is not None
+                    wanted = reason if reason in (Reason.STOP, Reason.ESTOP) else None
+                    assert status.last_stop.reason is wanted or (
+                        wanted is None and status.last_stop.reason is (Reason.ESTOP if lock else Reason.STOP)
+                    )
+                    assert isinstance(await tree.gate.ask(Resume("test"), 1.0), Resumed)
+
+    run_virtual(run)
+
+
+def test_saf_018_a_lock_outlives_what_a_wire_told_before_it_was_fenced() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await armed(tree)
+            freeze(tree, "gate")
+            fence = tree.wire.fence
+
+            async def slowly() -> bool:
+                # What it had told before reaches the guardian now.
+                tree.guardian.tell(StateIs(Mode.HOLDING, tree.keeper.state.epoch, "", "the setpoint expired"))
+                await trio.sleep(0.05)
+                return await fence()
+
+            tree.wire.fence = slowly  # type: ignore[method-assign]
+            report = await tree.guardian.ask(Fence(Reason.ESTOP, "operator", lock=True), 3.0)
+            assert isinstance(report, StopReport) and report.confirmed
+            assert tree.keeper.state.locked_by == "operator"
+            assert (await tree.until("disarmed")).locked_by == "operator"
+
+    run_virtual(run)
+
+
+def test_a_stop_after_the_safe_frames_of_a_dead_wire_is_answered_at_once() -> None:
+    """The root waits for a standby that is slow to let go."""
+
+    class Slow:
+        async def guard(self, descriptors: tuple[int, ...]) -> None:
+            return None
+
+        async def let_go(self) -> None:
+            await trio.sleep(0.5)
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await armed(tree)
+            tree.keeper._standby = Slow()  # type: ignore[assignment]
+            await kill(tree)
+            assert not tree.keeper.idle.is_set() and tree.hardware.energised == LIMP
+            with trio.fail_after(0.05):
+                report = await tree.guardian.ask(Fence(Reason.STOP, "test"), 3.0)
+            assert isinstance(report, StopReport) and report.confirmed and report.path == "stop_channel"
+
+    run_virtual(run)
+
+
+def test_saf_018_a_tree_whose_next_wire_cannot_be_started_is_made_safe_and_ends() -> None:
+    """There are no descriptors left, and then its caller ends."""
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await armed(tree)
+            tree.hardware.plugged = False
+
+            def nothing_left(*_: object) -> None:
+                tree.keeper.leave()  # the caller has ended meanwhile
+                raise OSError(24, "Too many open files")
+
+            tree.keeper._start_wire = nothing_left  # type: ignore[assignment]
+            await kill(tree)
+            await trio.sleep(2.5)
+            assert tree.keeper.idle.is_set() and not tree.keeper.confirmed
+            tree.hardware.plugged = True
+            with trio.fail_after(5.0):
+                await tree.keeper.end(Reason.CALLER, "the caller ended", False)
+                await tree.keeper.idle.wait()
+            assert tree.keeper.confirmed and tree.hardware.energised == LIMP
+
+    run_virtual(run)
+
+
+def test_saf_003_a_fence_that_fails_does_not_keep_the_root_from_making_safe() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await armed(tree)
+            fence, failed = tree.wire.fence, 0
+
+            async def fails() -> bool:
+                nonlocal failed
+                failed += 1
+                if failed < 3:
+                    raise OSError(24, "Too many open files")
+                return await fence()
+
+            tree.wire.fence = fails  # type: ignore[method-assign]
+            await kill(tree)
+            await trio.sleep(0.5)
+            assert tree.hardware.energised == LIMP and failed == 3
+            await tree.until("disarmed")
+
+    run_virtual(run)
+
+
+def test_stops_while_a_wire_begins_cost_no_restart() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await armed(tree)
+            await kill(tree)
+            await tree.until("disarmed")
+            count = len(tree.wires_made)
+            tree.keeper._failure_detector.heard_ns = 0  # as long as its first heartbeat has not come
+            freeze(tree, "watchdog")
+            tree.keeper._heartbeat.forget()
+            for _ in range(8):
+                tree.keeper._failure_detector.heard_ns = 0
+                report = await tree.guardian.ask(Fence(Reason.STOP, "test"), 3.0)
+                assert isinstance(report, StopReport) and report.confirmed
+            assert len(tree.wires_made) == count
+
+    run_virtual(run)
