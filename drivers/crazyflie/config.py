@@ -18,6 +18,10 @@ ACCEPTED = (
 
 TAKEOFF_M, TAKEOFF_S, LAND_S = 0.5, 2.0, 2.0
 """Of ``takeoff`` and ``land``, where they are not told otherwise."""
+LANDING_M_S = 0.4
+"""Mean speed of a landing, of none is it more. The firmware flies from rest to rest, in the middle 35/16
+times as fast: 0.875 m/s, which stays below the 1.0 m/s that its controller asks for at most
+(``posCtlPid.zVelMax``). Faster, and the drone is still in the air when the motors go off."""
 
 _RADIO = re.compile(r"(\d)/(\d{1,3})/(250K|1M|2M)(?:/([0-9A-Fa-f]{10}))?")
 RATES = {"250K": 0, "1M": 1, "2M": 2}
@@ -68,6 +72,7 @@ class CrazyflieConfig(msgspec.Struct, frozen=True):
     setpoint_hz: float
     z_m: tuple[float, float]
     battery_v: float
+    climb_m_s: float
     silent_s: float = 1.0
     """Without a row of the log for so long the link counts as lost."""
     fresh_s: float = 0.5

@@ -75,10 +75,10 @@ class Crazyflie(Driver):
     SERVICES: ClassVar[Mapping[str, Service]] = {
         "takeoff": Service(
             "arm the motors, rise to a height, hover there; in the air: go to that height",
-            within_s=20.0,
+            within_s=28.0,
             arguments={"height": TAKEOFF_M, "duration": TAKEOFF_S},
         ),
-        "land": Service("come down to the floor, motors off", within_s=15.0, arguments={"duration": LAND_S}),
+        "land": Service("come down to the floor, motors off", within_s=20.0, arguments={"duration": LAND_S}),
         "emergency_stop": Service(
             "cut the motors at once, wherever it is, and lock it until it is switched off and on",
             within_s=5.0,
@@ -106,7 +106,8 @@ class Crazyflie(Driver):
         self.robot = TABLES.canonical(robot)
         table = TABLES.table(robot)
         low, high = table["z_m"]
-        self.config = CrazyflieConfig(self.robot, port, hz, (low, high), float(table["battery_v"]))
+        battery_v, climb_m_s = float(table["battery_v"]), float(table["vz_m_s"])
+        self.config = CrazyflieConfig(self.robot, port, hz, (low, high), battery_v, climb_m_s)
         self.setpoint_hz = hz
         self.declare(part_of(robot))
         self.timing = Timing(
@@ -117,12 +118,12 @@ class Crazyflie(Driver):
             state_ttl_s=self.config.fresh_s,
             arm_s=3.0,
             call_s=0.2 if port and _is_usb(port) else 0.0,
-            open_s=25.0,
-            handover_s=6.0,
-            safe_s=6.0,
+            open_s=30.0,
+            handover_s=10.0,
+            safe_s=10.0,
         )
         self.gates = gates_of(self.table, self.timing.state_ttl_s)
-        self.conditions = conditions_of(float(table["battery_v"]), float(table["hover_s"]))
+        self.conditions = conditions_of(battery_v, float(table["hover_s"]))
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         """Return speeds and a height; behind them whether the height counts (a hover, speeds in the

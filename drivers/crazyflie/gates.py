@@ -19,6 +19,8 @@ Row = tuple[float, ...]
 
 SETTLED_DEG = 15.0
 """Tilt above which it does not stand well enough to take off [assumed]."""
+BATTERY_AGE_S = 2.0
+"""A voltage that is older counts as none: it comes ten times a second [assumed]."""
 
 
 def sensors_of(flight: Flight, position: Position, position_age_s: float, hover_s: float) -> dict[str, Row]:
@@ -83,6 +85,10 @@ def _battery(floor_v: float) -> ConditionCheck:
 
 
 def _refuse_battery(verb: str, sensors: Mapping[str, Row], floor_v: float) -> Refused | None:
+    (age_s,) = sensors.get("position_age_s", (0.0,))
+    if age_s > BATTERY_AGE_S:
+        why, limit = f"{verb}: battery not heard for {age_s:.1f} s", f"{BATTERY_AGE_S:g} s"
+        return Refused("battery", why, "check radio and power", f"{age_s:.1f}", limit)
     (volts,) = sensors.get("battery_v", (math.nan,))
     (state,) = sensors.get("battery_state", (float(Battery.BATTERY),))
     if volts >= floor_v and state not in (Battery.LOW_POWER, Battery.SHUTDOWN):

@@ -56,6 +56,7 @@ class HighLevel(enum.IntEnum):
     STOP = 3
     TAKEOFF = 7
     LAND = 8
+    LAND_WITH_VELOCITY = 10
 
 
 class Order(enum.IntEnum):
@@ -201,6 +202,13 @@ def land(duration_s: float) -> bytes:
     return encode(Port.HIGH_LEVEL, 0, struct.pack("<BBff?f", HighLevel.LAND, 0, 0.0, 0.0, True, duration_s))
 
 
+def land_with_velocity(mean_m_s: float) -> bytes:
+    """Return the same order by a speed: the robot itself knows from what height, and takes as long as
+    that needs."""
+    data = struct.pack("<BBf?f?f", HighLevel.LAND_WITH_VELOCITY, 0, 0.0, False, 0.0, True, mean_m_s)
+    return encode(Port.HIGH_LEVEL, 0, data)
+
+
 # -- questions: what is sent, and how an answer to it begins
 
 
@@ -229,9 +237,10 @@ LOG_INFO_QUESTION = _ask(Port.LOG, 0, b"\x03", b"\x03")
 LOG_RESET_QUESTION = _ask(Port.LOG, 1, b"\x05", b"\x05")
 
 
-def land_question(duration_s: float) -> Question:
-    packet = land(duration_s)
-    return Question(packet, packet[:4])
+def landing_question(order: bytes) -> Question:
+    """Ask for what ``land`` or ``land_with_velocity`` returned: the answer has its first three bytes of
+    data, and a status."""
+    return Question(order, order[:4])
 
 
 def log_item_question(number: int) -> Question:
@@ -298,6 +307,14 @@ def status_of(packet: bytes) -> int:
     if len(packet) < 4:
         raise MalformedFrame("an answer without a status")
     return packet[-1]
+
+
+def landing_status_of(packet: bytes) -> int:
+    """Return the status of an answer to an order to land: 0, it lands now. Raise
+    ``MalformedFrame``."""
+    if len(packet) < 5:
+        raise MalformedFrame("an answer to an order to land without a status")
+    return packet[4]
 
 
 # -- readings

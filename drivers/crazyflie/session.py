@@ -33,7 +33,7 @@ class Session:
         self.position: p.Position | None = None
         self.flight_ns = self.position_ns = 0
         self.malformed = 0
-        self._open: dict[p.Question, bytes | None] = {}
+        self._waiting: list[dict[p.Question, bytes | None]] = []  # one for each who asks
         self._served = False
         self._news = trio.Event()
 
@@ -82,9 +82,10 @@ class Session:
             else:
                 self.position, self.position_ns = reading, self._clock.now_ns()
             return
-        for question in self._open:
-            if question.answered_by(packet):
-                self._open[question] = packet
+        for answers in self._waiting:
+            for question, answer in answers.items():
+                if answer is None and question.answered_by(packet):
+                    answers[question] = packet
 
     # -- asking
 
@@ -100,13 +101,14 @@ class Session:
     async def ask_all(
         self, questions: Sequence[p.Question], within_s: float, permit: Permit | None = None
     ) -> list[bytes | None]:
-        """Return the answers, None for each that did not come in time. Raise ``WireDown``."""
-        answers = dict.fromkeys(questions)
-        self._open.update(answers)
+        """Return the answers, None for each that did not come in time. Who asks what another is
+        asking already has the same answer. Raise ``WireDown``."""
+        answers: dict[p.Question, bytes | None] = dict.fromkeys(questions)
+        self._waiting.append(answers)
         asked_s: dict[p.Question, float] = {}
         try:
             with trio.move_on_after(within_s):
-                while missing := [question for question in questions if self._open[question] is None][:WINDOW]:
+                while missing := [question for question in questions if answers[question] is None][:WINDOW]:
                     now_s = trio.current_time()
                     for question in missing:
                         if now_s - asked_s.get(question, -math.inf) >= AGAIN_S:
@@ -114,10 +116,10 @@ class Session:
                             await self.link.write(question.packet, permit)
                     due_s = min(asked_s[question] for question in missing) + AGAIN_S - now_s
                     await self.news(max(SHORTEST_S, due_s))
-            return [self._open[question] for question in questions]
+            return [answers[question] for question in questions]
         finally:
-            for question in answers:
-                self._open.pop(question, None)
+            # By identity: two who ask the same are equal until one of them has its answer.
+            self._waiting = [other for other in self._waiting if other is not answers]
 
     async def supervisor(self, within_s: float) -> p.Bit | None:
         """Return what the supervisor says now, None when it does not. Raise ``WireDown``."""

@@ -30,20 +30,23 @@ from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
 
 from . import protocol as p
-from .config import LAND_S, TAKEOFF_M, TAKEOFF_S, CrazyflieConfig
+from .config import LAND_S, LANDING_M_S, TAKEOFF_M, TAKEOFF_S, CrazyflieConfig
 from .gates import sensors_of, why_no_takeoff
 from .hovering import Hover
 from .links import Link, open_link
 from .protocol import Bit
 from .robots import AXES, VX, VY, VZ, WZ, Z
 from .session import AGAIN_S, Session, handshake
-from .stopping import bring_down, first_frames
+from .stopping import STOP_S, bring_down, first_frames
 
 ARM_S = 1.0
 RISE_S = 3.0
 """How much longer than it was told a takeoff may take."""
 NEAR_M = 0.05
 """So near its height a takeoff is over."""
+LANDED_S = 4.0
+"""How much longer than its trajectory a landing may take: two seconds for which the drone may count as
+flying, and packets that are lost."""
 
 
 class CrazyflieWire(Wire):
@@ -150,7 +153,7 @@ class CrazyflieWire(Wire):
             return Outcome(False, False, "not connected").reports(AXES)
         if safe_state == SafeState.HOLD:
             session.take_waiting()
-            flight = session.flight if session.age_s() <= self._config.fresh_s else None
+            flight = self._fresh_flight(session)
             if flight is not None and flight.bits.airborne:
                 return await self._hover_at(session, flight.z_m)
             # Nowhere else: no hover starts its motors.
@@ -211,6 +214,10 @@ class CrazyflieWire(Wire):
         refusal = why_no_takeoff(bits, self._observation(session).sensors, self._config.battery_v)
         if refusal is not None:
             return refusal
+        flight = self._fresh_flight(session)
+        if flight is None:
+            why, limit = "takeoff: its height is not known", f"{self._config.fresh_s:g} s"
+            return Refused("stale", why, "check radio and power", f"{session.age_s():.1f}", limit)
         permit.check()
         if bits is None or not bits.airborne:
             answer = await session.ask(p.ARM_QUESTION, ARM_S, permit)
@@ -218,13 +225,14 @@ class CrazyflieWire(Wire):
                 await session.say(p.STOP, p.DISARM)
                 return Refused("not_armed", "takeoff: arming not confirmed; motors stay off", "look at the drone")
             permit.check()
-        now_ns = self._clock.now_ns()
-        self._hover = Hover(now_ns, height_m, session.flight.z_m if session.flight else 0.0, duration_s)
+        # It rises no faster than it may be told to by a command.
+        duration_s = max(duration_s, abs(height_m - flight.z_m) / self._config.climb_m_s)
+        self._hover = Hover(self._clock.now_ns(), height_m, flight.z_m, duration_s)
         with trio.move_on_after(duration_s + RISE_S):
             while not self._is_up(session, height_m):
                 await session.news(AGAIN_S)
                 permit.check()
-            return {"height": round(self._height_m(session), 3)}
+            return {"height": round(self._height_m(session), 3), "duration": round(duration_s, 2)}
         self._hover = None
         outcome = await bring_down(session, SafeState.LAND)
         landed = "it was landed" if not outcome.detail else f"not landed: {outcome.detail}"
@@ -234,16 +242,26 @@ class CrazyflieWire(Wire):
         session = self._session()
         permit.check()
         self._hover = None
-        outcome = await bring_down(session, SafeState.LAND, duration_s + RISE_S, duration_s)
+        flight = self._fresh_flight(session)
+        if flight is None:  # a landing is not refused for that: the drone knows its height
+            outcome = await bring_down(session, SafeState.LAND)
+            took = {"velocity": LANDING_M_S}
+        else:
+            land_s = max(duration_s, flight.z_m / LANDING_M_S)
+            outcome = await bring_down(session, SafeState.LAND, max(STOP_S, land_s + LANDED_S), land_s)
+            took = {"duration": round(land_s, 2)}
         if outcome.detail:
             return Refused("land", f"land: {outcome.detail}", "call stop(), or emergency_stop()")
-        return {"landed": True}
+        return {"landed": True, **took}
 
     def _is_up(self, session: Session, height_m: float) -> bool:
         hover, flight = self._hover, session.flight
         if hover is None or flight is None or hover.rises(self._clock.now_ns()):
             return False
         return flight.bits.airborne and abs(flight.z_m - height_m) <= NEAR_M
+
+    def _fresh_flight(self, session: Session) -> p.Flight | None:
+        return session.flight if session.age_s() <= self._config.fresh_s else None
 
     def _height_m(self, session: Session) -> float:
         return session.flight.z_m if session.flight else 0.0

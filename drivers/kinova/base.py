@@ -24,6 +24,9 @@ SUBSTEP_S = 0.004
 LONGEST_S = 0.25
 """A stall of the twin itself is dropped beyond this, not made up for."""
 
+FRAMES_HZ = 1000
+"""Cycles of its own control a second: each measures anew, and has a number."""
+
 SUPPLY_V, ROOM_C, AMPERE_PER_NM = 24.0, 30.0, 0.1
 """[assumed]"""
 
@@ -88,7 +91,7 @@ class Base:
         self._speeds = [0.0] * p.JOINTS  # rad/s, asked for
         self._rates = [0.0] * p.JOINTS  # on the way there
         self._sessions.clear()
-        self._advanced_s = self.now_s()
+        self._woken_s = self._advanced_s = self.now_s()
         for joint in ALL:
             self.plant.set_torque(joint, True)
         self.halt()
@@ -105,10 +108,11 @@ class Base:
             self.halt()
 
     def set_fault(self, fault: Fault) -> None:
+        """``STUCK``: what it says stands still, and its arm obeys, the worst that may be."""
         self.felt = self.feedback()
         self.fault = fault
         for joint in ALL:
-            self.plant.set_stuck(joint, fault in (Fault.STUCK, Fault.OFF))
+            self.plant.set_stuck(joint, fault is Fault.OFF)
 
     def halt(self) -> None:
         """Decelerate and hold."""
@@ -159,7 +163,8 @@ class Base:
             for rad, rad_s, nm in joints
         )
         x, y, z = self.plant.data.body("bracelet").xpos.tolist()
-        return p.Feedback(self.state, actuators, SUPPLY_V, (x, y, z), (self.fault_bank, 0))
+        frame = round((self.now_s() - self._woken_s) * FRAMES_HZ) & 0xFFFF_FFFF
+        return p.Feedback(self.state, actuators, SUPPLY_V, (x, y, z), (self.fault_bank, 0), frame)
 
     # -- calls
 

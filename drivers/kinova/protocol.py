@@ -272,13 +272,19 @@ class Actuator(msgspec.Struct, frozen=True):
 
 
 class Feedback(msgspec.Struct, frozen=True):
-    """``BaseCyclic.Feedback``, what is used of it."""
+    """``BaseCyclic.Feedback``, what is used of it. ``frame``: number of the cycle in which it was
+    measured: one that is repeated says nothing of now."""
 
     arm_state: int
     actuators: tuple[Actuator, ...]
     arm_v: float = 0.0
     tool_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     faults: tuple[int, int] = (0, 0)
+    frame: int = 0
+
+    def unwrapped(self, known: Sequence[float]) -> tuple[float, ...]:
+        """Return where the joints are, in radians. ``known``: where they were last."""
+        return unwrap([math.radians(one.position_deg) for one in self.actuators], known)
 
     def encode(self) -> bytes:
         base = (
@@ -287,7 +293,8 @@ class Feedback(msgspec.Struct, frozen=True):
             + b"".join(pb.float_field(13 + at, value) for at, value in enumerate(self.tool_m))
             + b"".join(pb.fixed32_field(31 + at, bank) for at, bank in enumerate(self.faults))
         )
-        return pb.bytes_field(2, base) + b"".join(pb.bytes_field(3, _encode(one)) for one in self.actuators)
+        actuators = b"".join(pb.bytes_field(3, _encode(one)) for one in self.actuators)
+        return pb.fixed32_field(1, self.frame) + pb.bytes_field(2, base) + actuators
 
     @classmethod
     def decode(cls, data: bytes) -> Feedback:
@@ -300,7 +307,16 @@ class Feedback(msgspec.Struct, frozen=True):
             _finite(base, 3),
             (_finite(base, 13), _finite(base, 14), _finite(base, 15)),
             (pb.last_int(base, 31), pb.last_int(base, 32)),
+            pb.last_int(found, 1),
         )
+
+
+def unwrap(seen: Sequence[float], known: Sequence[float]) -> tuple[float, ...]:
+    """Return angles that are known up to whole turns as those nearest to where the joints were: no
+    joint makes half a turn between two readings."""
+    return tuple(
+        before + (angle - before + math.pi) % math.tau - math.pi for angle, before in zip(seen, known, strict=True)
+    )
 
 
 _ACTUATOR_FLOATS = (4, 5, 6, 7, 9, 10)

@@ -43,6 +43,7 @@ class _Way:
         self._orders: list[int] = []  # whose answers have not come
         self.written = self.refused = self.acknowledged = False
         self.feedback: Feedback | None = None  # from after an answered order
+        self._stands_still = False  # the feedback: the last answer had the frame of the one before
         self._moved_s = [math.inf] * JOINTS  # when each was last seen to move
         self._seen_s = 0.0
         self.detail = "silent"
@@ -83,7 +84,7 @@ class _Way:
                 self.acknowledged = True
             await self._look()
             while self.believed and not self.confirmed:
-                self.detail = "moves" if self.feedback else "no feedback"
+                self.detail = self._why
                 await trio.sleep(POLL_S)
                 await self._look()
         except WireDown as down:
@@ -91,6 +92,12 @@ class _Way:
         finally:
             for number in self._orders:
                 self._client.forget(number)
+
+    @property
+    def _why(self) -> str:
+        if self.feedback is None:
+            return "no feedback"
+        return "its feedback stands still" if self._stands_still else "moves"
 
     async def _answer_to_order(self) -> Frame | None:
         """Return the answer to any of the orders, however late it is."""
@@ -110,8 +117,11 @@ class _Way:
             return
         if len(seen.actuators) != JOINTS:
             return
-        first, self._seen_s = self.feedback is None, trio.current_time()
-        self.feedback = seen
+        first = self.feedback is None
+        self._stands_still = self.feedback is not None and seen.frame == self.feedback.frame
+        if self._stands_still:
+            return  # measured before: no joint is seen to stand by that
+        self.feedback, self._seen_s = seen, trio.current_time()
         for at, one in enumerate(seen.actuators):
             if first or abs(one.velocity_deg_s) >= STANDING_DEG_S:
                 self._moved_s[at] = self._seen_s
@@ -122,17 +132,21 @@ Another = Callable[[], Awaitable[KortexClient]]
 
 
 async def stop_arm(
-    axes: Sequence[str], clients: Sequence[KortexClient], another: Another | None = None
+    axes: Sequence[str],
+    clients: Sequence[KortexClient],
+    another: Another | None = None,
+    known: Sequence[float] = (),
 ) -> tuple[MotorReport, ...]:
     """Send ``Stop`` on every connection before anything is waited for, and again until it is
     answered; when none has answered soon, on ``another``, too. Where it is refused, and no other
     connection stops the arm, send ``ApplyEmergencyStop``, after which the base is in fault. Report
-    each joint that was then seen to stand as safe. Never raises."""
+    each joint that was then seen to stand as safe. ``known``: where the joints were last; then it is
+    reported, too, where they stand. Never raises."""
     ways = [_Way(client) for client in clients]
     await _try(Call.STOP, ways, another)
     if not any(way.confirmed for way in ways):
         await _try(Call.APPLY_EMERGENCY_STOP, [way for way in ways if way.refused])
-    return _reports(axes, ways)
+    return _reports(axes, ways, known)
 
 
 async def _try(call: Call, ways: list[_Way], another: Another | None = None) -> None:
@@ -166,16 +180,18 @@ async def _follow_another(another: Another, ways: list[_Way], call: Call, scope:
     await _follow(way, call, scope)
 
 
-def _reports(axes: Sequence[str], ways: Sequence[_Way]) -> tuple[MotorReport, ...]:
+def _reports(axes: Sequence[str], ways: Sequence[_Way], known: Sequence[float]) -> tuple[MotorReport, ...]:
     """By the way that knows best."""
     if not ways:
         return not_connected(axes)
     best = max(ways, key=lambda way: (way.confirmed, way.believed, way.written))
+    stood = best.feedback.unwrapped(known) if best.feedback is not None and known else None
     reports = []
     for at, axis in enumerate(axes):
         safe = best.believed and at not in best.moving
         detail = "" if safe else best.detail
-        reports.append(MotorReport(axis, at + 1, best.written, best.acknowledged, safe, detail))
+        target = stood[at] if stood is not None and safe else None
+        reports.append(MotorReport(axis, at + 1, best.written, best.acknowledged, safe, detail, target))
     return tuple(reports)
 
 

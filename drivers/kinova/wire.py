@@ -1,8 +1,11 @@
 """A Gen3's base in the wire process: what it feels, and the speeds that lead its arm to the target.
 
-Joint speeds never expire, so their lifetime is kept here: when no speed was sent, or nothing was
-heard, for three periods while joints may be turning, ``read`` sends ``Stop``, in every period until
-the base has answered it. After that no speed is sent before the arm is armed anew.
+Joint speeds never expire, so their lifetime is kept here: when no speed was sent, or nothing new
+was heard, for three periods while joints may be turning, ``read`` sends ``Stop``, in every period
+until the base has answered it. After that no speed is sent before the arm is armed anew.
+
+A feedback that repeats the number of its frame is nothing new: corrected by it, an arm would turn
+without end.
 """
 
 from __future__ import annotations
@@ -13,6 +16,8 @@ import os
 from collections.abc import Awaitable, Callable
 from typing import Any, ClassVar, Protocol
 
+import trio
+
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.tcp_port import ByteStream, open_tcp
@@ -20,13 +25,13 @@ from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.health.heartbeat import new_page
 
 from . import protocol as p
-from .client import HANDSHAKE_S, KortexClient, Page
+from .client import HANDSHAKE_S, SILENT_S, KortexClient, Page
 from .config import KinovaConfig
 from .gates import BASE, refuse_state
 from .protocol import Call, Feedback, ServoingMode
 from .speeds import Course, position_now
 from .stop_channel import KinovaStopChannel
-from .stopping import STANDING_DEG_S, not_connected, stop_arm
+from .stopping import POLL_S, STANDING_DEG_S, not_connected, stop_arm
 
 READ_S = 0.01
 """How long one reading waits for its answer; the next one takes it."""
@@ -51,7 +56,8 @@ class _Session:
         self.asked_ns: dict[int, int] = {}  # readings that were not answered yet
         self.feedback = Feedback(0, ())
         self.position: tuple[float, ...] = (0.0,) * p.JOINTS  # unwrapped, of the newest feedback
-        self.stamp_ns = 0
+        self.stamp_ns = 0  # when the newest feedback was asked for
+        self.still_s = 0.0  # how long it is known to repeat itself: the base answers, and measures nothing
         self.course: Course | None = None
         self.sent_ns = 0
         self.turning = False  # joints may be, by speeds of ours
@@ -70,10 +76,13 @@ class _Session:
             feedback = Feedback.decode(answer.payload)
         except MalformedFrame:
             return  # what cannot be read tells nothing: what is known grows old
-        if len(feedback.actuators) == p.JOINTS:
-            seen = [math.radians(one.position_deg) for one in feedback.actuators]
-            self.position = unwrap(seen, self.position)
-            self.feedback, self.stamp_ns = feedback, asked_ns
+        if len(feedback.actuators) != p.JOINTS:
+            return
+        if self.feedback.actuators and feedback.frame == self.feedback.frame:
+            self.still_s = (asked_ns - self.stamp_ns) / NS
+            return
+        self.position = feedback.unwrapped(self.position)
+        self.feedback, self.stamp_ns, self.still_s = feedback, asked_ns, 0.0
 
     def forget_stops(self) -> None:
         """What is still answered to them tells nothing of what was sent later."""
@@ -115,12 +124,12 @@ class KinovaWire(Wire):
         joints = await client.number(Call.GET_ACTUATOR_COUNT)
         if joints != p.JOINTS:
             raise WireDown(f"{self._config.robot}: the arm has {joints} joints, not {p.JOINTS}. Use a Gen3 with 7")
-        await self._refresh(session)
+        await self._see_it_measure(session)
         return {"address": f"{host}:{port}", "actuators": joints}
 
     async def arm(self, permit: Permit) -> Observation:
         session = self._session()
-        await self._refresh(session)
+        await self._see_it_measure(session)
         feedback = session.feedback
         refusal = refuse_state(feedback.arm_state, feedback.faults[0])
         if refusal is not None:
@@ -145,6 +154,11 @@ class KinovaWire(Wire):
         number = self._ask(session)
         await session.client.listen(number, READ_S)
         self._collect(session)
+        if session.still_s > SILENT_S:
+            raise WireDown(
+                f"read: the feedback of {self._config.robot} stands still for {session.still_s * 1e3:.0f} ms. "
+                "Check the base"
+            )
         self._expire(session)
         return self._observation(session)
 
@@ -156,7 +170,7 @@ class KinovaWire(Wire):
         now_ns = self._clock.now_ns()
         age_s = (now_ns - session.stamp_ns) / NS
         if age_s > config.silent_s:
-            raise PermitDenied(f"nothing was heard for {age_s * 1e3:.0f} ms")
+            raise PermitDenied(f"nothing new was heard for {age_s * 1e3:.0f} ms")
         position, now_s = position_now(session.position, session.velocity, age_s), now_ns / NS
         goal, course = values[: p.JOINTS], session.course
         if course is None or goal != course.goal:
@@ -172,7 +186,7 @@ class KinovaWire(Wire):
         if session is None:
             return not_connected(self._config.axes)
         session.course = None
-        reports = await stop_arm(self._config.axes, [session.client])
+        reports = await stop_arm(self._config.axes, [session.client], known=session.position)
         if all(report.acknowledged for report in reports):
             session.turning = False
         return reports
@@ -213,13 +227,23 @@ class KinovaWire(Wire):
         for number in list(session.asked_ns):
             session.take(number)
 
+    async def _see_it_measure(self, session: _Session) -> None:
+        """Take two readings: one may be the last of a base whose feedback stands still. Raise
+        ``WireDown`` when they do not come."""
+        for _ in range(2):
+            await self._refresh(session)
+
     async def _refresh(self, session: _Session) -> None:
         """Take a reading of now. Raise ``WireDown`` when none comes."""
-        before_ns, number = session.stamp_ns, self._ask(session)
-        await session.client.listen(number, HANDSHAKE_S)
-        self._collect(session)
-        if session.stamp_ns == before_ns:
-            raise WireDown(f"{self._config.robot}: no feedback of {p.JOINTS} joints comes. Check the base")
+        before_ns, until_s = session.stamp_ns, trio.current_time() + HANDSHAKE_S
+        while session.stamp_ns == before_ns:
+            left_s = until_s - trio.current_time()
+            if left_s <= 0.0:
+                raise WireDown(f"{self._config.robot}: no new feedback of {p.JOINTS} joints comes. Check the base")
+            await session.client.listen(self._ask(session), left_s)
+            self._collect(session)
+            if session.stamp_ns == before_ns:
+                await trio.sleep(POLL_S)  # of the same cycle as the one before
 
     def _look_for_refusal(self, session: _Session) -> None:
         if session.client.refusal is not None and not session.lost:
@@ -238,10 +262,10 @@ class KinovaWire(Wire):
         if not session.turning:
             return
         now_ns = self._clock.now_ns()
-        for since_ns, what in ((session.sent_ns, "sent"), (session.stamp_ns, "heard")):
+        for since_ns, what in ((session.sent_ns, "nothing was sent"), (session.stamp_ns, "nothing new was heard")):
             silent_s = (now_ns - since_ns) / NS
             if silent_s > self._config.silent_s and not session.lost:
-                session.lost = f"stopped, because nothing was {what} for {silent_s * 1e3:.0f} ms"
+                session.lost = f"stopped, because {what} for {silent_s * 1e3:.0f} ms"
         if session.lost:
             session.stops.append(session.client.ask(Call.STOP))
 
@@ -275,11 +299,3 @@ class KinovaWire(Wire):
         if self._session_or_none is None:
             raise WireDown("wire: not connected. Open it first")
         return self._session_or_none
-
-
-def unwrap(seen: list[float], known: tuple[float, ...]) -> tuple[float, ...]:
-    """Return angles that are known up to whole turns as those nearest to where the joints were: no
-    joint makes half a turn between two readings."""
-    return tuple(
-        before + (angle - before + math.pi) % math.tau - math.pi for angle, before in zip(seen, known, strict=True)
-    )

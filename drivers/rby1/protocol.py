@@ -221,6 +221,12 @@ class RobotInfo(msgspec.Struct, frozen=True):
     emergency_stops: tuple[str, ...] = ()
     parts: tuple[tuple[str, tuple[int, ...]], ...] = ()  # name of a part -> its joints, by index
 
+    @property
+    def motor_supply(self) -> int | None:
+        """Return the place of the motors' supply, which is that in every state, too; None: there is
+        none of that name."""
+        return self.supplies.index(MOTOR_SUPPLY) if MOTOR_SUPPLY in self.supplies else None
+
     def encode(self) -> bytes:
         """Encode ``GetRobotInfoResponse``."""
         info = (

@@ -58,6 +58,11 @@ class RobotState(msgspec.Struct, frozen=True):
         """Return whether every supply is on."""
         return bool(self.powers) and all(power == Power.ON for power in self.powers)
 
+    def is_off(self, supply: int | None) -> bool:
+        """Return whether a supply is known to be off. ``supply``: its place in
+        ``RobotInfo.supplies``; None: it is not known."""
+        return supply is not None and supply < len(self.powers) and self.powers[supply] == Power.OFF
+
     @classmethod
     def decode(cls, data: bytes) -> RobotState:
         """Raise ``MalformedFrame``, for positions and velocities that are not finite, too."""

@@ -2,12 +2,15 @@
 
 ``CancelControl`` ends whatever the robot does, and it holds where it is. When that is not answered,
 or does not help, the control manager is disabled. ``off`` takes the power of the motors away, too.
+
+What confirms it are states whose own time goes on: one that repeats it counts as none.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Awaitable, Callable, Sequence
+from typing import TypeVar
 
 import trio
 
@@ -18,8 +21,10 @@ from strands_actors.drivers.common.malformed import MalformedFrame
 
 from . import protocol as p
 from .config import RBY1Config
-from .protocol import Control, Manager, ManagerOrder, Method, PowerOrder
+from .protocol import Control, Manager, ManagerOrder, Method, PowerOrder, RobotInfo
 from .states import RobotState
+
+T = TypeVar("T")
 
 Order = tuple[Method, bytes]
 
@@ -60,9 +65,14 @@ class Stop:
         self._written = self._acknowledged = False
         self._moving: Sequence[str] = config.axes
         self._why = "not connected"
+        self._position: Sequence[float] = ()  # of the newest state
+        self._holds = True  # what stands is held there
+        self._motor_supply: int | None = None  # its place; None: the robot has not told it
 
     async def run(self, safe_state: str) -> tuple[MotorReport, ...]:
-        """Bring the robot to ``safe_state``. Never raises; takes ``LONGEST_S`` at most."""
+        """Bring the robot to ``safe_state``. Never raises; takes ``LONGEST_S`` at most. A joint that
+        is held is reported with where it stands."""
+        self._holds = safe_state != SafeState.OFF
         if safe_state == SafeState.OFF:
             orders: list[Sequence[Order]] = [(CANCEL, DISABLE, POWER_OFF)] * ATTEMPTS
         else:
@@ -113,17 +123,20 @@ class Stop:
         """Look until the robot stands, and does so for a while. A command that runs now was found
         late: it is cancelled by the next attempt."""
         steady_s: float | None = None
+        time_ns: int | None = None  # of the state before, by the robot's clock
+        if POWER_OFF in orders and self._motor_supply is None:
+            self._motor_supply = (await _ask(connection, Method.GET_ROBOT_INFO, RobotInfo.decode)).motor_supply
         while True:
-            answer = await connection.unary(Method.GET_ROBOT_STATE, b"", LOOK_S)
-            try:
-                state = RobotState.decode(answer)
-            except MalformedFrame as malformed:
-                raise WireDown(f"{connection.name}: its state cannot be understood ({malformed})") from None
+            state = await _ask(connection, Method.GET_ROBOT_STATE, RobotState.decode)
+            fresh = time_ns is not None and state.time_ns != time_ns  # the first may be of any time
+            time_ns = state.time_ns
             self._why = self._trouble(state, orders)
             if state.manager.control == Control.EXECUTING:
                 return False
             now_s = trio.current_time()
-            if self._why:
+            if not fresh:
+                self._moving, self._why = self._config.axes, "its states stand still"
+            elif self._why:
                 steady_s = None
             elif steady_s is None:
                 steady_s = now_s
@@ -134,7 +147,7 @@ class Stop:
     def _trouble(self, state: RobotState, orders: Sequence[Order]) -> str:
         """Return what is not as it was ordered; empty: nothing."""
         rows = zip(self._config.axes, self._config.ids, strict=True)
-        known = len(state.velocity)
+        self._position, known = state.position, len(state.velocity)
         speeds = {axis: abs(state.velocity[at]) if at < known else math.inf for axis, at in rows}
         self._moving = [axis for axis, rad_s in speeds.items() if rad_s >= STANDING_RAD_S]
         if state.manager.control in _BUSY:
@@ -143,10 +156,14 @@ class Stop:
         if DISABLE in orders and state.manager.state == Manager.ENABLED:
             self._moving = self._config.axes
             return "its control manager is still enabled"
-        if POWER_OFF in orders and state.powered:
+        if POWER_OFF in orders and not state.is_off(self._motor_supply):
             self._moving = self._config.axes
-            return "its motors still have power"
+            return f"its {p.MOTOR_SUPPLY} supply is not known to be off"
         return "moves" if self._moving else ""
+
+    def _held(self, joint: int) -> float | None:
+        """Return where a joint that stands is held, in rad."""
+        return self._position[joint] if self._holds and joint < len(self._position) else None
 
     def _reports(self, safe: bool) -> tuple[MotorReport, ...]:
         """``safe``: every joint is. Else those are that were seen to stand beside others that
@@ -154,11 +171,20 @@ class Stop:
         stood, why = self._acknowledged and bool(self._moving), self._why or "not seen at rest"
         rows = zip(self._config.axes, self._config.ids, strict=True)
         return tuple(
-            MotorReport(axis, number, self._written, self._acknowledged, True)
+            MotorReport(axis, number, self._written, self._acknowledged, True, target=self._held(number))
             if safe or (stood and axis not in self._moving)
             else MotorReport(axis, number, self._written, self._acknowledged, False, why)
             for axis, number in rows
         )
+
+
+async def _ask(connection: Connection, method: Method, decode: Callable[[bytes], T]) -> T:
+    """Return what the robot answers. Raise ``WireDown``."""
+    answer = await connection.unary(method, b"", LOOK_S)
+    try:
+        return decode(answer)
+    except MalformedFrame as malformed:
+        raise WireDown(f"{connection.name}: its answer cannot be understood ({malformed})") from None
 
 
 def not_connected(config: RBY1Config, why: str = "not connected") -> tuple[MotorReport, ...]:

@@ -25,6 +25,9 @@ ASK_S = 4.0
 BEGIN_S = 0.5
 """How long it may take to begin a move."""
 
+SWITCH_S = 1.5
+"""How long it may take to switch the motors [assumed]; shorter than a stop waits for it."""
+
 FETCH_S = 25.0
 """How long it may take to list the moves of a data set, which it fetches first."""
 
@@ -73,15 +76,33 @@ class Moves:
         return self._ended[uuid]
 
 
+class _HeadPermit:
+    """A permit for a request that is whole with its head: denied before that, or never. ``left``:
+    whether anything may have."""
+
+    def __init__(self, permit: Permit, whole: bool) -> None:
+        self._permit = permit
+        self._whole = whole
+        self.left = False
+
+    def check(self) -> None:
+        """Raise ``PermitDenied``."""
+        if not (self.left and self._whole):
+            self._permit.check()
+        self.left = True
+
+
 class Services:
-    """Asked one at a time. ``owed``: set when a move that was asked for has been answered; None:
-    none was."""
+    """Asked one at a time. ``owed``: set when motion or torque that was asked for has been answered;
+    None: none was. ``given_up``: why an answer is not waited for any more, which may yet come: the
+    link has to end."""
 
     def __init__(self, config: ReachyConfig, url: str, moves: Moves) -> None:
         self._config = config
         self._url = url
         self._moves = moves
         self.owed: trio.Event | None = None
+        self.given_up = ""
 
     async def perform(
         self, service: str, arguments: Mapping[str, Any], permit: Permit, seen: Observation
@@ -89,7 +110,9 @@ class Services:
         """Raise ``WireDown``, ``PermitDenied``."""
         client = HttpClient(self._url)
         try:
-            return await self._perform(client, service, arguments, permit, seen)
+            answer = await self._perform(client, service, arguments, permit, seen)
+            await trio.lowlevel.checkpoint_if_cancelled()  # what a stop undoes is not told as done
+            return answer
         except MalformedFrame as malformed:
             raise WireDown(f"{service}: {malformed}. Look at the daemon") from None
         finally:
@@ -114,8 +137,7 @@ class Services:
                 names = await self._names(client, given.get("dataset", p.DATASET))
                 return names if isinstance(names, Refused) else {"moves": names}
             case "motors":
-                mode = given.get("mode", "enabled")
-                return await self._post(client, service, f"{p.SET_MODE}{mode}", b"", permit, {"mode": mode})
+                return await self._switch(client, given.get("mode", "enabled"), permit)
             case "say":
                 return await self._say(client, given["text"], permit)
             case "play_sound":
@@ -142,7 +164,7 @@ class Services:
         """Begin a move, in the place of ours that runs, and wait for its end."""
         if self._moves.running:
             await client.post(p.STOP, p.encode_uuid(self._moves.running), ASK_S, permit)
-        answer = await self._begin(client, target, body, permit)
+        answer = await self._energise(client, target, body, permit, BEGIN_S)
         if answer.status_code != p.OK:
             return _said_no(service, answer.status_code, answer.content)
         uuid = p.decode_move(answer.content)
@@ -154,17 +176,30 @@ class Services:
             )
         return {"move": uuid}
 
-    async def _begin(self, client: HttpClient, target: str, body: bytes, permit: Permit) -> httpx.Response:
-        """Ask for motion. A stop does not cut this short: it has to know whether there is anything
-        to be ended."""
-        owed = self.owed = trio.Event()
+    async def _energise(
+        self, client: HttpClient, target: str, body: bytes, permit: Permit, within_s: float
+    ) -> httpx.Response:
+        """Ask for motion, or for torque. A stop does not cut this short: it has to know whether
+        there is anything to be ended, and whether that may still come."""
+        owed, head = trio.Event(), _HeadPermit(permit, whole=not body)
+        self.owed = owed
         try:
             with trio.CancelScope(shield=True):
-                answer = await client.post(target, body, BEGIN_S, permit)
+                answer = await client.post(target, body, within_s, head)
+        except WireDown as down:
+            if head.left:
+                self.given_up = str(down)
+            raise
         finally:
             self.owed = None
             owed.set()
         return answer
+
+    async def _switch(self, client: HttpClient, mode: str, permit: Permit) -> dict[str, Any] | Refused:
+        answer = await self._energise(client, f"{p.SET_MODE}{mode}", b"", permit, SWITCH_S)
+        if answer.status_code != p.OK:
+            return _said_no("motors", answer.status_code, answer.content)
+        return {"mode": mode}
 
     async def _express(
         self, client: HttpClient, move: str, dataset: str, permit: Permit
@@ -220,7 +255,7 @@ class Services:
         if not given.get("enabled", True):
             return await self._post(client, "track_face", p.TRACKING_OFF, b"", permit, {"tracking": False})
         body = msgspec.json.encode({"weight": float(given.get("weight", 1.0))})
-        answer = await self._begin(client, p.TRACKING_ON, body, permit)
+        answer = await self._energise(client, p.TRACKING_ON, body, permit, BEGIN_S)
         if answer.status_code != p.OK:
             return _said_no("track_face", answer.status_code, answer.content)
         if p.decode_object(answer.content).get("enabled") is not True:

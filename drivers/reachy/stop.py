@@ -61,10 +61,11 @@ class Stopper:
         detail = "silent"
         with trio.move_on_after(within_s):
             while True:
+                owed = pending()  # what is answered while we look may have been carried out after that
                 try:
                     await self._order(safe_state)
                     detail = await self._look(safe_state)
-                    if not detail and pending():
+                    if not detail and owed:
                         detail = "not confirmed: an earlier command has not been answered"
                     if not detail:
                         return ""

@@ -2,15 +2,15 @@
 another, commands on an HTTP connection.
 
 A command is written when the one before has been answered; one that is not answered within half a
-second ends the link. As long as an answer is owed no stop is confirmed: what was sent may still be
-carried out. The daemon ignores a target while a move runs, and a second move too, so a command ends
-the move of the one before it.
+second ends the link. As long as an answer is owed, to a service that moves the robot or switches
+its motors, too, no stop is confirmed: what was sent may still be carried out. The daemon ignores a
+target while a move runs, and a second move too, so a command ends the move of the one before it.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import aclosing
 from typing import Any, ClassVar
 
@@ -22,7 +22,6 @@ from strands_actors.drivers.common.http_client import HttpClient
 from strands_actors.drivers.common.http_port import HttpPort
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.outcome import Outcome
-from strands_actors.drivers.common.velocity_base import nothing_pending
 from strands_actors.drivers.common.websocket import WebSocket, open_websocket
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
@@ -70,7 +69,7 @@ class ReachyWire(Wire):
         self._moves = Moves()
         self._services: Services | None = None
         self._owed: trio.Event | None = None  # a command has been sent and not answered; set when it is
-        self._given_up = False  # an answer has not come: this wire writes no command any more
+        self._gave_up = False  # on the answer to a command, which has not come
         self._joints: p.Joints | None = None
         self._head: p.Head | None = None
         self._head_ns = self._joints_ns = self._ignored_ns = 0
@@ -127,6 +126,8 @@ class ReachyWire(Wire):
 
     async def read(self) -> Observation:
         await trio.lowlevel.checkpoint()
+        if self._services is not None and self._services.given_up:
+            raise WireDown(f"read: a service was not answered: {self._services.given_up}")
         head, joints, now_ns = self._head, self._joints, self._clock.now_ns()
         seen_ns = min(self._head_ns, self._joints_ns)
         silent_ns = round(self._config.silent_s * NS)
@@ -171,14 +172,12 @@ class ReachyWire(Wire):
         with trio.move_on_after(OWED_S):
             while (owed := self._pending()) is not None:
                 await owed.wait()
-        socket = self._sdk if self._pending() is None and not self._given_up else None
-        return await self._stop(safe_state, socket, lambda: self._pending() is not None)
+        return await self._stop(safe_state)
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
         """As ``make_safe``, on what is still open unless a command may wait there, then on new
-        connections. No answer is waited for any longer."""
-        socket = self._sdk if self._pending() is None and not self._given_up else None
-        return await self._stop(safe_state, socket, nothing_pending)
+        connections."""
+        return await self._stop(safe_state)
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
         services = self._services
@@ -259,7 +258,12 @@ class ReachyWire(Wire):
                 self._owed = None
                 owed.set()
             else:
-                self._given_up = True
+                self._gave_up = True
+
+    @property
+    def _given_up(self) -> bool:
+        """Return whether an answer is not waited for any more: this wire writes no command then."""
+        return self._gave_up or (self._services is not None and bool(self._services.given_up))
 
     async def _answered(self, within_s: float) -> bool:
         """Wait until no answer to a command is owed."""
@@ -273,16 +277,17 @@ class ReachyWire(Wire):
         answer."""
         if self._services is not None and self._services.owed is not None:
             return self._services.owed
-        return None if self._given_up else self._owed
+        return None if self._gave_up else self._owed
 
-    async def _stop(
-        self, safe_state: str, socket: WebSocket | None, pending: Callable[[], bool]
-    ) -> tuple[MotorReport, ...]:
+    async def _stop(self, safe_state: str) -> tuple[MotorReport, ...]:
+        """On the connection that is open, unless a command may wait on another one: then the stop
+        would be heard before it."""
         if not self._where[0]:
             return await stop_everywhere(self._config, safe_state)
+        socket = self._sdk if self._pending() is None and not self._given_up else None
         stopper = Stopper(*self._where, socket)
         try:
-            detail = await stopper.run(safe_state, STOP_S, pending)
+            detail = await stopper.run(safe_state, STOP_S, lambda: self._pending() is not None)
         finally:
             stopper.close()
         outcome = Outcome(stopper.written, stopper.acknowledged, detail)

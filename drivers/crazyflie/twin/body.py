@@ -22,7 +22,7 @@ dropped."""
 _SPEED_GAIN, _CLIMB_GAIN, _HEIGHT_GAIN, _TURN_GAIN = 4.0, 8.0, 2.0, 10.0
 _TILT_GAIN, _TILT_DAMPING = 400.0, 36.0
 _MOST_TILT_RAD = math.radians(25.0)
-_MOST_CLIMB_M_S = 0.8
+_MOST_CLIMB_M_S = 1.0  # posCtlPid.zVelMax
 _MOST_LIFT_M_S2 = 5.0
 
 

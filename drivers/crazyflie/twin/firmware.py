@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.crazyflie import protocol as p
+from strands_actors.drivers.crazyflie.config import LANDING_M_S
 from strands_actors.drivers.crazyflie.protocol import Battery, Bit, HighLevel, Order, Port, Setpoint
 
 from .body import LONGEST_S, TIMESTEP_S, FlyingBody, Wanted
@@ -27,11 +28,12 @@ FLYING_S = 2.0
 AIRBORNE_M = 0.02
 TUMBLED_RAD, TUMBLED_S = math.radians(70.0), 0.3
 """[assumed]"""
-SETTLE_S = 0.3
-"""How long a landing lasts after its trajectory has ended."""
 LOW_V = 3.2
-DESCENT_S = 2.0
-"""Of a landing that a simulation asks for."""
+USUAL_LANDING_M_S = 0.5
+"""Mean speed of a landing that names none."""
+REFUSED, UNKNOWN, BLOCKED = 1, 8, 16
+"""Status of the high-level commander: not in this state of the planner (a landing while it lands, a
+takeoff while it flies), no such order, and the supervisor lets nobody fly."""
 
 LOG_BYTES = 26
 HOVER_THRUST = 36000.0
@@ -57,11 +59,17 @@ class Plan:
     duration_s: float
     lands: bool
 
+    @property
+    def ends_s(self) -> float:
+        return self.began_s + self.duration_s
+
     def wanted(self, now_s: float) -> Wanted:
+        """Return where it is to be: the polynomial of degree 7 that leads from rest to rest."""
         share = min(1.0, (now_s - self.began_s) / self.duration_s)
-        height, rate = share * share * (3 - 2 * share), 6 * share * (1 - share) / self.duration_s
+        passed = share**4 * (35 - 84 * share + 70 * share**2 - 20 * share**3)
+        rate = 140 * (share * (1 - share)) ** 3 / self.duration_s
         rise = self.to_m - self.from_m
-        return Wanted(z_m=self.from_m + rise * height, vz_m_s=rise * rate)
+        return Wanted(z_m=self.from_m + rise * passed, vz_m_s=rise * rate)
 
 
 @dataclass
@@ -99,8 +107,8 @@ class Firmware:
         self.locked = self.tumbled = self.crashed = False
         self._setpoint: Wanted | None = None
         self._told_s = 0.0
-        self._plan: Plan | None = None
-        self._finished = False
+        self._plan: Plan | None = None  # None: the planner is idle, and wants the motors off
+        self._planned_until_s = -math.inf
         self._flew_s = -math.inf
         self._tipped_s = 0.0
         self._levelled = False
@@ -133,6 +141,9 @@ class Firmware:
 
     def step(self) -> None:
         """Let one time step pass."""
+        blocked = not (self.may_fly or self.simulated)
+        if self._plan is not None and (blocked or (self._plan.lands and self.time_s >= self._plan.ends_s)):
+            self._plan = None
         self.body.wanted = self._wanted()
         self.body.step()
         self._supervise()
@@ -145,19 +156,29 @@ class Firmware:
         """Land for a simulation."""
         if self._simulated is not None:
             self._simulated = None
-            self._plan = Plan(max(0.0, self.body.xyz_m[2]), 0.0, self.time_s, DESCENT_S, lands=True)
+            self._begin(0.0, self.body.xyz_m[2] / LANDING_M_S, lands=True)
+
+    def _begin(self, to_m: float, duration_s: float, lands: bool) -> None:
+        """Have the high-level commander fly to a height."""
+        plan = Plan(self._planned_m(), to_m, self.time_s, max(duration_s, TIMESTEP_S), lands)
+        self._plan, self._planned_until_s = plan, plan.ends_s
+
+    def _planned_m(self) -> float:
+        """Return from where the high-level commander plans: where its plan is, without one where the
+        robot is."""
+        planned = None if self._plan is None else self._plan.wanted(self.time_s).z_m
+        return max(0.0, self.body.xyz_m[2]) if planned is None else planned
 
     def _wanted(self) -> Wanted | None:
-        if self.simulated and self._plan is None:
-            return self._simulated
+        planned = None if self._plan is None else self._plan.wanted(self.time_s)
         if self.simulated:
-            return self._planned()
-        if not self.armed or self.locked or self.tumbled or self.crashed:
+            return planned or self._simulated
+        if not self.may_fly:
             return None
         if self._setpoint is not None:
             age_s = self.time_s - self._told_s
             if age_s > CUT_AFTER_S:
-                self._setpoint = None
+                self._setpoint = self._plan = None
                 self._note("watchdog: motors off")
                 return None
             if age_s > LEVEL_AFTER_S:
@@ -166,17 +187,7 @@ class Firmware:
                     self._note("watchdog: level")
                 return self._setpoint._replace(level=True, wz_rad_s=0.0)
             return self._setpoint
-        return self._planned()
-
-    def _planned(self) -> Wanted | None:
-        plan = self._plan
-        if plan is None:
-            return None
-        if plan.lands and self.time_s > plan.began_s + plan.duration_s + SETTLE_S:
-            self._plan, self._finished = None, True
-            return None
-        self._finished = self.time_s >= plan.began_s + plan.duration_s
-        return plan.wanted(self.time_s)
+        return planned
 
     def _supervise(self) -> None:
         if self.motors_on and self.body.xyz_m[2] > AIRBORNE_M:
@@ -195,20 +206,26 @@ class Firmware:
         return self.time_s - self._flew_s < FLYING_S
 
     @property
+    def sound(self) -> bool:
+        return not (self.locked or self.tumbled or self.crashed)
+
+    @property
+    def may_fly(self) -> bool:
+        return self.armed and self.sound
+
+    @property
     def bits(self) -> Bit:
-        sound = not (self.locked or self.tumbled or self.crashed)
-        planned = self._plan is not None and self._setpoint is None
         flags = {
-            Bit.CAN_BE_ARMED: sound,
+            Bit.CAN_BE_ARMED: self.sound,
             Bit.ARMED: self.armed,
             Bit.AUTO_ARMED: self._auto_arm,
-            Bit.CAN_FLY: sound and self.armed,
+            Bit.CAN_FLY: self.may_fly,
             Bit.FLYING: self.flying,
             Bit.TUMBLED: self.tumbled,
             Bit.LOCKED: self.locked,
             Bit.CRASHED: self.crashed,
-            Bit.HIGH_LEVEL_ACTIVE: planned,
-            Bit.TRAJECTORY_FINISHED: self._finished,
+            Bit.HIGH_LEVEL_ACTIVE: self._plan is not None,  # whether it is obeyed or not
+            Bit.TRAJECTORY_FINISHED: self.time_s >= self._planned_until_s,
         }
         return Bit(sum(bit for bit, on in flags.items() if on))
 
@@ -305,22 +322,31 @@ class Firmware:
         return Heard(kind, (), safe_state)
 
     def _high_level(self, data: bytes) -> Heard:
-        answer = (p.encode(Port.HIGH_LEVEL, 0, data[:3].ljust(3, b"\0") + b"\0"),)
+        here_m = self._planned_m()
         match data[0]:
             case HighLevel.STOP:
                 self._plan = None
-                return Heard("safe", answer, "limp")
-            case (HighLevel.TAKEOFF | HighLevel.LAND) as order:
+                return Heard("safe", _answer(data, 0), "limp")
+            case HighLevel.TAKEOFF | HighLevel.LAND:
                 _, to_m, _, _, duration_s = struct.unpack("<Bff?f", data[1:])
-                if not math.isfinite(to_m) or not 0 < duration_s < 60:
-                    return Heard("garbled")
-                lands = order == HighLevel.LAND
-                self._finished = False
-                if self.flying or not lands:  # on the floor there is nothing to land
-                    height_m = max(0.0, self.body.xyz_m[2])
-                    self._plan = Plan(height_m, to_m, self.time_s, duration_s, lands)
-                return Heard("safe", answer, "land") if lands else Heard("setpoint", answer)
-        return Heard("other", answer)
+            case HighLevel.LAND_WITH_VELOCITY:
+                _, to_m, relative, _, _, mean_m_s = struct.unpack("<Bf?f?f", data[1:])
+                to_m = here_m - to_m if relative else to_m
+                duration_s = abs(to_m - here_m) / (mean_m_s if mean_m_s > 0 else USUAL_LANDING_M_S)
+            case _:
+                return Heard("other", _answer(data, UNKNOWN))
+        if not math.isfinite(to_m) or not 0 <= duration_s < 60:
+            return Heard("garbled")
+        lands = data[0] != HighLevel.TAKEOFF
+        status = 0
+        if not self.may_fly:
+            status = BLOCKED
+        elif self._plan is not None and (self._plan.lands or not lands):
+            status = REFUSED
+        else:
+            self._begin(to_m, duration_s, lands)
+        answer = _answer(data, status)
+        return Heard("safe", answer, "land") if lands else Heard("setpoint", answer)
 
     def _supervisor(self, channel: int, data: bytes) -> Heard:
         match channel, data[0]:
@@ -404,3 +430,8 @@ class Firmware:
             return self._said(Port.PARAMETERS, 1, data[:2] + b"\0" + value)
         self.parameters[at] = struct.unpack(layout, data[2:])[0]
         return self._said(Port.PARAMETERS, 2, data)
+
+
+def _answer(data: bytes, status: int) -> tuple[bytes, ...]:
+    """Return the high-level commander's answer: the first three bytes of the order, and a status."""
+    return (p.encode(Port.HIGH_LEVEL, 0, data[:3].ljust(3, b"\0") + bytes((status,))),)

@@ -8,9 +8,12 @@ import pytest
 
 from strands_actors.contract.driver import Candidate, GateState, Reason
 from strands_actors.contract.wire import Observation
-from strands_actors.drivers.crazyflie.driver import Crazyflie
+from strands_actors.drivers.crazyflie.config import LANDING_M_S
+from strands_actors.drivers.crazyflie.driver import SERVICE_RANGES, Crazyflie
 from strands_actors.drivers.crazyflie.gates import why_no_takeoff
 from strands_actors.drivers.crazyflie.protocol import Battery, Bit
+from strands_actors.drivers.crazyflie.stopping import STOP_S
+from strands_actors.drivers.crazyflie.wire import ARM_S, LANDED_S, RISE_S
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
 
@@ -99,6 +102,7 @@ def test_saf_014_a_speed_does_not_climb_past_the_ceiling_nor_sink_to_the_floor()
         (seen(volts=3.19), "battery", "land"),
         (seen(battery_state=float(Battery.LOW_POWER)), "battery", "land"),
         (seen(battery_state=float(Battery.SHUTDOWN)), "battery", "land"),
+        (seen(position_age_s=2.1), "battery", "land"),
         (seen(hover_s=30.1), "hovering", "land"),
         (seen(STANDING), "not_flying", "land"),
         (seen(Bit.FLYING), "not_flying", "land"),
@@ -123,6 +127,12 @@ def test_a_low_battery_on_the_floor_is_takeoffs_business() -> None:
     assert refused({"vx": 0.1}, seen(STANDING, volts=3.0)).code == "not_flying"
     no = why_no_takeoff(STANDING, sensors(STANDING, volts=3.0), 3.2)
     assert no is not None and no.code == "battery" and "3.00 V" in no.text
+
+
+def test_saf_012_a_battery_that_was_heard_long_ago_is_none() -> None:
+    no = why_no_takeoff(STANDING, sensors(STANDING, position_age_s=2.1), 3.2)
+    assert no is not None and (no.code, no.limit) == ("battery", "2 s") and "not heard for 2.1 s" in no.text
+    assert why_no_takeoff(STANDING, sensors(STANDING, position_age_s=1.9), 3.2) is None
 
 
 @pytest.mark.parametrize(
@@ -173,6 +183,16 @@ def test_four_verbs_four_meanings() -> None:
         assert fallbacks[reason] == "land"
     assert {verb.name for verb in driver.TOOL_VERBS} == {"sensors", "status", "land", "stop"}, "no agent takes off"
     assert driver.ROLLOUTS
+
+
+def test_saf_005_a_stop_has_the_time_that_a_landing_from_the_ceiling_takes() -> None:
+    driver = drone()
+    landing_s = driver.config.z_m[1] / LANDING_M_S
+    counts_as_flying_s = 2.0
+    assert landing_s + counts_as_flying_s < STOP_S < driver.timing.safe_s <= driver.timing.handover_s
+    longest_s = SERVICE_RANGES["duration"][1]
+    assert longest_s + LANDED_S < driver.SERVICES["land"].within_s
+    assert 2 * ARM_S + longest_s + RISE_S + STOP_S < driver.SERVICES["takeoff"].within_s
 
 
 def test_the_one_option() -> None:

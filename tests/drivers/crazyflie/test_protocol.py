@@ -43,6 +43,11 @@ def test_orders_are_the_firmwares_bytes() -> None:
     assert p.ARM.hex() == "9d0101" and p.DISARM.hex() == "9d0100"
     assert p.EMERGENCY_STOP.hex() == "9d03"
     assert p.land(2.0) == bytes((0x8C, 8, 0)) + struct.pack("<ff?f", 0.0, 0.0, True, 2.0)
+    by_speed = bytes((0x8C, 10, 0)) + struct.pack("<f?f?f", 0.0, False, 0.0, True, 0.4)
+    assert p.land_with_velocity(0.4) == by_speed
+    for order in (p.land(2.0), by_speed):
+        question = p.landing_question(order)
+        assert question.answered_by(order[:4] + b"\1") and p.landing_status_of(order[:4] + b"\1") == 1
 
 
 def test_a_safe_hover_differs_from_a_setpoint_of_zero_by_a_sign_only() -> None:
@@ -95,6 +100,8 @@ def test_short_answers_are_malformed() -> None:
     for reader in (p.version_of, p.supervisor_of, p.is_armed, p.log_count_of, p.log_name_of, p.status_of):
         with pytest.raises(MalformedFrame):
             reader(b"\x9c\x8c")
+    with pytest.raises(MalformedFrame):
+        p.landing_status_of(p.land(2.0)[:4])
 
 
 @given(st.binary(max_size=40))
@@ -116,6 +123,7 @@ def test_disturbed_packets_raise_nothing_but_malformed() -> None:
         p.log_count_of,
         p.log_name_of,
         p.status_of,
+        p.landing_status_of,
         p.firmware_of,
     )
     for _ in range(DISTURBED):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import struct
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +14,7 @@ import pytest
 from strands_actors.drivers.crazyflie import protocol as p
 from strands_actors.drivers.crazyflie.protocol import Bit
 from strands_actors.drivers.crazyflie.robots import TABLES
+from strands_actors.drivers.crazyflie.twin.body import Wanted
 from strands_actors.drivers.crazyflie.twin.firmware import Firmware
 from strands_actors.testing import Twin
 
@@ -120,8 +122,8 @@ def test_what_only_asks_does_not_feed_the_watchdog() -> None:
 def test_a_landing_that_it_has_taken_is_flown_to_the_end_by_itself() -> None:
     bench = Bench()
     bench.fly()
-    bench.firmware.hear(p.YIELD)
     bench.firmware.hear(p.land(2.0))
+    bench.firmware.hear(p.YIELD)
     bench.run(1.0)
     assert 0.1 < bench.height_m < 0.4 and Bit.HIGH_LEVEL_ACTIVE in bench.firmware.bits
     bench.run(1.5)
@@ -132,10 +134,83 @@ def test_a_landing_that_it_has_taken_is_flown_to_the_end_by_itself() -> None:
 def test_a_landing_waits_while_the_last_setpoint_has_it() -> None:
     bench = Bench()
     bench.fly()
-    bench.firmware.hear(p.land(2.0))
-    assert Bit.HIGH_LEVEL_ACTIVE not in bench.firmware.bits, "it was not told to yield"
+    bench.firmware.hear(p.land(1.0))
+    assert Bit.HIGH_LEVEL_ACTIVE in bench.firmware.bits, "that says nothing of who is obeyed"
+    bench.run(0.9)
+    assert bench.height_m > 0.45, "it was not told to yield"
     bench.firmware.hear(p.YIELD)
-    assert Bit.HIGH_LEVEL_ACTIVE in bench.firmware.bits
+    bench.run(0.05)
+    assert bench.firmware.body.velocity_m_s[2] < -0.2
+
+
+def test_who_yields_to_a_high_level_commander_without_a_plan_has_its_motors_cut() -> None:
+    bench = Bench()
+    bench.fly()
+    bench.firmware.hear(p.YIELD)
+    bench.run(0.2)
+    assert not bench.firmware.motors_on and bench.firmware.body.velocity_m_s[2] < -1.0
+
+
+def test_a_landing_with_a_velocity_takes_what_its_height_needs_and_ends_with_motors_off() -> None:
+    bench = Bench()
+    bench.fly(1.0)
+    assert bench.firmware.hear(p.land_with_velocity(0.4)) == (
+        "safe",
+        (p.land_with_velocity(0.4)[:4] + b"\0",),
+        "land",
+    )
+    bench.firmware.hear(p.YIELD)
+    bench.run(2.45)
+    assert bench.firmware.motors_on and Bit.TRAJECTORY_FINISHED not in bench.firmware.bits
+    bench.run(0.1)
+    assert not bench.firmware.motors_on, "the moment its trajectory ends"
+    assert abs(bench.height_m) < 0.02 and Bit.TRAJECTORY_FINISHED in bench.firmware.bits
+    assert Bit.HIGH_LEVEL_ACTIVE not in bench.firmware.bits
+
+
+def test_what_its_planner_refuses() -> None:
+    takeoff = p.encode(8, 0, struct.pack("<BBff?f", p.HighLevel.TAKEOFF, 0, 1.0, 0.0, True, 2.0))
+
+    def status(packet: bytes) -> int:
+        (answer,) = bench.firmware.hear(packet).replies
+        assert answer[:4] == packet[:4]
+        return answer[4]
+
+    bench = Bench()
+    assert status(p.land_with_velocity(0.4)) == status(takeoff) == 16, "nobody flies who is not armed"
+    bench.firmware.hear(p.ARM)
+    assert status(takeoff) == 0
+    bench.run(0.5)
+    assert status(takeoff) == 1, "it flies a plan"
+    bench.run(2.0)
+    assert status(takeoff) == 1, "it hovers by it still"
+    assert status(p.land_with_velocity(0.4)) == 0
+    assert status(p.land_with_velocity(0.4)) == status(p.land(1.0)) == status(takeoff) == 1, "it lands"
+    bench.firmware.hear(p.hover(0.0, 0.0, 0.0, 0.5))
+    assert status(p.land(1.0)) == 0, "a setpoint has ended that landing"
+    assert status(p.encode(8, 0, b"\x63\0\0")) == 8
+
+
+def test_a_landing_on_the_floor_turns_the_motors_of_an_armed_drone_for_a_moment() -> None:
+    bench = Bench()
+    bench.firmware.hear(p.ARM)
+    assert bench.firmware.hear(p.land(0.2)).replies[0][-1] == 0
+    bench.run(0.1)
+    assert bench.firmware.motors_on
+    bench.run(0.15)
+    assert not bench.firmware.motors_on and abs(bench.height_m) < 0.02
+
+
+def test_a_simulation_lands_it_with_motors_on_to_the_floor() -> None:
+    bench = Bench()
+    bench.firmware.simulated = True
+    bench.firmware.fly(Wanted(z_m=1.5))
+    bench.run(4.0)
+    assert bench.height_m > 1.4
+    bench.firmware.descend()
+    while bench.firmware.motors_on:
+        bench.run(0.05)
+    assert bench.height_m < 0.05
 
 
 def test_an_emergency_stop_drops_it_and_only_a_new_boot_unlocks_it() -> None:

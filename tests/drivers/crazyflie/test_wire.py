@@ -2,142 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Sequence
-
 import pytest
 import trio
 from trio.testing import MockClock
 
 from strands_actors.contract.wire import PermitDenied, WireDown
 from strands_actors.drivers.crazyflie import protocol as p
-from strands_actors.drivers.crazyflie import wire as wire_module
-from strands_actors.drivers.crazyflie.config import CrazyflieConfig, Endpoint
-from strands_actors.drivers.crazyflie.links import Link
 from strands_actors.drivers.crazyflie.protocol import Bit
 from strands_actors.drivers.crazyflie.robots import TABLES
 from strands_actors.drivers.crazyflie.session import Session
-from strands_actors.drivers.crazyflie.stopping import bring_down
 from strands_actors.drivers.crazyflie.twin.firmware import Firmware
-from strands_actors.drivers.crazyflie.wire import CrazyflieWire
 from strands_actors.kernel.messages import Refused
 
-CONFIG = CrazyflieConfig("crazyflie", "192.0.2.1", 20.0, (0.05, 2.0), 3.2)
-
-
-class VirtualClock:
-    """The loop's own time."""
-
-    def now_ns(self) -> int:
-        return round(trio.current_time() * 1e9)
-
-
-class Allowed:
-    def __init__(self) -> None:
-        self.denied = ""
-
-    def check(self) -> None:
-        if self.denied:
-            raise PermitDenied(self.denied)
-
-
-class Air(Link):
-    """A firmware at the other end. ``lose``: which of our packets do not arrive."""
-
-    def __init__(self, firmware: Firmware) -> None:
-        self.name = "memory"
-        self.firmware = firmware
-        self.sent: list[bytes] = []
-        self.lose: Callable[[bytes], bool] = lambda packet: False
-        self.silent = False
-        self._send, self._receive = trio.open_memory_channel[bytes](10000)
-
-    async def write(self, packet: bytes, permit: object = None) -> None:
-        if permit is not None:
-            permit.check()  # type: ignore[attr-defined]
-        self.sent.append(packet)
-        if not self.lose(packet):
-            self.say(*self.firmware.hear(packet).replies)
-
-    def say(self, *packets: bytes) -> None:
-        for packet in packets:
-            if not self.silent:
-                self._send.send_nowait(packet)
-
-    async def read(self) -> bytes:
-        return await self._receive.receive()
-
-    def read_waiting(self) -> bytes | None:
-        try:
-            return self._receive.receive_nowait()
-        except trio.WouldBlock:
-            return None
-
-    def handover(self) -> Sequence[int]:
-        return ()
-
-    def close(self) -> None:
-        pass
-
-
-class Flight:
-    """A wire that is open and armed, in virtual time; its watchdog feeds it."""
-
-    def __init__(self, air: Air, wire: CrazyflieWire) -> None:
-        self.air = air
-        self.wire = wire
-        self.permit = Allowed()
-        self.feeds = True
-
-    async def live(self) -> None:
-        """Time passes for the robot, and the tree turns twenty times a second."""
-        while True:
-            await trio.sleep(0.05)
-            self.air.firmware.pass_time()
-            self.air.say(*self.air.firmware.rows())
-            if self.feeds:
-                try:
-                    await self.wire.feed()
-                    await self.wire.read()
-                except WireDown:
-                    self.feeds = False
-
-    @property
-    def height_m(self) -> float:
-        return self.air.firmware.body.xyz_m[2]
-
-    def setpoints(self) -> list[bytes]:
-        return [packet for packet in self.air.sent if packet[:1] == b"\x7c"]
-
-
-def fly(
-    script: Callable[[Flight], Awaitable[None]], monkeypatch: pytest.MonkeyPatch, *, auto_arm: bool = False
-) -> None:
-    async def main() -> None:
-        firmware = Firmware(TABLES.table("crazyflie"), trio.current_time, auto_arm=auto_arm)
-        air = Air(firmware)
-
-        async def open_link(endpoint: Endpoint) -> Link:
-            return air
-
-        monkeypatch.setattr(wire_module, "open_link", open_link)
-        wire = CrazyflieWire(CONFIG, VirtualClock())  # type: ignore[arg-type]
-        flight = Flight(air, wire)
-        flight.feeds = False
-        async with trio.open_nursery() as nursery:
-            nursery.start_soon(flight.live)
-            await wire.open()
-            await nursery.start(wire.serve)
-            await wire.arm(flight.permit)
-            flight.feeds = True
-            await script(flight)
-            nursery.cancel_scope.cancel()
-
-    trio.run(main, clock=MockClock(autojump_threshold=0))
-
-
-async def take_off(flight: Flight) -> None:
-    answer = await flight.wire.perform("takeoff", {}, flight.permit)
-    assert not isinstance(answer, Refused), answer
+from .virtual import Air, Flight, VirtualClock, fly, take_off
 
 
 def test_saf_004_without_a_feed_nothing_is_repeated_and_the_firmware_takes_over(
@@ -177,57 +54,53 @@ def test_a_takeoff_that_loses_its_feed_comes_down(monkeypatch: pytest.MonkeyPatc
     fly(script, monkeypatch)
 
 
-def test_saf_002_a_hover_ends_with_the_order_to_land(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_two_who_ask_the_same_are_both_answered() -> None:
+    async def main() -> None:
+        air = Air(Firmware(TABLES.table("crazyflie"), trio.current_time))
+        session = Session(air, VirtualClock())  # type: ignore[arg-type]
+        answers: list[Bit | None] = []
+
+        async def ask(within_s: float) -> None:
+            answers.append(await session.supervisor(within_s))
+
+        async with trio.open_nursery() as nursery:
+            await nursery.start(_serve, session)
+            air.silent = True
+            for within_s in (0.1, 2.0, 3.0):
+                nursery.start_soon(ask, within_s)
+            await trio.sleep(0.2)
+            assert answers == [None], "the first one gave up; that is nobody else's business"
+            air.silent = False
+            await trio.sleep(0.3)
+            assert answers == [None, *2 * (Bit.CAN_BE_ARMED | Bit.TRAJECTORY_FINISHED,)]
+            nursery.cancel_scope.cancel()
+
+    trio.run(main, clock=MockClock(autojump_threshold=0))
+
+
+async def _serve(session: Session, task_status: trio.TaskStatus[None]) -> None:
+    task_status.started()
+    await session.serve()
+
+
+def test_saf_012_a_battery_that_is_not_heard_lets_nothing_take_off(monkeypatch: pytest.MonkeyPatch) -> None:
     async def script(flight: Flight) -> None:
-        await take_off(flight)
-        reports = await flight.wire.make_safe("land")
-        assert all(report.safe for report in reports)
-        order = next(at for at, packet in enumerate(flight.air.sent) if packet == p.land(2.0))
-        later = [packet for packet in flight.air.sent[order:] if packet[:1] == b"\x7c"]
-        assert set(later) == {p.STOP}
-        assert abs(flight.height_m) < 0.02
-        with pytest.raises(PermitDenied):
-            await flight.wire.write((0.1, 0.0, 0.0, 0.0, 0.5, 1.0), flight.permit)
-        assert isinstance(await flight.wire.perform("takeoff", {}, flight.permit), Refused)
+        flight.air.mute = lambda packet: packet[:2] == b"\x5e\x02"
+        await trio.sleep(2.5)
+        answer = await flight.wire.perform("takeoff", {}, flight.permit)
+        assert isinstance(answer, Refused) and answer.code == "battery" and "not heard" in answer.text
+        assert p.ARM not in flight.air.sent
 
     fly(script, monkeypatch)
 
 
-def test_saf_005_an_end_of_trajectory_from_before_cuts_no_motor(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The order to land is lost, and the supervisor still says that some trajectory is over."""
-
+def test_saf_012_a_height_that_is_not_heard_lets_nothing_take_off(monkeypatch: pytest.MonkeyPatch) -> None:
     async def script(flight: Flight) -> None:
-        await take_off(flight)
-        flight.air.firmware._finished = True
-        cut_at_m: list[float] = []
-
-        def lose(packet: bytes) -> bool:
-            if packet in (p.STOP, p.DISARM):
-                cut_at_m.append(flight.height_m)
-            return packet[:1] == b"\x8c" or packet == p.YIELD
-
-        flight.air.lose = lose
-        await flight.wire.make_safe("land")
-        assert cut_at_m, "in the end its own watchdog has brought it down"
-        assert max(cut_at_m) < 0.02, "no motor was cut in the air"
-
-    fly(script, monkeypatch)
-
-
-def test_a_lost_yield_is_said_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def script(flight: Flight) -> None:
-        await take_off(flight)
-        lost: list[bytes] = []
-
-        def lose(packet: bytes) -> bool:
-            if packet == p.YIELD and not lost:
-                lost.append(packet)
-                return True
-            return False
-
-        flight.air.lose = lose
-        assert all(report.safe for report in await flight.wire.make_safe("land"))
-        assert flight.air.sent.count(p.YIELD) >= 2
+        flight.air.mute = lambda packet: packet[:2] == b"\x5e\x01"
+        await trio.sleep(0.7)
+        answer = await flight.wire.perform("takeoff", {}, flight.permit)
+        assert isinstance(answer, Refused) and answer.code == "stale"
+        assert p.ARM not in flight.air.sent
 
     fly(script, monkeypatch)
 
@@ -335,18 +208,3 @@ def test_a_wire_that_is_armed_finds_it_on_the_floor(monkeypatch: pytest.MonkeyPa
             await flight.wire.arm(flight.permit)
 
     fly(script, monkeypatch)
-
-
-def test_bringing_down_never_raises_and_ends_in_time() -> None:
-    class Dead(Air):
-        async def write(self, packet: bytes, permit: object = None) -> None:
-            raise WireDown("the cable is out")
-
-    async def main() -> None:
-        air = Dead(Firmware(TABLES.table("crazyflie"), trio.current_time))
-        began_s = trio.current_time()
-        outcome = await bring_down(Session(air, VirtualClock()), "land")  # type: ignore[arg-type]
-        assert outcome == (False, False, "the cable is out")
-        assert trio.current_time() - began_s < 6.0
-
-    trio.run(main, clock=MockClock(autojump_threshold=0))

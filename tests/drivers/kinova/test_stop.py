@@ -157,17 +157,58 @@ def test_saf_005_an_arm_that_does_not_obey_is_reported_by_joint() -> None:
         assert trio.current_time() - began_s < STOPS_WITHIN_S
         assert [report.axis for report in reports if not report.safe] == ["joint_1"]
         assert reports[0].detail == "moves" and reports[0].acknowledged
+        assert [report.axis for report in reports if report.target is None] == ["joint_1"], "it holds nowhere"
         assert Call.APPLY_EMERGENCY_STOP not in rig.calls(), "it was not refused"
 
     virtual(main)
 
 
-def test_old_readings_prove_no_standstill() -> None:
+def test_saf_005_feedback_that_stands_still_proves_no_standstill() -> None:
+    """It shows an arm at rest, which turns."""
+
     async def main() -> None:
-        rig = await moving(Rig())
+        rig = await Rig().armed()
         rig.twin.set_fault(Fault.STUCK)
+        rig.twin.base.halt = lambda: None  # type: ignore[method-assign]
+        await rig.go(0, STEP_RAD)
+        began_s = trio.current_time()
         reports = await rig.stop()
-        assert not reports[0].safe and reports[0].acknowledged
+        assert rig.velocity > 0.3
+        assert trio.current_time() - began_s < STOPS_WITHIN_S
+        assert all(report.written and report.acknowledged and not report.safe for report in reports)
+        assert {(report.detail, report.target) for report in reports} == {("its feedback stands still", None)}
+        rig.twin.set_fault(Fault.OK)
+        reports = await rig.stop()
+        assert [report.axis for report in reports if not report.safe] == ["joint_1"], "what is seen counts again"
+
+    virtual(main)
+
+
+@pytest.mark.parametrize("step", [STEP_RAD, -STEP_RAD])
+def test_saf_011_a_hold_tells_where_it_holds(step: float) -> None:
+    """And not where the arm was when it was told to: behind the seam of 0 degrees, too."""
+
+    async def main() -> None:
+        rig = await Rig().armed()
+        for _ in range(4):
+            await rig.go(0, step)
+            await rig.period()
+        before = (await rig.wire.read()).position
+        reports = await rig.stop("hold")
+        assert all_safe(reports)
+        held = [report.target for report in reports]
+        rig.twin.base.advance()
+        start = (0.0, *before[1:])
+        assert held == pytest.approx([rig.twin.base.plant.position_rad[0], *start[1:]], abs=1e-3)
+        assert abs(rig.twin.base.plant.position_rad[0] - before[0]) > 0.01, "it went on while it braked"
+        await trio.sleep(0.2)
+        seen = (await rig.wire.read()).position
+        assert held == pytest.approx(seen, abs=1e-3)
+        rig.told.clear()
+        rig.target = tuple(rad for rad in held if rad is not None)
+        for _ in range(20):
+            await rig.period()
+        assert (await rig.wire.read()).position == pytest.approx(seen, abs=2e-3)
 
     virtual(main)
 

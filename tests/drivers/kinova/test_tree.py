@@ -287,6 +287,19 @@ def test_the_power_is_off_for_a_while(bench: Bench) -> None:
     bench.comes_back()
 
 
+def test_saf_012_feedback_that_stands_still_ends_a_motion_and_the_link(bench: Bench) -> None:
+    """The base answers, and its arm obeys."""
+    bench.move()
+    since_ns = time.monotonic_ns()
+    bench.twin.command("fault stuck")
+    assert safe_after_s(bench.log, since_ns) < 0.1 + SLACK_S
+    until(lambda: not status(bench.arm)["connected"], "it is noticed")
+    bench.twin.command("fault ok")
+    task_ended(bench.arm)
+    until(lambda: abs(arm_velocity(bench)) < 0.01, "it stands")
+    bench.comes_back()
+
+
 def test_saf_012_answers_that_are_late_end_a_motion(bench: Bench) -> None:
     bench.move()
     since_ns = time.monotonic_ns()

@@ -15,7 +15,7 @@ from .kortex_client import Client, KortexError, number
 
 STOP, SPEEDS, EMERGENCY_STOP, CLEAR_FAULTS = 0x20070, 0x20084, 0x20091, 0x20092
 SET_MODE, GET_MODE, ACTUATORS, ARM_STATE = 0x20098, 0x20099, 0x200AB, 0x200AF
-KEEP_ALIVE, CLOSE_SESSION = 0x10003, 0x10002
+KEEP_ALIVE, CLOSE_SESSION, REFRESH_FEEDBACK = 0x10003, 0x10002, 0x30003
 
 
 def twin_of(directory: Path, **options: object) -> TwinProcess:
@@ -83,6 +83,25 @@ def test_joint_speeds_never_expire(client: Client, twin: TwinProcess) -> None:
         other.log_in()
         assert velocity(other) == pytest.approx(5.0, abs=0.5)
         other.call(STOP)
+
+
+def test_feedback_that_is_stuck_stands_still_and_the_arm_goes_on(client: Client, twin: TwinProcess) -> None:
+    def frame() -> object:
+        return client.call(REFRESH_FEEDBACK)[1]
+
+    frames = set()
+    until(lambda: frames.add(str(frame())) or len(frames) > 2, "its frames are counted")
+    client.send_joint_speeds(20.0)
+    until(lambda: velocity(client) > 19.0, "it turns")
+    twin.command("fault stuck")
+    until(lambda: frame() == frame(), "it is stuck")
+    stuck, before = frame(), client.refresh_feedback()
+    time.sleep(0.5)
+    assert (frame(), client.refresh_feedback()) == (stuck, before)
+    twin.command("fault ok")
+    until(lambda: frame() != stuck, "it measures again")
+    _, joints = client.refresh_feedback()
+    assert joints[0][0] - before[1][0][0] > 5.0 and joints[0][1] > 19.0, "it has turned meanwhile"
 
 
 def test_no_speed_is_the_enabling_of_an_arm_that_stands(client: Client, twin: TwinProcess) -> None:

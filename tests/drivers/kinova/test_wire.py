@@ -10,8 +10,7 @@ import trio
 from strands_actors.contract.wire import PermitDenied, WireDown
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.kinova import protocol as p
-from strands_actors.drivers.kinova.protocol import ArmState, Call, ServoingMode
-from strands_actors.drivers.kinova.wire import unwrap
+from strands_actors.drivers.kinova.protocol import ArmState, Call, ServoingMode, unwrap
 from tests.drivers.common.memory_port import Permission, virtual
 
 from .rig import Rig
@@ -27,7 +26,7 @@ def test_it_connects_and_says_no_password() -> None:
         rig = Rig({"username": "me", "password": "hunter2"}, username="me", password="hunter2")
         facts = await rig.wire.open()
         assert facts == {"address": "192.0.2.10:10000", "actuators": 7}
-        assert rig.calls() == [Call.CREATE_SESSION, Call.GET_ACTUATOR_COUNT, Call.REFRESH_FEEDBACK]
+        assert rig.calls() == [Call.CREATE_SESSION, Call.GET_ACTUATOR_COUNT, *[Call.REFRESH_FEEDBACK] * 2]
         seen = await rig.wire.read()
         assert seen.position == pytest.approx((0, 0.2618, math.pi, -2.2689, 0, 0.9599, 1.5708), abs=1e-3)
 
@@ -322,6 +321,63 @@ def test_saf_012_a_base_that_is_not_heard_is_stopped_and_not_commanded() -> None
             for _ in range(40):
                 await rig.period(earned=False)
         assert rig.velocity < 0.01, "it heard the stop"
+
+    virtual(main)
+
+
+def test_saf_012_feedback_that_stands_still_is_no_life_and_nothing_is_corrected_by_it() -> None:
+    """The base answers and its arm obeys: what is never seen to get there would be sent on for ever."""
+
+    async def main() -> None:
+        rig = await Rig().armed()
+        start = rig.twin.base.plant.position_rad[0]
+        rig.twin.set_fault(Fault.STUCK)
+        await rig.go(0, STEP_RAD)
+        stuck_s = trio.current_time()
+        with pytest.raises(PermitDenied, match="nothing new was heard"):
+            for _ in range(40):
+                await rig.period()
+        seen = await rig.wire.read()
+        assert "nothing new was heard for" in seen.faults["base"]
+        assert trio.current_time() - seen.t_ns / 1e9 > 0.075, "it is as old as it is"
+        assert 0.07 < rig.stops()[0] - stuck_s < 0.12
+        assert not [at_s for at_s, _ in rig.speeds() if at_s > rig.stops()[0]]
+        with pytest.raises(WireDown, match="the feedback of kinova_gen3 stands still for 5"):
+            for _ in range(40):
+                await rig.period(earned=False)
+        assert trio.current_time() - stuck_s < 0.7
+        assert rig.velocity < 0.01
+        most_rad_s = math.radians(50.0)
+        assert rig.twin.base.plant.position_rad[0] - start < 0.12 * most_rad_s + 0.07 + STEP_RAD
+
+    virtual(main)
+
+
+def test_saf_012_a_base_whose_feedback_stands_still_does_not_connect_nor_arm() -> None:
+    async def main() -> None:
+        rig = Rig()
+        await rig.wire.open()
+        rig.twin.set_fault(Fault.STUCK)
+        with pytest.raises(WireDown, match="no new feedback of 7 joints"):
+            await rig.wire.arm(Permission())
+        assert not rig.speeds()
+        with pytest.raises(WireDown, match="no new feedback of 7 joints"):
+            await rig.wire.open()
+        rig.twin.set_fault(Fault.OK)
+        await rig.armed()
+
+    virtual(main)
+
+
+def test_two_readings_of_one_cycle_are_no_silence() -> None:
+    async def main() -> None:
+        rig = await Rig().armed()
+        for _ in range(5):
+            first = await rig.wire.read()
+            rig.delay_s = lambda call: 0.0
+            assert (await rig.wire.read()).t_ns >= first.t_ns
+            rig.delay_s = lambda call: 0.001
+            assert (await rig.period()).t_ns > first.t_ns
 
     virtual(main)
 

@@ -12,7 +12,7 @@ import trio
 from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.rby1 import protocol as p
-from strands_actors.drivers.rby1.protocol import Control, Manager, Method
+from strands_actors.drivers.rby1.protocol import Control, Manager, Method, Power
 from strands_actors.drivers.rby1.stop_channel import KEPT
 from strands_actors.drivers.rby1.stopping import ANSWER_S, ATTEMPTS, LONGEST_S
 from tests.drivers.common.memory_port import Permission
@@ -40,6 +40,42 @@ async def test_saf_005_a_stop_ends_the_stream_cancels_and_is_read_back(world: Wo
     at = world.controller.plant.position_rad
     await cycle(wire, 50)
     assert world.controller.plant.position_rad == pytest.approx(at, abs=0.005)
+
+
+@in_a_world
+async def test_saf_011_a_hold_tells_where_it_holds(world: World) -> None:
+    """And not where the robot was when it was told to."""
+    wire = await armed(world)
+    head, target = -2, world.controller.plant.position_rad
+    for _ in range(15):
+        target = (*target[:head], target[head] + 0.03, target[-1])
+        await wire.write(target, Permission())
+        await cycle(wire, 2)
+    before = (await wire.read()).position
+    motors = await wire.make_safe("hold")
+    held = tuple(motor.target for motor in motors if motor.target is not None)
+    assert len(held) == 22 and held[head] - before[head] > 0.01, "it went on while it braked"
+    assert held == pytest.approx(world.controller.plant.position_rad, abs=2e-3)
+    await wire.write(held, Permission())
+    await cycle(wire, 30)
+    assert world.controller.plant.position_rad == pytest.approx(held, abs=5e-3)
+
+
+@with_each("safe_state", ["hold", "stop"])
+async def test_saf_005_states_that_repeat_prove_no_standstill(world: World, safe_state: str) -> None:
+    """It answers, does nothing, and tells again and again that it stood."""
+    wire = await armed(world)
+    await cycle(wire, 5)
+    world.service.faults.set(Fault.STUCK)
+    before, began_s = len(world.written), trio.current_time()
+    motors = await wire.make_safe(safe_state)
+    assert trio.current_time() - began_s <= LONGEST_S
+    assert {(motor.written, motor.safe, motor.target) for motor in motors} == {(True, False, None)}
+    assert {motor.detail for motor in motors} == {"its states stand still"}
+    orders = [entry for entry in world.written[before:] if entry.kind == "safe"]
+    assert len(orders) == (ATTEMPTS if safe_state == "hold" else ATTEMPTS + 2), "it is tried again"
+    world.service.faults.set(Fault.OK)
+    assert all(motor.safe for motor in await wire.make_safe(safe_state))
 
 
 @in_a_world
@@ -102,6 +138,7 @@ async def test_a_hold_does_not_disable(world: World) -> None:
     motors = await wire.make_safe("hold")
     assert not any(motor.safe for motor in motors)
     assert {motor.detail for motor in motors} == {"its controller is EXECUTING (2)"}
+    assert {motor.target for motor in motors} == {None}, "nobody has seen where it holds"
     assert world.controller.manager == Manager.ENABLED
 
 
@@ -133,6 +170,56 @@ async def test_off_takes_the_power_and_sees_that_it_is_gone(world: World) -> Non
     await trio.sleep(2.0)  # the arms have fallen
     again = await wire.make_safe("off")
     assert all(motor.safe for motor in again), [motor for motor in again if not motor.safe][:3]
+    assert {motor.target for motor in again} == {None}, "what lies is held nowhere"
+
+
+@with_each(
+    "powers",
+    [
+        (Power.OFF, Power.ON, Power.ON, Power.ON),
+        (Power.OFF, Power.OFF, Power.OFF, Power.ON),
+        (Power.ON, Power.ON, Power.ON, Power.UNKNOWN),
+        (Power.OFF, Power.OFF, Power.OFF),
+        (),
+    ],
+)
+async def test_saf_005_power_is_off_when_that_of_the_motors_is_known_to_be(
+    world: World, powers: tuple[Power, ...]
+) -> None:
+    """Not when any of the supplies is, nor when the robot tells nothing of them."""
+    wire = await armed(world)
+    state, told = world.controller.state, powers
+    world.controller.state = lambda: msgspec.structs.replace(state(), powers=told)  # type: ignore[method-assign]
+    assert all(motor.safe for motor in await wire.make_safe("stop"))
+    world.controller.power("48v", False)
+    await trio.sleep(2.0)  # the arms have fallen
+    channel = world.stop_channel()
+    for way in (wire, channel):
+        before = len(world.written)
+        motors = await way.make_safe("off")
+        orders = [entry for entry in world.written[before:] if entry.kind == "safe"]
+        assert len(orders) == 3 * ATTEMPTS, "it is tried again"
+        assert {(motor.written, motor.safe) for motor in motors} == {(True, False)}
+        assert {motor.detail for motor in motors} == {"its 48v supply is not known to be off"}
+    told = (Power.ON, Power.ON, Power.ON, Power.OFF)
+    for way in (wire, channel):
+        assert all(motor.safe for motor in await way.make_safe("off"))
+    channel.close()
+
+
+@in_a_world
+async def test_the_supply_of_the_motors_is_found_by_its_name(world: World) -> None:
+    info = world.controller.info
+    wire = await armed(world)
+    world.controller.supplies["48v"] = False
+    world.controller._servos_off(range(24))
+    await trio.sleep(2.0)
+    world.controller.info = msgspec.structs.replace(info, supplies=("48v", "24v", "12v", "5v"))
+    assert not any(motor.safe for motor in await wire.make_safe("off")), "the first is on"
+    world.controller.info = msgspec.structs.replace(info, supplies=("5v", "12v", "24v", "motors"))
+    assert not any(motor.safe for motor in await wire.make_safe("off")), "there is none of that name"
+    world.controller.info = info
+    assert all(motor.safe for motor in await wire.make_safe("off"))
 
 
 @in_a_world

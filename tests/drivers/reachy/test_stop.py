@@ -6,18 +6,23 @@ from __future__ import annotations
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from itertools import count
+from typing import Any
 
+import httpx
 import msgspec
 import pytest
 import trio
 
 from strands_actors.contract.wire import PermitDenied, WireDown
+from strands_actors.drivers.common.http_client import HttpClient
+from strands_actors.drivers.common.http_messages import Request
 from strands_actors.drivers.common.twin import Fault, TcpServer, WireLog
 from strands_actors.drivers.reachy import protocol as p
+from strands_actors.drivers.reachy import services
 from strands_actors.drivers.reachy.body import Move
 from strands_actors.drivers.reachy.config import ReachyConfig
 from strands_actors.drivers.reachy.driver import Reachy
-from strands_actors.drivers.reachy.stop import ReachyStopChannel, frames
+from strands_actors.drivers.reachy.stop import STOP_S, ReachyStopChannel, Stopper, frames
 from strands_actors.drivers.reachy.twin import ReachyTwin, serve_twin
 from strands_actors.drivers.reachy.wire import ReachyWire
 from strands_actors.kernel.clock import MonotonicClock
@@ -210,6 +215,130 @@ def test_saf_002_a_stop_does_not_overtake_a_command_that_waits_in_a_frozen_daemo
                 assert twin.body.here == pytest.approx(here, abs=0.5)
                 nursery.cancel_scope.cancel()
             wire.close()
+
+    trio.run(main)
+
+
+class Slow(HttpClient):
+    """To a daemon that takes what energises, and is at something else for a while."""
+
+    daemon: ReachyTwin
+    nursery: trio.Nursery
+    taken: trio.Event
+    done: trio.Event
+
+    async def post(self, target: str, body: bytes, *given: Any, **more: Any) -> httpx.Response:
+        if target == p.STOP:
+            return await super().post(target, body, *given, **more)
+        given[1].check()  # the permit
+        answers: list[httpx.Response] = []
+        self.nursery.start_soon(self.carry_out, Request("POST", target, {}, body, b""), answers)
+        self.taken.set()
+        await self.done.wait()
+        return answers[0]
+
+    async def carry_out(self, request: Request, answers: list[httpx.Response]) -> None:
+        """Whoever waits for it."""
+        await trio.sleep(0.3)
+        answer = self.daemon.answer(request)
+        answers.append(httpx.Response(answer.status, content=answer.body))
+        self.done.set()
+
+
+@pytest.mark.parametrize(
+    ("service", "given"),
+    [
+        ("motors", {"mode": "enabled"}),
+        ("motors", {"mode": "gravity_compensation"}),
+        ("wake", {}),
+        ("turn_to_sound", {}),
+        ("express", {"move": "yes1"}),
+        ("track_face", {"enabled": True}),
+    ],
+)
+def test_saf_010_no_stop_is_confirmed_before_what_a_service_asked_for_is_carried_out(
+    monkeypatch: pytest.MonkeyPatch, service: str, given: dict[str, object]
+) -> None:
+    monkeypatch.setattr(services, "HttpClient", Slow)
+
+    async def main() -> None:
+        async with daemon() as (twin, server), wired(server.address) as wire, trio.open_nursery() as nursery:
+            twin.body.end_move()
+            twin.body.set_mode("disabled")
+            Slow.daemon, Slow.nursery, Slow.taken, Slow.done = twin, nursery, trio.Event(), trio.Event()
+            scope = trio.CancelScope()
+
+            async def perform() -> None:
+                with scope:
+                    await wire.perform(service, given, Free())
+                assert scope.cancelled_caught, "it is not told as done"
+
+            nursery.start_soon(perform)
+            await Slow.taken.wait()
+            scope.cancel()  # as a stop does
+            reports = await wire.make_safe("limp")
+            assert Slow.done.is_set(), "it may yet be carried out"
+            assert all(one.safe for one in reports), reports[0].detail
+            await trio.sleep(0.3)
+            assert (twin.body.mode, twin.body.move, twin.tracking) == ("disabled", None, False)
+
+    trio.run(main)
+
+
+def test_saf_010_what_is_carried_out_while_a_stop_looks_is_followed_by_the_stop() -> None:
+    """Its answer comes just after the motors' mode was read."""
+
+    async def main() -> None:
+        async with daemon() as (twin, server):
+            host, _, number = server.address.rpartition(":")
+            stopper, owed = Stopper(host, int(number)), ["an answer"]
+            look = stopper._look
+
+            async def look_and_hear(safe_state: str) -> str:
+                detail = await look(safe_state)
+                if owed and not detail:
+                    owed.clear()
+                    twin.body.set_mode("enabled")
+                return detail
+
+            stopper._look = look_and_hear  # type: ignore[method-assign]
+            assert await stopper.run("limp", STOP_S, lambda: bool(owed)) == "" and not owed
+            assert twin.body.mode == "disabled"
+            stopper.close()
+
+    trio.run(main)
+
+
+def test_saf_009_a_request_that_has_left_is_not_taken_for_denied() -> None:
+    """One without a body is whole with its head."""
+
+    async def main() -> None:
+        async with daemon() as (twin, server), wired(server.address) as wire:
+            twin.body.end_move()
+            with pytest.raises(PermitDenied):
+                await wire.perform("motors", {"mode": "disabled"}, Free(0))
+            assert twin.body.mode == "enabled"
+            assert await wire.perform("motors", {"mode": "disabled"}, Free(1)) == {"mode": "disabled"}
+            assert twin.body.mode == "disabled"
+
+    trio.run(main)
+
+
+@pytest.mark.parametrize("service", ["wake", "motors"])
+def test_saf_010_a_service_that_is_not_answered_ends_the_link(service: str) -> None:
+    async def main() -> None:
+        async with daemon() as (twin, server), wired(server.address) as wire:
+            twin.body.end_move()
+            server.freeze(1.7)
+            with pytest.raises(WireDown, match="no answer within"):
+                await wire.perform(service, {}, Free())
+            with pytest.raises(WireDown, match=r"a service was not answered: .* no answer within"):
+                await wire.read()
+            with pytest.raises(WireDown, match="or no answer"):
+                await wire.write((*FAR, 0.0), Free())
+            reports = await wire.reach("limp")
+            assert all(one.safe for one in reports), reports[0].detail
+            assert (twin.body.mode, twin.body.move) == ("disabled", None)
 
     trio.run(main)
 

@@ -145,6 +145,34 @@ def test_saf_010_a_move_that_waits_in_a_stopped_daemon_is_ended(reachy: RealRobo
     stands(reachy)
 
 
+@pytest.mark.parametrize("frozen_s", [0.6, 2.5])
+def test_saf_010_torque_that_waits_in_a_stopped_daemon_is_taken_away_again(
+    reachy: RealRobot, twin: Twin, frozen_s: float
+) -> None:
+    """The daemon is stopped, is asked to energise, and goes on after an e-stop."""
+    json_of(reachy.motors(mode="disabled"))
+    twin.pause()
+    answers: list[Any] = []
+    asking = threading.Thread(target=lambda: answers.append(reachy.motors(mode="enabled")))
+    asking.start()
+    time.sleep(0.1)
+    stopping = threading.Thread(target=lambda: answers.extend(estop(by="a button", within_s=5.0)))
+    stopping.start()
+    time.sleep(frozen_s)
+    back_ns = time.monotonic_ns()
+    twin.go_on()
+    for thread in (asking, stopping):
+        thread.join(20.0)
+    assert why(next(one for one in answers if isinstance(one, dict)))
+    until(lambda: state(reachy) == "disarmed", "it is back, disarmed, and confirmed")
+    time.sleep(1.0)
+    heard = [one for one in twin.log.entries(back_ns) if one.sender == "host" and b"set_m" in one.data]
+    assert f"{p.SET_MODE}enabled".encode() in heard[0].data, "it was on its way, and no stop overtakes it"
+    assert heard[-1].safe_state == "limp", "whatever it carried out late"
+    assert ask(twin, p.MOTORS) == {"mode": "disabled"}
+    assert twin.log.host("setpoint", back_ns) == []
+
+
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_saf_003_the_stop_channel_ends_the_move(reachy: RealRobot, twin: Twin, number: signal.Signals) -> None:
     move(reachy, twin, antenna_left=120.0, duration=8.0)
