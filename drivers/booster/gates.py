@@ -25,6 +25,10 @@ FALL_TTL_S = 1.0
 FALL_LOST_S = 3.0
 """An older one ends what goes on: so long a robot is not silent that tells it twice a second."""
 
+MODE_TTL_S = 1.0
+"""An older mode is not known: its legs may obey our frames by now. Five questions that nobody answered,
+and twice as long as an answer may take; without any answer the link counts as lost then, too."""
+
 MODES = {mode.name.lower(): mode for mode in (Mode.DAMPING, Mode.PREPARE, Mode.WALKING, Mode.SOCCER)}
 """What ``change_mode`` may ask for. Not custom: there every motor obeys LowCmd, the legs too."""
 
@@ -37,6 +41,7 @@ def conditions() -> tuple[Condition, ...]:
     gets its upper body back, at once: it needs its arms to fall, and to get up."""
     return (
         Condition(ready, Reason.FAULT, SafeState.STOP, always=True),
+        Condition(mode_known, Reason.FAULT, SafeState.STOP, always=True),
         Condition(not_custom, Reason.FAULT, SafeState.STOP, always=True),
     )
 
@@ -62,6 +67,21 @@ def not_ready(observation: Observation, now_ns: int, ttl_s: float) -> Refused | 
     return Refused("fallen", why, "arm writes resume at IS_READY", name, Fall.IS_READY.name)
 
 
+def mode_known(observation: Observation, now_ns: int) -> Refused | None:
+    """Refuse a robot that may be in any mode: it has not told it of late, or has answered with an
+    error."""
+    known = observation.sensors.get("mode")
+    if known is None:
+        return Refused("mode_unknown", "move: the robot does not tell its mode", "check the robot's service")
+    _, read_s = known
+    age_s = now_ns / NS - read_s
+    if age_s <= MODE_TTL_S:
+        return None
+    age, limit = f"{age_s:.1f} s", f"{MODE_TTL_S:.1f} s"
+    why = f"move: its mode is {age} old (limit {limit})"
+    return Refused("mode_stale", why, "check the robot and the network", age, limit)
+
+
 def not_custom(observation: Observation, now_ns: int) -> Refused | None:
     if mode_in(observation) is not Mode.CUSTOM:
         return None
@@ -70,7 +90,7 @@ def not_custom(observation: Observation, now_ns: int) -> Refused | None:
 
 
 def mode_in(observation: Observation) -> Mode | None:
-    """Return the mode that the robot has told; None: none yet."""
+    """Return the mode that the robot has told; None: it is not known."""
     known = observation.sensors.get("mode")
     return None if known is None else Mode(int(known[0]))
 

@@ -48,7 +48,7 @@ NEVER_WALKS = (Mode.DAMPING, Mode.PREPARE, Mode.CUSTOM)
 CALL, FIRE_AND_FORGET = 0, 2
 """``call_mode`` of a request: one is answered, the other is not."""
 
-OK, BAD_REQUEST, CONFLICT, REFUSED, TRANSITION_FAILED = 0, 400, 409, 501, 502
+OK, BAD_REQUEST, CONFLICT, TOO_FREQUENT, REFUSED, TRANSITION_FAILED = 0, 400, 409, 429, 501, 502
 STATUS_WORDS = {
     -1: "invalid",
     100: "it timed out in the client",

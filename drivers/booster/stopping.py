@@ -36,6 +36,8 @@ WAIT_S = 0.1
 """How long handing back waits for a first state, which tells where to hold."""
 FRESH_S = 0.2
 """A position that is older is not held."""
+MODE_S = 0.05
+"""How often the mode is asked for while a hold is sent, as the wire asks while it sends commands."""
 STILL_RAD_S = 0.3
 """A joint that turns no faster is held [assumed]."""
 
@@ -85,13 +87,14 @@ class _Way:
         self._ask_mode(now_ns)
 
     def _ask_mode(self, now_ns: int) -> None:
-        """Once, and now and then as long as an order is refused."""
+        """Once, and now and then as long as an order is refused, or the arms are held."""
         answer = self._modes.answer
         if self._modes.done and answer is not None:
             with suppress(MalformedFrame):
                 self._mode = rpc.mode_of(answer.body)
             refused = any(order.answer and not order.done for order in (self._zero, self._last) if order)
-            if refused and now_ns - self._asked_ns >= AGAIN_S * NS:
+            pause_s = MODE_S if self._first_ns else AGAIN_S if refused else math.inf
+            if now_ns - self._asked_ns >= pause_s * NS:
                 self._modes = Order(self._link.calls, rpc.Api.GET_MODE)
         if not self._modes.tries:
             self._asked_ns = now_ns

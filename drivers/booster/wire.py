@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from contextlib import aclosing
+from contextlib import aclosing, suppress
+from functools import partial
 from typing import Any, ClassVar
 
 import trio
@@ -29,7 +30,11 @@ from .rpc import NEVER_WALKS, STANDS, WALKS, Api, Mode, Response
 from .stopping import TICK_S, bring_down, unconfirmed
 
 MODE_EVERY_S = 0.2
-"""How often the robot is asked for its mode."""
+"""How often the robot is asked for its mode, and after how long again if it has not answered."""
+MODE_WITH_ARMS_S = 0.05
+"""The same while the arms are ours: for so long, and until the answer is there, commands leave for a
+robot that is in custom mode since, and lets go of its legs by them. One that says that it is asked too
+often is asked as if they were not ours."""
 ANSWER_S = 0.5
 """For what was asked of it."""
 EXTRAS_S = 1.0
@@ -70,6 +75,31 @@ class Twist:
             self._zero = None
 
 
+class GiveBack:
+    """Gives an upper body back that may be ours without our knowing: what was asked for it was not
+    answered in time, or nobody knows its mode any more."""
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        self._order: Order | None = None
+
+    def begin(self) -> None:
+        self._order = Order(self._link.calls, Api.UPPER_BODY, rpc.upper_body(False))
+
+    def forget(self) -> None:
+        """It is asked for again."""
+        self._order = None
+
+    def step(self, now_ns: int, mode: Mode | None) -> None:
+        order = self._order
+        if order is None:
+            return
+        order.step(now_ns)
+        # where nothing keeps the robot up nothing is handed over
+        if order.done or (order.answer is not None and mode is not None and mode not in STANDS):
+            self._order = None
+
+
 class _Session:
     """What exists between ``open`` and ``close``."""
 
@@ -77,13 +107,16 @@ class _Session:
         self.link = link = Link(config, clock)
         self.clock = clock
         self.twist = Twist(link)
+        self.back = GiveBack(link)
         self.armed = False
         self.told = trio.Event()  # set by the next reading
-        self.mode: Mode | None = None
+        self.mode: Mode | None = None  # None: it is not known
         self.ours: Mode | None = None  # the mode in which the upper body was handed over; None: it is not ours
         self.goal: tuple[float, ...] = ()  # where the arms were told to be
         self.sensors: dict[str, tuple[float, ...]] = {}
-        self._mode_ns = 0
+        self._mode_ns = 0  # when the question was asked that told it
+        self._asked_ns = 0
+        self._is_answered = False  # the last question for the mode
         self._opened_ns = clock.now_ns()
         link.listen()
         link.follow("fall_down", p.FALL_TYPE, p.decode_fall, self._on_fall)
@@ -93,10 +126,14 @@ class _Session:
     def poll(self, now_ns: int) -> None:
         """Take in what came, ask for what is due, end what is over."""
         self.link.poll()
+        if self.mode is not None and now_ns - self._mode_ns > gates.MODE_TTL_S * NS:
+            self.note_mode(None, now_ns)
         self.twist.step(now_ns, self.mode)
-        if now_ns - self._mode_ns >= MODE_EVERY_S * NS:
-            self._mode_ns = now_ns
-            self.link.calls.ask(Api.GET_MODE, "", self.hear_mode)
+        self.back.step(now_ns, self.mode)
+        every_s = MODE_WITH_ARMS_S if self.has_arms and self._is_answered else MODE_EVERY_S
+        if now_ns - self._asked_ns >= every_s * NS:
+            self._asked_ns, self._is_answered = now_ns, False
+            self.link.calls.ask(Api.GET_MODE, "", partial(self.hear_mode, now_ns))
 
     def silent_s(self, now_ns: int) -> float:
         """How long no state, or no answer, has come."""
@@ -112,7 +149,7 @@ class _Session:
         state, state_ns = link.state, link.state_ns
         sensors = {**self.sensors, "upper_body": (float(self.has_arms),)}
         if self.mode is not None:
-            sensors["mode"] = (float(self.mode),)
+            sensors["mode"] = float(self.mode), self._mode_ns / NS
         if state is None:
             return Observation(0, (math.nan,) * count, (0,) * count, sensors=sensors)
         sensors |= {
@@ -129,13 +166,23 @@ class _Session:
 
     # -- what is heard
 
-    def hear_mode(self, response: Response) -> None:
-        try:
-            self.mode = rpc.mode_of(response.body) if response.status == rpc.OK else self.mode
-        except MalformedFrame:
+    def hear_mode(self, asked_ns: int, response: Response) -> None:
+        """Take what a question for the mode was answered. One that tells no mode says that it may be
+        any; but for one that came too soon after another, and was not looked at."""
+        if response.status == rpc.TOO_FREQUENT or asked_ns < self._mode_ns:
             return
-        if self.ours is not None and self.ours is not self.mode:
+        self._is_answered = True
+        mode: Mode | None = None
+        if response.status == rpc.OK:
+            with suppress(MalformedFrame):
+                mode = rpc.mode_of(response.body)
+        self.note_mode(mode, asked_ns)
+
+    def note_mode(self, mode: Mode | None, at_ns: int) -> None:
+        self.mode, self._mode_ns = mode, at_ns
+        if self.ours is not None and self.ours is not mode:
             self.ours = None  # in another mode the upper body is whose it was [assumed]
+            self.back.begin()
 
     def _on_fall(self, told: tuple[Fall, bool], t_ns: int) -> None:
         fall, recoverable = told
@@ -208,7 +255,9 @@ class BoosterWire(Wire):
         """Nothing is energised: the robot stands by its own controller."""
         session = self._session()
         observation = await self.read()
-        refusal = self._unfit(observation) or gates.not_custom(observation, 0)
+        now_ns = self._clock.now_ns()
+        refusal = self._unfit(observation) or gates.mode_known(observation, now_ns)
+        refusal = refusal or gates.not_custom(observation, now_ns)
         if refusal is not None:
             raise WireDown(f"arm: {refusal.text.removeprefix('move: ')}")
         await trio.lowlevel.checkpoint()
@@ -277,13 +326,7 @@ class BoosterWire(Wire):
                 answer = await self._ask(session, Api.ROTATE_HEAD, rpc.rotate_head(pitch, yaw), permit)
                 return _refused(service, answer) or {"pitch": pitch, "yaw": yaw}
             case "change_mode":
-                mode = gates.MODES[arguments["mode"]]
-                session.ours = None
-                answer = await self._ask(session, Api.CHANGE_MODE, rpc.change_mode(mode), permit)
-                refusal = _refused(service, answer)
-                if refusal is None:
-                    session.mode = mode
-                return refusal or {"mode": mode.name.lower()}
+                return await self._change_mode(session, gates.MODES[arguments["mode"]], permit)
             case "enable_upper_body":
                 return await self._take_arms(session, permit)
             case _:
@@ -304,25 +347,55 @@ class BoosterWire(Wire):
         # Whatever is answered: the twist has an end, since it may walk all the same, or later.
         return _refused("move", answer) or {"vx": vx, "vy": vy, "vyaw": vyaw, "for_s": TWIST_S}
 
+    async def _change_mode(self, session: _Session, mode: Mode, permit: Permit) -> dict[str, Any] | Refused:
+        permit.check()
+        had_arms, asked_ns = session.has_arms, self._clock.now_ns()
+        session.ours, changed = None, False
+        try:
+            answer = await self._ask(session, Api.CHANGE_MODE, rpc.change_mode(mode), permit)
+            refusal = _refused("change_mode", answer)
+            changed = refusal is None
+        finally:
+            if had_arms and not changed:
+                session.back.begin()  # it is in the mode in which it handed them over
+        if changed:
+            session.note_mode(mode, asked_ns)
+        return refusal or {"mode": mode.name.lower()}
+
     async def _take_arms(self, session: _Session, permit: Permit) -> dict[str, Any] | Refused:
         await self._look_at_mode(session, permit)
         observation = await self.read()
         refusal = gates.why_no_hand_over(session.mode, STANDS) or self._unfit(observation)
         if refusal is not None:
             return refusal
+        permit.check()
         mode = session.mode
-        answer = await self._ask(session, Api.UPPER_BODY, rpc.upper_body(True), permit)
-        refusal = _refused("enable_upper_body", answer)
+        session.ours, session.goal = None, ()
+        session.back.forget()
+        try:
+            answer = await self._ask(session, Api.UPPER_BODY, rpc.upper_body(True), permit)
+            refusal = _refused("enable_upper_body", answer)
+            if refusal is None and session.mode is not mode:
+                refusal = gates.why_no_hand_over(session.mode, (mode,) if mode else ())
+            if refusal is None:
+                session.ours = mode
+        finally:
+            if not session.has_arms:
+                session.back.begin()  # a hold came, or no answer: it may do so yet
         if refusal is not None:
-            session.link.calls.ask(Api.UPPER_BODY, rpc.upper_body(False), lambda _: None)  # it may do so yet
             return refusal
-        session.ours, session.goal = mode, ()
         await self._told(session)
         return {"upper_body": True}
 
     async def _give_arms(self, session: _Session, permit: Permit) -> dict[str, Any] | Refused:
+        permit.check()
         session.ours, session.goal = None, ()
-        answer = await self._ask(session, Api.UPPER_BODY, rpc.upper_body(False), permit)
+        answer: Response | None = None
+        try:
+            answer = await self._ask(session, Api.UPPER_BODY, rpc.upper_body(False), permit)
+        finally:
+            if answer is None or answer.why:
+                session.back.begin()
         await self._told(session)
         return _refused("disable_upper_body", answer) or {"upper_body": False}
 
@@ -338,9 +411,10 @@ class BoosterWire(Wire):
         return gates.not_ready(observation, self._clock.now_ns(), gates.FALL_TTL_S)
 
     async def _look_at_mode(self, session: _Session, permit: Permit) -> None:
+        asked_ns = self._clock.now_ns()
         answer = await self._ask(session, Api.GET_MODE, "", permit)
         if answer is not None:
-            session.hear_mode(answer)
+            session.hear_mode(asked_ns, answer)
 
     async def _ask(self, session: _Session, api: Api, body: str, permit: Permit) -> Response | None:
         """Return what is answered; None: nothing, in time."""

@@ -186,11 +186,38 @@ def _spellings(key: str) -> tuple[str, ...]:
 def target_gates(model: Motors, control_s: float) -> tuple[GateCheck, ...]:
     """Return the gates in the order in which they are asked: the first that refuses answers."""
     in_range = past_range(_table(model), rounding=FLOAT32_ROUNDING)
-    return in_range, within(model, DQ), within(model, TAU), gains(model), steps(model, control_s)
+    return (
+        finite_rows(model),
+        in_range,
+        within(model, DQ),
+        within(model, TAU),
+        gains(model),
+        steps(model, control_s),
+    )
 
 
 def _table(model: Motors) -> tuple[Axis, ...]:
     return tuple(joint.axis for joint in model.joints)
+
+
+def finite_rows(model: Motors) -> GateCheck:
+    """Refuse a target with a number that is not finite, also of a joint that is not named: that one
+    is to stay where it was read, and goes out with its gains all the same."""
+    count = len(model.joints)
+
+    def finite_rows(candidate: Candidate, state: GateState) -> Refused | None:
+        values = candidate.values
+        if all(map(math.isfinite, values)):
+            return None
+        place, value = next((place, value) for place, value in enumerate(values) if not math.isfinite(value))
+        row, at = divmod(place, count)
+        key, remedy = model.joints[at].key, "send a finite number"
+        if at not in candidate.named:
+            remedy = "wait until the robot tells where it is, or name it with a finite q"
+        why = f"move: {key}.{ROWS[row]} is {value}"
+        return Refused("not_finite", why, remedy, str(value), "a finite number")
+
+    return finite_rows
 
 
 _WORDS = {DQ: ("too_fast", "dq", "rad/s"), TAU: ("too_strong", "tau", "Nm")}

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from strands_actors.contract.wire import WireDown
+import trio
+
+from strands_actors.contract.wire import Permit, WireDown
 from strands_actors.drivers.common.half_duplex import HalfDuplexBus
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.serial_port import BytePort
@@ -24,13 +26,15 @@ MOST_FRAMES = 18
 
 
 class Board:
-    """Everything raises ``WireDown`` once the port is gone."""
+    """Everything raises ``WireDown`` once the port is gone. Who waits for an answer has the line to
+    itself until then; ``send`` and ``send_first`` wait for nobody."""
 
     def __init__(self, name: str, port: BytePort, clock: Clock) -> None:
         self.name = name
         self.port = port
         self.bus: HalfDuplexBus[f.Frame] = HalfDuplexBus(port, f.Decoder(), clock, BAUD, overhead=f.OVERHEAD)
         self.info = p.BoardInfo("", "", "", (0, 0), 0)
+        self._line = trio.Lock()
 
     def close(self) -> None:
         self.port.close()
@@ -66,12 +70,23 @@ class Board:
     async def command(self, call: bytes) -> bool:
         """Do a call of any length; whether it was acknowledged, frame by frame."""
         last: f.Frame | None = None
-        for frame in f.pushes(call):
-            replies = await self.bus.transact(frame, {f.PUSH_ACK: 0}, ANSWER_S, wait=True)
-            last = replies.get(f.PUSH_ACK)
-            if last is None:
-                return False
-        return last is not None and last.data[:1] == bytes((call[0] + 1,))
+        async with self._line:
+            for frame in f.pushes(call):
+                replies = await self.bus.transact(frame, {f.PUSH_ACK: 0}, ANSWER_S, wait=True)
+                last = replies.get(f.PUSH_ACK)
+                if last is None:
+                    return False
+        return _acknowledges(last, call)
+
+    async def change(self, call: bytes, permit: Permit) -> bool:
+        """Do a short call beside whoever reads and commands the board; whether it was acknowledged.
+        It keeps the line for one answer at most, so that nobody waits longer for it than for a
+        silent board. In the quiet time raise ``Quiet``."""
+        async with self._line:
+            permit.check()
+            replies = await self.bus.transact(f.push(call), {f.PUSH_ACK: 0})
+        # it may be that of a setpoint, which nobody waits for
+        return _acknowledges(replies.get(f.PUSH_ACK), call)
 
     async def must(self, call: bytes, what: str) -> None:
         """Raise ``WireDown`` when a call is not acknowledged."""
@@ -82,15 +97,16 @@ class Board:
         """Return the reply without its number; None: it did not come whole. In the quiet time raise
         ``Quiet``, or sit it out."""
         reply, request = b"", f.pull(call)
-        for _ in range(MOST_FRAMES):
-            replies = await self.bus.transact(request, {f.PULL_LAST: 0}, wait=wait)
-            part = replies.get(f.PULL_LAST)
-            if part is None:
-                return None
-            reply += part.data
-            if part.code == f.PULL_LAST:
-                return reply[1:] if reply[:1] == bytes((call + 1,)) else None
-            request = f.pull_next(call)
+        async with self._line:
+            for _ in range(MOST_FRAMES):
+                replies = await self.bus.transact(request, {f.PULL_LAST: 0}, wait=wait)
+                part = replies.get(f.PULL_LAST)
+                if part is None:
+                    return None
+                reply += part.data
+                if part.code == f.PULL_LAST:
+                    return reply[1:] if reply[:1] == bytes((call + 1,)) else None
+                request = f.pull_next(call)
         return None
 
     async def stepper_status(self, *, wait: bool = False) -> p.StepperStatus | None:
@@ -127,3 +143,7 @@ class Board:
         if code not in replies:
             raise WireDown(f"connect: {self.name} does not say who it is. Check its cable and power")
         return replies[code]
+
+
+def _acknowledges(frame: f.Frame | None, call: bytes) -> bool:
+    return frame is not None and frame.data[:1] == bytes((call[0] + 1,))

@@ -34,21 +34,34 @@ class Readings:
         """Take what a stepper reports; False: it was reset, its clock began anew. A report with an
         old time of the board's is none: it may have been on its way since its firmware hung."""
         before = self._steppers.get(board)
-        if status is None or (before is not None and status.timestamp_us == before.timestamp_us):
+        if status is None or not self._is_new(board, status, before, now_ns):
             self._silent_since_ns.setdefault(board, now_ns)
             return True
-        self._silent_since_ns.pop(board, None)
         self._steppers[board] = status
-        self._stamp_ns[board] = now_ns
         return before is None or status.timestamp_us > before.timestamp_us
 
-    def pimu(self, status: p.PimuStatus | None, now_ns: int) -> None:
-        if status is None:
+    def pimu(self, status: p.PimuStatus | None, now_ns: int) -> bool:
+        """Take what the power board reports; False, and what is no report: as of a stepper."""
+        before = self._pimu
+        if status is None or not self._is_new(PIMU, status, before, now_ns):
             self._silent_since_ns.setdefault(PIMU, now_ns)
-            return
-        self._silent_since_ns.pop(PIMU, None)
+            return True
         self._pimu = status
-        self._stamp_ns[PIMU] = now_ns
+        return before is None or status.timestamp_us > before.timestamp_us
+
+    def _is_new(
+        self,
+        board: str,
+        status: p.StepperStatus | p.PimuStatus,
+        before: p.StepperStatus | p.PimuStatus | None,
+        now_ns: int,
+    ) -> bool:
+        """Note that a board was heard, if it was: with another time of its own than before."""
+        if before is not None and status.timestamp_us == before.timestamp_us:
+            return False
+        self._silent_since_ns.pop(board, None)
+        self._stamp_ns[board] = now_ns
+        return True
 
     def silent_for_ns(self, board: str, now_ns: int) -> int:
         return now_ns - self._silent_since_ns.get(board, now_ns)

@@ -22,7 +22,7 @@ from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
 
 from . import protocol as p
-from .board import Board, OpenPort
+from .board import ANSWER_S, Board, OpenPort
 from .chains import ChainWire
 from .config import ARM, BASE, BAUD, BOARDS, LEFT, LIFT, PIMU, RIGHT, STEPPERS, StretchConfig
 from .gates import named_in
@@ -33,6 +33,8 @@ from .together import together
 
 OLD_S = 0.3
 """How long a stop is tried on ports that count as lost, before they are opened anew."""
+QUIET_LOOK_S = 0.02
+"""How often it is looked whether a board that missed an answer may be told again."""
 
 
 class StretchWire(Wire):
@@ -90,12 +92,12 @@ class StretchWire(Wire):
         motor = self._config.motors[board.name]
         await board.must(motor.gains.call(board.info.protocol), "its gains")
         if board.name in (LIFT, ARM):
-            await self._limit(board, motor.low_m, motor.high_m)
+            await board.must(self._limits(board.name, motor.low_m, motor.high_m), "its limits of motion")
         return {}
 
-    async def _limit(self, board: Board, low_m: float, high_m: float) -> None:
-        scale = self._config.motors[board.name].rad_per_m
-        await board.must(p.motion_limits(low_m * scale, high_m * scale), "its limits of motion")
+    def _limits(self, joint: str, low_m: float, high_m: float) -> bytes:
+        scale = self._config.motors[joint].rad_per_m
+        return p.motion_limits(low_m * scale, high_m * scale)
 
     async def _flash_watchdog(self, board: Board) -> bool:
         """Whether the velocity watchdog is among the gains in flash, which hold after a reset of
@@ -159,7 +161,10 @@ class StretchWire(Wire):
         except Quiet:
             status = None
         now_ns = self._clock.now_ns()
-        self._readings.pimu(status, now_ns)
+        if not self._readings.pimu(status, now_ns):
+            raise WireDown(
+                f"read: {PIMU} was reset. Check its supply; its configuration is set again when it is connected"
+            )
         self._check_silence(PIMU, now_ns)
 
     async def _read_chain(self, chain: ChainWire) -> None:
@@ -227,9 +232,20 @@ class StretchWire(Wire):
         joint, low, high = str(arguments["joint"]), float(arguments["low"]), float(arguments["high"])
         permit.check()
         if joint in (LIFT, ARM):
-            await self._limit(self._boards[joint], low, high)
+            await self._change(self._boards[joint], self._limits(joint, low, high), permit)
         self._readings.limits[joint] = (low, high)
         return {"joint": joint, "low": low, "high": high}
+
+    async def _change(self, board: Board, call: bytes, permit: Permit) -> None:
+        """Tell a board beside ``read`` and ``write``, again until it acknowledges."""
+        with trio.move_on_after(ANSWER_S):
+            while True:
+                try:
+                    if await board.change(call, permit):
+                        return
+                except Quiet:
+                    await trio.sleep(QUIET_LOOK_S)
+        raise WireDown(f"{board.name} does not take its limits of motion. Check its cable and power")
 
     # -- safe
 

@@ -11,6 +11,7 @@ taken over these bytes as they are.
 from __future__ import annotations
 
 import array
+import math
 import struct
 import sys
 import zlib
@@ -215,8 +216,8 @@ class StateCodec:
         self._joints = len(model.joints)
 
     def decode(self, body: bytes | memoryview) -> State:
-        """Raise ``MalformedFrame``. The checksum of ``go`` is not looked at: its C layout has not
-        been verified."""
+        """Raise ``MalformedFrame``, for a number that is not finite, too: joints are held where
+        they are. The checksum of ``go`` is not looked at: its C layout has not been verified."""
         if len(body) != STATE_BYTES[self._family]:
             known = STATE_BYTES[self._family]
             raise MalformedFrame(f"a LowState of {self._family} has {known} bytes, not {len(body)}")
@@ -235,6 +236,8 @@ class StateCodec:
         if not self._in_order:
             rows = [_reordered(row, self._order) for row in rows]
         q, dq, tau, temperature = rows
+        if not all(map(math.isfinite, (*imu[:10], *q, *dq, *tau))):
+            raise MalformedFrame("a LowState with a number that is not finite")
         return State(machine, tick, imu[:4], imu[4:7], imu[7:10], q, dq, tau, temperature, soc)
 
     def encode(self, state: State) -> bytes:

@@ -1,7 +1,8 @@
 """A T1 on a DDS network of its own: its computer, a MuJoCo body behind it, 23 motors.
 
-Besides the control lines of every twin it takes ``fall``, ``get-up``, ``mode NAME`` and
-``battery PERCENT``.
+Besides the control lines of every twin it takes ``fall``, ``get-up``, ``mode NAME``,
+``battery PERCENT`` and ``answer API STATUS``: what a service is answered with instead of being done
+(``answer GET_MODE 500``); ``nothing``: it is done, and not answered; ``-``: as ever.
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ from strands_actors.drivers.booster import protocol as p
 from strands_actors.drivers.booster import rpc
 from strands_actors.drivers.booster.protocol import Battery, Command, Fall
 from strands_actors.drivers.booster.robots import FIRST_ARM, LAST_ARM, Model
-from strands_actors.drivers.booster.rpc import Api, Mode, Request
+from strands_actors.drivers.booster.rpc import Api, Mode, Request, Response
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.rtps import CDR, PREFIX_SIZE, Participant
 from strands_actors.drivers.common.twin import WireLog
@@ -58,6 +58,7 @@ class BoosterServer(DdsServer):
         self._name = str(options.get("robot_name", ""))
         self._told: deque[tuple[float, ...]] = deque(maxlen=LATELY)
         self._due_ns: dict[str, int] = {}  # when each of the slow topics is told next
+        self._answered: dict[Api, int | None] = {}  # with which status, instead of being done; None: not at all
         self._stood: set[bytes] = set()  # participants that have stopped the base, and commanded nothing since
 
     def make_endpoints(self, participant: Participant) -> None:
@@ -116,11 +117,19 @@ class BoosterServer(DdsServer):
         elif request.api == Api.MOVE:
             self._stood.add(writer[:PREFIX_SIZE])
         self.log.write(t_ns, "host", [(kind, body)], safe_state)
-        response = self.onboard.serve(request)
-        if request.wants_answer:
+        response = self._serve(request)
+        if request.wants_answer and response is not None:
             answer = rpc.encode_response(response)
             self.log.write(time.monotonic_ns(), "robot", [("answer", answer)])
             self._answers.write(CDR + answer)
+
+    def _serve(self, request: Request) -> Response | None:
+        """As the robot's own computer does, but for what ``answer`` has changed."""
+        status = next((status for api, status in self._answered.items() if api == request.api), rpc.OK)
+        if status:
+            return Response(request.id, status)
+        response = self.onboard.serve(request)
+        return None if status is None else response
 
     def _kind_of(self, request: Request) -> tuple[str, str]:
         """Return the kind of a request, and the safe state that it brings the whole robot to."""
@@ -179,6 +188,10 @@ class BoosterServer(DdsServer):
                 self.onboard.get_up()
             case ["mode", name] if name.upper() in Mode.__members__:
                 self.onboard.set_mode(Mode[name.upper()])
+            case ["answer", name, how] if name in Api.__members__ and how in ("-", "nothing"):
+                self._answered[Api[name]] = rpc.OK if how == "-" else None
+            case ["answer", name, status] if name in Api.__members__ and status.isdecimal():
+                self._answered[Api[name]] = int(status)
             case ["battery", percent] if percent.isdecimal() and int(percent) <= 100:
                 self.onboard.percent = float(percent)
             case _:

@@ -186,6 +186,10 @@ class PimuEar(BoardEar):
     INFO_CALL = p.BOARD_INFO[p.Kind.PIMU]
     INFO = ("Pimu.3", "Pimu.v0.7.2p6")
 
+    def __init__(self, world: World, number: int) -> None:
+        super().__init__(world, number)
+        self._frozen = world.pimu_status()
+
     def kind_of(self, call: int, data: bytes) -> str:
         if call == p.PIMU_TRIGGER and p.parse_pimu_trigger(data) & p.RUNSTOP_ON:
             return "safe"
@@ -194,7 +198,7 @@ class PimuEar(BoardEar):
     def do(self, call: int, data: bytes) -> bytes:
         match call:
             case p.PIMU_STATUS:
-                return p.pack_pimu_status(self.world.pimu_status(), 6)
+                return p.pack_pimu_status(self._status(), 6)
             case p.PIMU_CONFIG:
                 self.world.stops_at_runstop = p.stops_at_runstop(data)
             case p.PIMU_TRIGGER:
@@ -210,6 +214,12 @@ class PimuEar(BoardEar):
             case p.PIMU_STATUS_AUX:
                 return b"\0\0"
         return b""
+
+    def _status(self) -> p.PimuStatus:
+        """As a stepper's: one that is stuck reports what it reported."""
+        if self.fault is not Fault.STUCK:
+            self._frozen = self.world.pimu_status()
+        return self._frozen
 
 
 class WaccEar(BoardEar):

@@ -33,6 +33,7 @@ LONGEST_S = 0.25
 dropped."""
 
 GRIPPER = "stretch_gripper"
+PIMU_NUMBER = number_of(PIMU)
 WACC, WACC_NUMBER = "wacc", 6
 SERVO_V = 12.0
 SERVO_MODEL, BY_CURRENT_MODEL = 1060, 1020
@@ -80,6 +81,7 @@ class World:
         self.syncs = 0
         self.pose = START
         self.time_s = 0.0
+        self._pimu_began_s = 0.0
         self._seen_s = now_s()
 
     # -- what may happen to it
@@ -106,9 +108,15 @@ class World:
         for motor in self.steppers.values():
             motor.sync()
 
+    def reset_pimu(self) -> None:
+        """Its clock begins anew; in flash it has what it was configured to [assumed]."""
+        self._pimu_began_s = self.time_s
+
     def set_fault(self, fault: Fault, unit: int | None) -> None:
         self.pass_time()
         self.faults.set(fault, unit)
+        if self.faults.of(PIMU_NUMBER) is Fault.OFF:
+            self.reset_pimu()
         for motor in self.steppers.values():
             found = self.faults.of(motor.number)
             motor.stuck = found is Fault.STUCK
@@ -120,6 +128,7 @@ class World:
     def power_cycle(self) -> None:
         self.pass_time()
         self.runstop = False
+        self.reset_pimu()
         for motor in self.steppers.values():
             motor.is_stopped = False
             motor.power_cycle()
@@ -186,7 +195,7 @@ class World:
             temperature=300.0,
             cliffs=(0.0, 0.0, 0.0, 0.0),
             state=int(state),
-            timestamp_us=round(self.time_s * 1e6),
+            timestamp_us=round((self.time_s - self._pimu_began_s) * 1e6),
         )
 
     def metres(self, name: str) -> float:

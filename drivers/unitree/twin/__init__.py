@@ -7,11 +7,13 @@ request; of the robot's side the answers and what it does by itself: ``fsm``, ``
 ``stood``. LowStates are not in it: a megabyte a second that nobody reads.
 
 Besides the control lines of every twin it takes ``fsm NUMBER``, ``mode NAME`` (``mode -``:
-released) and ``battery PERCENT`` (``battery unknown``).
+released), ``battery PERCENT`` (``battery unknown``) and ``nan JOINT`` (``nan -``: none): that it
+reports a position that is no number.
 """
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping, Sequence
 from typing import Any, Unpack
@@ -69,6 +71,7 @@ class UnitreeServer(DdsServer):
         self._commands = CommandCodec(model)
         self._states = StateCodec(model)
         self._answers: dict[str, Writer] = {}
+        self._nan = ""  # a joint whose position it does not know
 
     def make_endpoints(self, participant: Participant) -> None:
         family = self._model.family
@@ -131,6 +134,9 @@ class UnitreeServer(DdsServer):
         state = self.onboard.state()
         if self.lies:
             state = state._replace(q=tuple(rad + WRONG_RAD for rad in state.q))
+        if self._nan:
+            q = (math.nan if key == self._nan else rad for key, rad in zip(self._model.axes, state.q, strict=True))
+            state = state._replace(q=tuple(q))
         body = self._states.encode(state)
         if self._simulator:
             body = body[:-4] + bytes(4)
@@ -150,6 +156,8 @@ class UnitreeServer(DdsServer):
                 self.onboard.set_fsm(int(number))
             case ["mode", name]:
                 self.onboard.set_mode("" if name == "-" else name)
+            case ["nan", joint] if joint == "-" or joint in self._model.axes:
+                self._nan = joint.removeprefix("-")
             case ["battery", "unknown"]:
                 self.onboard.soc = None
             case ["battery", percent] if percent.isdecimal() and int(percent) <= 100:

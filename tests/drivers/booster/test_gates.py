@@ -44,7 +44,7 @@ def observation(age_s: float = 0.0, **sensors: Row | None) -> Observation:
     stamp_ns = NOW_NS - round(age_s * NS)
     known: dict[str, Row] = {
         "fall_state": (float(Fall.IS_READY), NOW_S),
-        "mode": (float(Mode.WALKING),),
+        "mode": (float(Mode.WALKING), NOW_S),
         "upper_body": (1.0,),
         "motors": (23.0,),
     }
@@ -173,8 +173,18 @@ def test_a_fall_state_that_is_old_or_unknown() -> None:
 
 
 def test_custom_mode_is_not_for_us() -> None:
-    answer = refused({"left_elbow_pitch": 0.0}, state(seen=observation(mode=(float(Mode.CUSTOM),))))
+    answer = refused({"left_elbow_pitch": 0.0}, state(seen=observation(mode=(float(Mode.CUSTOM), NOW_S))))
     assert answer.code == "custom_mode" and "the legs would let go" in answer.reason
+
+
+def test_saf_012_a_mode_that_is_old_or_unknown() -> None:
+    """It may be custom mode by now."""
+    old = observation(mode=(float(Mode.WALKING), NOW_S - 1.1))
+    answer = refused({"left_elbow_pitch": 0.0}, state(seen=old))
+    assert answer.code == "mode_stale" and "its mode is 1.1 s old (limit 1.0 s)" in answer.reason
+    assert refused({"left_elbow_pitch": 0.0}, state(seen=observation(mode=None))).code == "mode_unknown"
+    late = observation(mode=(float(Mode.WALKING), NOW_S - 0.9))
+    assert isinstance(verdict(t1(), {"left_elbow_pitch": 0.0}, state(seen=late)), Candidate)
 
 
 def test_a_state_that_is_old_or_unknown() -> None:

@@ -29,6 +29,21 @@ LIFT, ARM, LEFT, RIGHT = "hello-motor-lift", "hello-motor-arm", "hello-motor-lef
 PIMU, WRIST, HEAD = "hello-pimu", "hello-dynamixel-wrist", "hello-dynamixel-head"
 
 
+class OneReader(MemoryPort):
+    """As a real port: two cannot wait for what comes at once."""
+
+    _waits = False
+
+    async def read(self) -> bytes:
+        if self._waits:
+            raise trio.BusyResourceError("another task is reading this port")
+        self._waits = True
+        try:
+            return await super().read()
+        finally:
+            self._waits = False
+
+
 class Rig:
     """One robot. ``changes``: of its parameters."""
 
@@ -52,7 +67,7 @@ class Rig:
         name = PurePath(path).name
         if name in self.gone:
             raise WireDown(f"{path}: cannot open")
-        port = MemoryPort(self._peer(name))
+        port = OneReader(self._peer(name))
         self.ports.setdefault(name, []).append(port)
         return port
 

@@ -244,6 +244,18 @@ def test_saf_014_soft_limits_that_are_set_hold_at_once(stretch: RealRobot, twin:
     assert "lift 0.2..1.3" in why(stretch.set_soft_limits(joint="lift", low=0.2, high=1.3))
 
 
+def test_saf_003_soft_limits_that_are_set_again_and_again_end_no_process(twin: Twin, run_dir: Path) -> None:
+    """They are told beside readings, at whatever moment of them."""
+    with robot_on(twin.port, "stretch3", control_frequency=50.0) as robot:
+        armed(robot)
+        wire, began_ns = pids(robot)["wire"], time.monotonic_ns()
+        for at in range(60):
+            json_of(robot.set_soft_limits(joint="lift", low=0.1 + 0.001 * at, high=0.9))
+            time.sleep(0.01)
+        assert pids(robot)["wire"] == wire
+        assert twin.log.host("safe", began_ns) == [], "nobody had to stop it"
+
+
 def test_saf_013_the_wheels_watchdog_is_armed_and_read_back_and_stops_them_when_all_are_gone(
     stretch: RealRobot, twin: Twin
 ) -> None:

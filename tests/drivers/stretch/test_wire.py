@@ -347,17 +347,43 @@ def test_saf_005_a_wheel_that_rolls_on_is_not_reported_as_stopped() -> None:
     virtual(test)
 
 
-def test_soft_limits_are_told_the_firmware_of_lift_and_arm() -> None:
+def test_saf_012_a_report_of_the_power_board_with_the_time_of_the_one_before_is_none() -> None:
+    """It is where the runstop is read."""
+
     async def test() -> None:
         rig = Rig()
         wire = rig.wire()
         await wire.open()
-        told = await wire.perform("set_soft_limits", {"joint": "arm", "low": 0.1, "high": 0.3}, Permission())
-        assert told == {"joint": "arm", "low": 0.1, "high": 0.3}
-        scale = rig.config.parameters.arm.rad_per_m
-        assert rig.world.steppers["arm"].limits == pytest.approx((0.1 * scale, 0.3 * scale))
-        sensors = (await wire.read()).sensors
-        assert (sensors["limit_low"][1], sensors["limit_high"][1]) == (0.1, 0.3)
+        await wire.read()
+        rig.world.set_fault(Fault.STUCK, 5)
+        for _ in range(4):
+            await trio.sleep(0.07)
+            await wire.read()
+        with pytest.raises(WireDown, match="pimu reports nothing new for"):
+            for _ in range(10):
+                await trio.sleep(0.07)
+                await wire.read()
+
+    virtual(test)
+
+
+def test_a_power_board_that_was_reset_is_connected_again() -> None:
+    """It stops nobody by its runstop, say, until it is configured."""
+
+    async def test() -> None:
+        rig = Rig()
+        wire = rig.wire()
+        await wire.open()
+        await trio.sleep(0.1)
+        await wire.read()
+        rig.world.reset_pimu()
+        rig.world.stops_at_runstop = False
+        await trio.sleep(0.05)
+        with pytest.raises(WireDown, match="pimu was reset"):
+            await wire.read()
+        await wire.open()
+        assert rig.world.stops_at_runstop
+        await wire.read()
 
     virtual(test)
 

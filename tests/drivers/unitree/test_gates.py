@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from strands_actors.contract.driver import Candidate, Driver, GateState, Reason
 from strands_actors.contract.wire import Observation
-from strands_actors.drivers.common.motor_targets import KD, KP, TAU, Q
+from strands_actors.drivers.common.motor_targets import DQ, KD, KP, ROWS, TAU, Q
 from strands_actors.drivers.unitree.driver import G1Driver, Go2Driver
 from strands_actors.drivers.unitree.gates import CONTROL_S
 from strands_actors.kernel.clock import NS
@@ -322,6 +322,32 @@ def test_saf_014_a_low_battery_and_an_unknown_one_are_two_refusals(
     answer = verdict(driver, {joint: here(driver, joint)}, state(driver, **told(battery)))
     assert (answer.code if isinstance(answer, Refused) else None) == code
     assert words in (answer.reason if isinstance(answer, Refused) else "")
+
+
+@pytest.mark.parametrize("robot", ["unitree_g1", *Go2Driver.SUPPORTED_ROBOTS])
+@pytest.mark.parametrize("row", [Q, DQ, TAU, KP, KD])
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_saf_014_a_joint_that_is_not_named_is_told_no_number_that_is_not_finite(
+    robot: str, row: int, value: float
+) -> None:
+    """It is told where it was read, or what was accepted before, in every frame."""
+    driver = g1() if robot == "unitree_g1" else go2(robot)
+    count = len(driver.axes)
+    named, lost = driver.axes[:2]
+    at = state(driver)
+    before = verdict(driver, {named: here(driver, named)}, at)
+    assert isinstance(before, Candidate)
+    if row == Q:  # as the robot reports it, after arming
+        position = tuple(value if axis == lost else q for axis, q in zip(driver.axes, at.target, strict=True))
+        at = msgspec.structs.replace(
+            at, observation=msgspec.structs.replace(at.observation, position=position), target=position
+        )
+    else:
+        kept = tuple(value if place == row * count + 1 else n for place, n in enumerate(before.values))
+        at = state(driver, kept)
+    refusal = refused(driver, {named: here(driver, named)}, at)
+    assert (refusal.code, refusal.offered) == ("not_finite", str(value))
+    assert f"{lost}.{ROWS[row]} is {value}" in refusal.reason
 
 
 def test_the_floor_is_an_option() -> None:

@@ -192,6 +192,19 @@ def test_noise_is_garbled_and_nothing_worse(noise: bytes) -> None:
             read(noise)
 
 
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("row", ["quaternion", "gyroscope", "accelerometer", "q", "dq", "tau"])
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_saf_014_a_state_with_a_number_that_is_not_finite_is_none(robot: str, row: str, value: float) -> None:
+    """Joints are held where a state says that they are."""
+    codec = StateCodec(model_of(robot))
+    state = sample(model_of(robot))
+    broken = state._replace(**{row: (*getattr(state, row)[:-1], value)})
+    with pytest.raises(MalformedFrame, match="not finite"):
+        codec.decode(codec.encode(broken))
+    assert codec.decode(codec.encode(state)).q == state.q, "and nothing of it is kept"
+
+
 def test_a_battery_is_read_from_its_state_of_charge() -> None:
     body = bytearray(164)
     body[100] = 42

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import socket
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -287,6 +288,39 @@ def test_saf_012_garbled_states_are_none(tmp_path: Path) -> None:
         g1.order("fault garbage", lambda: g1.refused(never)[0] == "stale")
         assert not g1.log.host("setpoint")
         g1.order("fault ok", lambda: g1.refused(never)[0] == "gain")
+
+
+def commanded(robot: Legs, kind: str) -> list[float]:
+    """Every number of every LowCmd."""
+    decode = CommandCodec(model_of(kind)).decode
+    commands = [decode(entry.data) for entry in robot.log.host("setpoint") + robot.log.host("safe")]
+    return [number for command in commands for row in command[2:] for number in row]
+
+
+def test_saf_014_a_joint_that_is_nowhere_ends_what_is_live(tmp_path: Path) -> None:
+    """Its NaN would go out as the position at which it is to be held, whoever is named."""
+    with legs(tmp_path) as g1:
+        g1.run(Stand, duration=30.0)
+        g1.twin.command("nan left_elbow")
+        g1.wait_for_the_end()
+        until(lambda: "that could not be used" in (g1.status()["connect_error"] or ""), "its link is lost")
+        assert g1.log.host("safe")
+        assert all(map(math.isfinite, commanded(g1, "unitree_g1")))
+
+
+@pytest.mark.parametrize("kind", ["unitree_g1", "unitree_go2", "unitree_h1", "b2"])
+def test_saf_014_a_joint_that_is_nowhere_is_not_held_there(tmp_path: Path, kind: str) -> None:
+    with legs(tmp_path, kind) as robot:
+        if kind != "unitree_g1":
+            until(lambda: robot.robot.release_sport_mode()["status"] == "success", "it is released")
+            until(lambda: robot.sensor("sport_mode_released") == 1, "the tree knows")
+        named, lost, *_ = model_of(kind).axes
+        rad = robot.robot.get_observation()[named]
+        never = {named: {"q": rad, "kp": -1.0}}
+        robot.order(f"nan {lost}", lambda: robot.refused(never)[0] != "gain")  # there is no state any more
+        robot.refused({named: rad})
+        assert not robot.log.host("setpoint")
+        assert all(map(math.isfinite, commanded(robot, kind)))
 
 
 def test_a_stop_may_damp_before_it_lets_go(tmp_path: Path) -> None:

@@ -1,0 +1,332 @@
+"""Whether a T1's mode is known, and whose its arms are: what is asked, what is believed, and what is
+taken back. Judged by the twin's log where there is one."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Awaitable, Callable, Iterator
+from pathlib import Path
+
+import pytest
+import trio
+
+from strands_actors.drivers.booster import protocol as p
+from strands_actors.drivers.booster import rpc
+from strands_actors.drivers.booster.config import BoosterConfig
+from strands_actors.drivers.booster.link import Link
+from strands_actors.drivers.booster.robots import model_of
+from strands_actors.drivers.booster.rpc import Api, Mode, Response
+from strands_actors.drivers.booster.stopping import _Way
+from strands_actors.drivers.booster.wire import BoosterWire, _Session
+from strands_actors.drivers.common.rtps import CDR
+from strands_actors.kernel.clock import NS, MonotonicClock
+from strands_actors.kernel.messages import Refused
+from strands_actors.testing import WireLog
+from tests.answers import PATIENCE_S, state, status, until
+from tests.drivers.common.memory_port import Permission
+from tests.drivers.common.twin_process import TwinProcess
+from tests.trees import first_safe
+
+from .test_stop_channel import config, twin
+from .test_tree import T1, steadily, t1
+
+NOBODY = BoosterConfig(model_of("booster_t1"), "127.0.0.78")
+TICK_NS = NS // 100
+WALKING, SOCCER, CUSTOM = (rpc.change_mode(mode) for mode in (Mode.WALKING, Mode.SOCCER, Mode.CUSTOM))
+"""As GetMode answers, too."""
+
+
+@pytest.fixture
+def robot(tmp_path: Path, run_dir: Path) -> Iterator[T1]:
+    with t1(tmp_path) as standing:
+        yield standing
+
+
+class Service:
+    """The robot's service, for a link that has nobody at its other end."""
+
+    def __init__(self, link: Link) -> None:
+        self.asked: list[tuple[Api, str]] = []
+        self._heard: list[Callable[[Response], None]] = []
+        link.calls.ask = self._ask  # type: ignore[method-assign]
+
+    def _ask(self, api: Api, body: str, heard: Callable[[Response], None]) -> bool:
+        self.asked.append((api, body))
+        self._heard.append(heard)
+        return True
+
+    def answer(self, api: Api, status: int = rpc.OK, body: str = "", question: int = -1) -> None:
+        """``question``: which one of this kind; the last."""
+        at = [at for at, (asked, _) in enumerate(self.asked) if asked == api][question]
+        self._heard[at](Response("", status, body))
+
+    def count(self, api: Api) -> int:
+        return sum(asked == api for asked, _ in self.asked)
+
+
+@pytest.fixture
+def session() -> Iterator[_Session]:
+    """Of a robot that has told its mode at the time 0, and handed its arms over."""
+    session = _Session(NOBODY, MonotonicClock())
+    session.note_mode(Mode.WALKING, 0)
+    session.ours = Mode.WALKING
+    yield session
+    session.link.close()
+
+
+# -- what is believed
+
+
+def test_saf_012_a_mode_that_is_not_told_any_more_takes_the_arms_away(session: _Session) -> None:
+    service = Service(session.link)
+    session.poll(round(0.95 * NS))
+    assert session.mode is Mode.WALKING and session.has_arms
+    session.poll(round(1.05 * NS))
+    assert session.mode is None and not session.has_arms
+    assert "mode" not in session.observation().sensors
+    assert (Api.UPPER_BODY, rpc.upper_body(False)) in service.asked, "it has them back, if it was not known"
+
+
+@pytest.mark.parametrize(("status", "body"), [(500, ""), (-1, WALKING), (rpc.OK, "?"), (rpc.OK, "{}")])
+def test_saf_012_an_answer_that_tells_no_mode_says_that_it_may_be_any(
+    session: _Session, status: int, body: str
+) -> None:
+    service = Service(session.link)
+    session.poll(NS // 2)
+    service.answer(Api.GET_MODE, status, body)
+    assert session.mode is None and not session.has_arms
+    session.poll(NS)
+    service.answer(Api.GET_MODE, rpc.OK, WALKING)
+    assert session.mode is Mode.WALKING and not session.has_arms, "they have to be asked for again"
+
+
+def test_saf_012_a_mode_is_as_old_as_the_question_for_it(session: _Session) -> None:
+    """Its answer may have been on its way for long; one to an earlier question tells nothing new."""
+    service = Service(session.link)
+    session.poll(round(0.3 * NS))
+    session.poll(round(0.6 * NS))
+    service.answer(Api.GET_MODE, rpc.OK, SOCCER)
+    service.answer(Api.GET_MODE, rpc.OK, WALKING, question=0)
+    assert session.observation().sensors["mode"] == (float(Mode.SOCCER), 0.6)
+
+
+@pytest.mark.parametrize(
+    ("has_arms", "answered", "times"),
+    [(True, rpc.OK, 17), (False, rpc.OK, 5), (True, None, 5), (True, rpc.TOO_FREQUENT, 5)],
+)
+def test_the_mode_is_asked_more_often_while_the_arms_are_ours(
+    session: _Session, has_arms: bool, answered: int | None, times: int
+) -> None:
+    """As far as the robot answers: one that says nothing, or that it is too often, is left alone."""
+    service = Service(session.link)
+    session.ours = Mode.WALKING if has_arms else None
+    for at in range(1, 101):
+        before = service.count(Api.GET_MODE)
+        session.poll(at * TICK_NS)
+        if answered is not None and service.count(Api.GET_MODE) > before:
+            service.answer(Api.GET_MODE, answered, WALKING)
+    assert service.count(Api.GET_MODE) == times
+    assert session.mode is Mode.WALKING, "not yet old"
+
+
+def test_saf_012_a_hold_ends_when_the_mode_becomes_custom() -> None:
+    """Its frames are commands, too: the legs would let go."""
+    link = Link(NOBODY, MonotonicClock())
+    service, held = Service(link), []
+    link.send_hold = lambda q: bool(held.append(q)) or True  # type: ignore[method-assign, func-returns-value]
+    count = len(link.model.motors)
+    turning = p.State(
+        (0.0,) * 3, (0.0,) * 3, (0.0,) * 3, (0.0,) * count, (1.0,) * count, (0.0,) * count, (30,) * count
+    )
+    began_ns = time.monotonic_ns()
+    way = _Way(link, "hold", True)
+    modes = iter([WALKING, CUSTOM])
+    for at in range(100):
+        now_ns = began_ns + at * NS // 500
+        link._on_state(memoryview(CDR + p.encode_state(turning)), b"", now_ns)
+        before = service.count(Api.GET_MODE)
+        way.step(now_ns)
+        service.answer(Api.MOVE)
+        if service.count(Api.GET_MODE) > before and (mode := next(modes, None)):
+            service.answer(Api.GET_MODE, rpc.OK, mode)
+            until_then = len(held)
+    link.close()
+    assert next(modes, None) is None, "it was asked again"
+    assert 0 < until_then == len(held), "and none leaves behind that answer"
+
+
+# -- what becomes of it
+
+
+def test_saf_012_a_robot_that_answers_with_errors_is_stopped(robot: T1) -> None:
+    robot.enable()
+    over = threading.Event()
+    writer = steadily(lambda: robot.robot.send_action({"left_elbow_pitch": 0.1}), over)
+    until(lambda: robot.log.host("setpoint"), "it is commanded")
+    began_ns = time.monotonic_ns()
+    robot.twin.command("answer GET_MODE 500")
+    safe = first_safe(robot.log, began_ns, "stop")
+    until(lambda: state(robot.robot) == "disarmed", "it is disarmed")
+    over.set()
+    writer.join()
+    robot.log.no_setpoint_after_safe(safe.t_ns)
+    assert "does not tell its mode" in status(robot.robot)["cause"]
+    assert robot.events("upper_body") == ["host", "back"]
+    assert robot.robot.resume()["status"] == "error"
+    robot.twin.command("answer GET_MODE -")
+    robot.enable()
+
+
+def test_saf_012_a_robot_that_answers_everything_but_its_mode_is_stopped(robot: T1) -> None:
+    """The link does not count as lost then."""
+    robot.enable()
+    robot.elbow(0.1)
+    began_ns = time.monotonic_ns()
+    robot.twin.command("answer GET_MODE nothing")
+    over = threading.Event()
+    asker = steadily(lambda: robot.robot.rotate_head(), over)
+    try:
+        until(lambda: state(robot.robot) == "disarmed", "it is disarmed")
+    finally:
+        over.set()
+        asker.join()
+    assert "its mode" in status(robot.robot)["cause"]
+    robot.log.no_setpoint_after_safe(first_safe(robot.log, began_ns, "stop").t_ns)
+    assert robot.events("upper_body") == ["host", "back"]
+
+
+def test_saf_002_nothing_is_sent_to_the_arms_once_the_robot_has_told_another_mode(robot: T1) -> None:
+    """What leaves between the change and the answer nobody can call back."""
+    robot.enable()
+    robot.elbow(0.1)
+    began_ns = time.monotonic_ns()
+    until(lambda: len(robot.commands(began_ns)) > 60, "it is commanded, and again")
+    asked, told = len(robot.requests(Api.GET_MODE, began_ns)), len(robot.commands(began_ns))
+    robot.twin.command("mode custom")
+    until(lambda: state(robot.robot) == "disarmed", "it is stopped")
+    changed_ns = next(
+        entry.t_ns
+        for entry in robot.log.entries()
+        if entry.sender == "robot" and (entry.kind, entry.data) == ("mode", b"custom")
+    )
+    question = next(entry for entry, _ in robot.requests(Api.GET_MODE, changed_ns))
+    assert len(robot.commands(question.t_ns)) <= 3, "what was on its way"
+    assert asked and told / asked < 12, "it is asked every few commands"
+
+
+# -- what is taken back
+
+
+def with_wire(served: TwinProcess, act: Callable[[BoosterWire], Awaitable[None]]) -> None:
+    """Let it act on a wire that is open and armed, and read all the time."""
+
+    async def read(wire: BoosterWire) -> None:
+        while True:
+            await wire.read()
+            await trio.sleep(0.01)
+
+    async def main() -> None:
+        wire = BoosterWire(config(served), MonotonicClock())
+        with trio.fail_after(PATIENCE_S):
+            await wire.open()
+            async with trio.open_nursery() as nursery:
+                await nursery.start(wire.serve)
+                await wire.arm(Permission())
+                nursery.start_soon(read, wire)
+                await act(wire)
+                nursery.cancel_scope.cancel()
+        wire.close()
+
+    trio.run(main)
+
+
+async def whose(served: TwinProcess, *wanted: str) -> None:
+    """Wait until the twin's log says so of the upper body."""
+
+    def told() -> tuple[str, ...]:
+        entries = WireLog(served.log_path).entries()
+        return tuple(entry.data.decode() for entry in entries if entry.kind == "upper_body")
+
+    while told() != wanted:  # noqa: ASYNC110  # of another process
+        await trio.sleep(0.02)
+
+
+async def takes(wire: BoosterWire) -> None:
+    await wire.perform("enable_upper_body", {}, Permission())
+
+
+@pytest.mark.parametrize("safe_state", ["hold", "stop"])
+def test_saf_009_a_hand_over_that_a_hold_cuts_short_is_taken_back(tmp_path: Path, safe_state: str) -> None:
+    """As the transport does: the service is cancelled, then the robot is made safe."""
+    with twin(tmp_path) as served:
+
+        async def cut(wire: BoosterWire) -> None:
+            served.command("answer UPPER_BODY nothing")
+            await trio.sleep(0.1)
+            async with trio.open_nursery() as nursery:
+                nursery.start_soon(takes, wire)
+                await whose(served, "host")  # and it has not been answered
+                nursery.cancel_scope.cancel()
+            await wire.make_safe(safe_state)
+            served.command("answer UPPER_BODY -")
+            await whose(served, "host", "back")
+            assert (await wire.read()).sensors["upper_body"] == (0.0,)
+
+        with_wire(served, cut)
+
+
+@pytest.mark.parametrize("service", ["enable_upper_body", "disable_upper_body"])
+def test_saf_010_what_was_not_answered_is_taken_back_until_it_is(tmp_path: Path, service: str) -> None:
+    with twin(tmp_path) as served:
+
+        async def ask(wire: BoosterWire) -> None:
+            await takes(wire)
+            await whose(served, "host")
+            served.command("answer UPPER_BODY 500")
+            await trio.sleep(0.1)
+            answer = await wire.perform(service, {}, Permission())
+            assert isinstance(answer, Refused) and answer.code == "status"
+            assert (await wire.read()).sensors["upper_body"] == (0.0,)
+            served.command("answer UPPER_BODY -")
+            await whose(served, "host", "back")
+
+        with_wire(served, ask)
+
+
+def test_arms_that_a_refused_change_of_mode_leaves_with_nobody_are_given_back(tmp_path: Path) -> None:
+    with twin(tmp_path) as served:
+
+        async def change(wire: BoosterWire) -> None:
+            await takes(wire)
+            served.command("answer CHANGE_MODE 502")
+            await trio.sleep(0.1)
+            answer = await wire.perform("change_mode", {"mode": "prepare"}, Permission())
+            assert isinstance(answer, Refused) and answer.code == "status"
+            await whose(served, "host", "back")
+
+        with_wire(served, change)
+
+
+def test_a_hand_over_that_is_asked_for_again_is_not_taken_back(tmp_path: Path) -> None:
+    with twin(tmp_path) as served:
+
+        async def again(wire: BoosterWire) -> None:
+            served.command("answer UPPER_BODY 500")
+            await trio.sleep(0.1)
+            calls = wire._session().link.calls
+            ask = calls.ask
+            calls.ask = lambda api, body, heard: (  # type: ignore[method-assign]
+                False if body == rpc.upper_body(False) else ask(api, body, heard)
+            )  # giving back does not get through
+            await takes(wire)
+            served.command("answer UPPER_BODY -")
+            await trio.sleep(0.1)
+            await takes(wire)
+            await whose(served, "host")
+            calls.ask = ask  # type: ignore[method-assign]
+            await trio.sleep(0.5)
+            await whose(served, "host")
+            assert (await wire.read()).sensors["upper_body"] == (1.0,)
+
+        with_wire(served, again)
