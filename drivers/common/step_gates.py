@@ -1,12 +1,16 @@
 """Gates of arms whose controller goes to each target within one control period, at once: it has no
-speed of its own that a far target could not exceed. Pure; nothing is ever clipped."""
+speed of its own that a far target could not exceed. Pure; nothing is ever clipped.
+
+All joints are looked at, named or not: the controller is sent them all. One that is not named keeps
+its target, and may still be far from it.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
-from strands_actors.contract.axis import Axis
+from strands_actors.contract.axis import Axis, AxisMode
 from strands_actors.contract.driver import Candidate, GateState
 from strands_actors.kernel.messages import Refused
 
@@ -18,7 +22,7 @@ def refuse_step(
 ) -> Refused | None:
     """Refuse a step from ``before`` that is more than a joint turns in ``period_s`` at its speed,
     radians a second."""
-    for at in candidate.named:
+    for at in _sent(axes, candidate, before):
         step, allowed = abs(candidate.values[at] - before[at]), speeds[at] * period_s
         if not step <= allowed + _ROUNDING:  # a NaN is refused too
             shown = math.floor(allowed * 1e5) / 1e5
@@ -37,8 +41,9 @@ def refuse_lead(
 ) -> Refused | None:
     """Refuse a target further ahead of the measured position than a joint turns in ``lead_s``:
     small steps come quicker than it follows, or something holds it back."""
-    for at in candidate.named:
-        lead, allowed = abs(candidate.values[at] - state.observation.position[at]), speeds[at] * lead_s
+    measured = state.observation.position
+    for at in _sent(axes, candidate, measured):
+        lead, allowed = abs(candidate.values[at] - measured[at]), speeds[at] * lead_s
         if not lead <= allowed + _ROUNDING:
             shown = math.floor(allowed * 1e4) / 1e4
             return Refused(
@@ -49,3 +54,13 @@ def refuse_lead(
                 f"{shown:.4g}",
             )
     return None
+
+
+def _sent(axes: Sequence[Axis], candidate: Candidate, other: Sequence[float]) -> Iterator[int]:
+    """Return the joints to look at: those that are named, then the others. Of these a velocity has
+    no way to go, and of one that is not known on either side nothing can be said."""
+    yield from candidate.named
+    for at, axis in enumerate(axes):
+        known = math.isfinite(candidate.values[at]) and math.isfinite(other[at])
+        if at not in candidate.named and axis.mode is not AxisMode.VELOCITY and known:
+            yield at

@@ -11,6 +11,11 @@ from strands_actors.drivers.common.tcp_port import parse_address
 
 from .protocol import PORT
 
+REPORT_OLD_S = 2.0
+"""A report whose stamp is older is no report. Rows in the vendor's example of one span about a
+second: so rarely a rover may report, and the service tells the last report until the next
+[assumed]."""
+
 
 class EarthRoverConfig(msgspec.Struct, frozen=True):
     port: str

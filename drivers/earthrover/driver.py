@@ -22,7 +22,7 @@ from strands_actors.contract.tool_verbs import STATUS, STOP, ToolVerb
 from strands_actors.drivers.common.velocity_base import LIFETIME_S, parse_twist
 from strands_actors.kernel.messages import Refused
 
-from .config import EarthRoverConfig
+from .config import REPORT_OLD_S, EarthRoverConfig
 from .protocol import PICTURES, SPEAK_S
 from .robots import TABLES
 
@@ -97,7 +97,7 @@ class EarthRover(Driver):
         keepalive_s=0.1,  # the SDK process stops the rover by itself when it hears nothing for 3 s
         stream_ttl_s=LIFETIME_S,
         oneshot_ttl_s=LIFETIME_S,
-        state_ttl_s=0.5,
+        state_ttl_s=REPORT_OLD_S,
         call_s=0.8,
         safe_s=2.0,
     )
@@ -131,7 +131,7 @@ class EarthRover(Driver):
         timing = type(self).timing
         self.timing = Timing(
             **{name: getattr(timing, name) for name in timing.__struct_fields__ if name != "open_s"},
-            open_s=timeout_s + timing.handover_s + 1.0,
+            open_s=timeout_s + REPORT_OLD_S + timing.handover_s + 1.0,
         )
         self.config = EarthRoverConfig(port, self.table, timeout_s, self.timing.control_hz)
         self.gates = axis_gates(self.table, self.timing.state_ttl_s)

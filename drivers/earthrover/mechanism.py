@@ -14,6 +14,10 @@ _LONGEST_S = 0.25
 dropped."""
 
 
+_FULL_RPM = 100.0
+"""Of its wheels at full speed [assumed]."""
+
+
 class Rover:
     """``watchdog_s``: after so long without a command the SDK process sends zero; 0: never."""
 
@@ -76,7 +80,10 @@ class Rover:
     def _report(self) -> None:
         """What the SDK process tells until the next report."""
         self.reported_s = self.time_s
-        self.reported_speed = max(abs(run) for run in self.runs)
+        linear, angular = self.runs
+        self.reported_speed = abs(linear)  # one that turns on the spot has none
+        left, right = (_FULL_RPM * (linear + side * angular) for side in (-1, 1))
+        self.reported_rpms = (left, right, left, right)
         self.reported_heading_deg = math.degrees(-self.heading_rad) % 360.0
 
 

@@ -7,6 +7,8 @@ the lamp, and puts it out; the wire leaves it as it was told.
 
 from __future__ import annotations
 
+import math
+
 from strands_actors.contract.stop_channels import KeptSession
 from strands_actors.contract.wire import MotorReport, WireDown
 from strands_actors.drivers.common.http_port import HttpPort
@@ -31,8 +33,11 @@ class RoverZero:
         self.body = p.encode_stop(lamp)
 
     def standing(self, body: bytes) -> Standing:
+        """A rover that turns on the spot may report speed 0 [assumed]: its wheels must rest, too,
+        where it tells how they turn."""
         data = p.decode_data(body)
-        return Standing(data.stamp_s, data.speed)
+        turns = (abs(rpm) for rpm in data.vectors.get("rpms", ()) if not math.isnan(rpm))
+        return Standing(data.stamp_s, max(abs(data.speed), *turns, 0.0))
 
 
 class EarthRoverStopChannel(KeptSession[EarthRoverConfig, HttpPort]):

@@ -130,7 +130,7 @@ class RoverTwin:
                 "accels": [[0.0, 0.0, 1.0, stamp]],
                 "gyros": [[0.0, 0.0, 0.0, stamp]],
                 "mags": [[0.0, 0.0, 0.0, stamp]],
-                "rpms": [[0.0, 0.0, 0.0, 0.0, stamp]],
+                "rpms": [[*(round(rpm) for rpm in rover.reported_rpms), stamp]],
             }
         )
 

@@ -27,7 +27,7 @@ from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
 
 from . import protocol as p
-from .config import EarthRoverConfig
+from .config import REPORT_OLD_S, EarthRoverConfig
 from .stop import STOP_S, RoverZero
 
 COMMAND_S = 0.5
@@ -45,7 +45,13 @@ REPORT_S = 0.3
 ARM_S = 1.0
 
 SILENT_S = 1.0
-"""Without data for so long the link counts as lost."""
+"""Without an answer for so long the link counts as lost."""
+
+QUIET_S = 0.5
+"""No command is written when the service has told nothing for so long."""
+
+LOOK_S = 0.02
+"""How often is looked for the second report."""
 
 
 class EarthRoverWire(Wire):
@@ -61,19 +67,36 @@ class EarthRoverWire(Wire):
         self._given_up = False  # an answer has not come: this wire writes no command any more
         self._told: tuple[float, ...] = (0.0, 0.0, 0.0)  # what the rover was last told, in axis order
         self._seen: Observation | None = None
+        self._heard_ns = 0  # when the service last answered with data
+        self._stamp_s = math.nan  # of the newest report, on the rover's clock
         self._problem = "it has told nothing yet"
 
     async def open(self) -> dict[str, Any]:
+        """Hear two reports: a service goes on telling the last of a rover that is gone."""
         self.close()
         port = self._port()
+        first = await self._ask(port, self._config.timeout_s)
+        self._told = (0.0, 0.0, 1.0 if first.lamp > 0 else 0.0)
+        self._observe(first)
+        with trio.move_on_after(REPORT_OLD_S):
+            while True:
+                await trio.sleep(LOOK_S)
+                data = await self._ask(port, REPORT_OLD_S)
+                self._observe(data)
+                if data.stamp_s != first.stamp_s:
+                    return {"service": f"http://{port.name}", "watchdog_assumed_s": 3.0}
+        raise WireDown(
+            f"{port.name}: GET {p.DATA}: the rover's report stands still for {REPORT_OLD_S:g} s. "
+            "Look at the rover and its network"
+        )
+
+    async def _ask(self, port: HttpPort, within_s: float) -> p.Data:
+        """Raise ``WireDown``."""
         try:
-            answer = await port.ask("GET", p.DATA, within_s=self._config.timeout_s)
-            data = self._data(answer.status, answer.body)
+            answer = await port.ask("GET", p.DATA, within_s=within_s)
+            return self._data(answer.status, answer.body)
         except MalformedFrame as malformed:
             raise WireDown(f"{port.name}: GET {p.DATA}: {malformed}. Check what is served there") from None
-        self._told = (0.0, 0.0, 1.0 if data.lamp > 0 else 0.0)
-        self._observe(data)
-        return {"service": f"http://{port.name}", "watchdog_assumed_s": 3.0}
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         url = f"http://{self._port().name}"
@@ -105,7 +128,7 @@ class EarthRoverWire(Wire):
     async def read(self) -> Observation:
         await trio.lowlevel.checkpoint()
         seen = self._seen
-        if seen is None or self._clock.now_ns() - seen.t_ns > SILENT_S * NS:
+        if seen is None or self._silent_s() > SILENT_S:
             raise WireDown(f"read: no data for {SILENT_S:g} s ({self._problem}). Check the SDK process")
         return msgspec.structs.replace(seen, position=self._told)
 
@@ -118,6 +141,8 @@ class EarthRoverWire(Wire):
         await port.ready()
         linear, angular, lamp = (axis.sign * value for axis, value in zip(self._config.axes, values, strict=True))
         body = p.encode_setpoint(linear, angular, lamp)
+        if self._silent_s() > QUIET_S:
+            raise PermitDenied(f"the service has told nothing for {self._silent_s() * 1e3:.0f} ms")
         permit.check()
         number = port.send("POST", p.CONTROL, body)
         self._told, self._owed = values, trio.Event()
@@ -216,7 +241,12 @@ class EarthRoverWire(Wire):
         return p.decode_data(body)
 
     def _observe(self, data: p.Data) -> None:
-        now_ns = self._clock.now_ns()
+        """Its age is that of the report: the service tells the last one again until there is
+        another."""
+        now_ns = self._heard_ns = self._clock.now_ns()
+        if self._seen is not None and data.stamp_s == self._stamp_s:
+            now_ns = self._seen.t_ns
+        self._stamp_s = data.stamp_s
         readings = {
             "battery_pct": data.battery_pct,
             "signal_level": data.signal_level,
@@ -236,6 +266,9 @@ class EarthRoverWire(Wire):
             stamp_ns=(now_ns,) * len(self._told),
             sensors={**sensors, **data.vectors},
         )
+
+    def _silent_s(self) -> float:
+        return (self._clock.now_ns() - self._heard_ns) / NS
 
     def _port(self) -> HttpPort:
         self._stop = self._stop or self._config.open_port()

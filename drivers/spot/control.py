@@ -80,6 +80,9 @@ class BodyLease:
         self._session = session
         self._lease: Message | None = None
         self._uses = 0
+        self.was_taken = False
+        """Whether we had it, and it was taken from us since, by somebody or by the robot."""
+        self._owner = ""
 
     @property
     def is_held(self) -> bool:
@@ -88,7 +91,7 @@ class BodyLease:
     def use(self) -> Message:
         """Return the lease for the next command. Raise ``LeaseLost``."""
         if self._lease is None:
-            raise LeaseLost("")
+            raise LeaseLost(self._owner)
         self._uses += 1
         return p.newer_lease(self._lease, self._uses)
 
@@ -102,7 +105,7 @@ class BodyLease:
         if told.get("status") != p.OK or "lease" not in told:
             who = f"held by {owner}" if owner else f"not given (status {told.get('status', 0)})"
             raise WireDown(f"lease: the body is {who}. Let its owner return it, then resume()")
-        self._lease, self._uses = told["lease"], 0
+        self._lease, self._uses, self.was_taken, self._owner = told["lease"], 0, False, ""
 
     async def retain(self) -> None:
         """Say that we are still there. Raise ``LeaseLost``, ``WireDown``."""
@@ -119,7 +122,7 @@ class BodyLease:
             return True
         if status == p.LeaseUse.OLDER and owner == self._session.client:
             return False
-        self._lease = None
+        self._lease, self.was_taken, self._owner = None, True, owner
         raise LeaseLost(owner)
 
     async def give_back(self) -> str:
@@ -261,6 +264,17 @@ class FreshState:
         if self._since_ns is None:
             self._since_ns = reading.stamp_ns
         return reading if reading.stamp_ns > self._since_ns else None
+
+
+async def see_it_report(session: Session, within_s: float) -> None:
+    """Wait until what the robot reports is newer than what it reported first. Raise ``WireDown``."""
+    fresh = FreshState(session)
+    with trio.move_on_after(within_s):
+        while True:
+            if await fresh.read() is not None:
+                return
+            await trio.sleep(SAMPLE_S)
+    raise WireDown(f"robot state: what it reports stands still for {within_s:g} s. Check the robot")
 
 
 NOTHING_SINCE = "not confirmed: it has reported nothing since"

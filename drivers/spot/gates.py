@@ -7,35 +7,18 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from strands_actors.contract.axis import SHOWN, Axis, finite
-from strands_actors.contract.axis_gates import axis_gates, past_range
+from strands_actors.contract.axis_gates import past_range, stale, too_fast
 from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, Reason
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import Observation
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
 
-from .protocol import TWIST_S, Motors, Reading, name_of
-from .robots import ARM, BASE, CLAW, DRIVES, KEYS, LEGS, MOVES_ARM, MOVES_CLAW, wire_name
+from .protocol import TWIST_S, Motors, name_of
+from .robots import ARM, BASE, CLAW, DRIVES, KEYS, LEGS, MOVES_ARM, MOVES_CLAW
 
 LEASE, ESTOP, COMMAND, BEHAVIOUR = "lease", "estop", "command", "behaviour"
 """Keys of ``Observation.faults``."""
-
-
-def sensors_of(reading: Reading) -> dict[str, tuple[float, ...]]:
-    """Return what is read beside the axes, by name, unit in the name."""
-    told = {
-        "xyz_m": reading.xyz_m,
-        "rpy_rad": reading.rpy_rad,
-        "quaternion_wxyz": reading.quaternion,
-        "linear_m_s": (*reading.twist[:2], 0.0),
-        "angular_rad_s": (0.0, 0.0, reading.twist[2]),
-        "battery_pct": (reading.battery_pct,),
-        "battery_v": (reading.battery_v,),
-        "motors": (float(reading.motors),),
-        "estopped": (float(len(reading.pressed)),),
-    }
-    legs = [(key, reading.joints.get(wire_name(key))) for key in LEGS]
-    return {**told, **{f"{key}_rad": (joint[0],) for key, joint in legs if joint is not None}}
 
 
 # -- conditions: what must be true of it, whatever it is told
@@ -85,7 +68,37 @@ def _motors(observation: Observation, now_ns: int) -> Refused | None:
 
 
 def gates_of(axes: Sequence[Axis], state_ttl_s: float) -> tuple[GateCheck, ...]:
-    return (_has_part, *axis_gates(axes, state_ttl_s))
+    return _has_part, _whole_arm, _told(stale(axes, state_ttl_s)), past_range(axes), too_fast(axes, longest_s=0.1)
+
+
+def _told(check: GateCheck) -> GateCheck:
+    """Return a gate that looks at what the robot is told, and at no part that it is not."""
+
+    def told(candidate: Candidate, state: GateState) -> Refused | None:
+        values = tuple(
+            value if at in candidate.named else 0.0 for at, value in enumerate(candidate.values[: len(KEYS)])
+        )
+        return check(Candidate(values, candidate.named), state)
+
+    return told
+
+
+def _whole_arm(candidate: Candidate, state: GateState) -> Refused | None:
+    """Refuse to move an arm of which a joint has no target to keep, since it was missing in the
+    reading with which the robot was armed: its six joints are told at once."""
+    if not candidate.values[MOVES_ARM]:
+        return None
+    unknown = [key for at, key in enumerate(KEYS) if key in ARM and math.isnan(candidate.values[at])]
+    if not unknown:
+        return None
+    shown = ", ".join(unknown)
+    return Refused(
+        "stale",
+        f"move: no position from {shown} when the robot was armed, and the arm is told as a whole",
+        f"name {shown} too, or call stop() and resume() once it is reported",
+        shown,
+        "all joints of the arm",
+    )
 
 
 def _has_part(candidate: Candidate, state: GateState) -> Refused | None:
@@ -115,21 +128,17 @@ def refuse_leg(action: Mapping[str, object]) -> Refused | None:
 
 def with_parts(candidate: Candidate, state: GateState) -> Candidate:
     """Return the target with what follows from the names: which parts of the robot are told
-    anything. A twist has an end; the arm holds what it was told. A joint that was never read, and is
-    not named, is not told either."""
+    anything. A twist has an end; the arm holds what it was told. A joint that was never read has no
+    target, and none is made up for it: in a later command it would be told that one."""
     named = {KEYS[at] for at in candidate.named}
     speeds = candidate.values[: len(BASE)]
     drives = bool(named & set(BASE)) or any(speeds)
-    values = [
-        0.0 if math.isnan(value) and at not in candidate.named else value
-        for at, value in enumerate(candidate.values)
-    ]
     until_ns = candidate.until_ns
     if any(speeds):
         ends_ns = state.now_ns + round(TWIST_S * NS)
         until_ns = min(until_ns, ends_ns) if until_ns else ends_ns
     flags = (float(drives), float(bool(named & set(ARM))), float(CLAW in named))
-    return Candidate((*values, *flags), candidate.named, until_ns)
+    return Candidate((*candidate.values, *flags), candidate.named, until_ns)
 
 
 # -- services
@@ -168,6 +177,5 @@ __all__ = [
     "gates_of",
     "refuse_leg",
     "refuse_twist",
-    "sensors_of",
     "with_parts",
 ]

@@ -8,10 +8,10 @@ lease than the one before, so that one which comes late, behind a stop, is refus
 from __future__ import annotations
 
 import contextlib
-import math
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
+import msgspec
 import trio
 
 from strands_actors.contract.safe_state import SafeState
@@ -22,10 +22,20 @@ from strands_actors.kernel.messages import Refused
 
 from . import protocol as p
 from .config import SAFE_S, SpotConfig
-from .control import NOTHING_SINCE, BodyLease, EstopEndpoint, FreshState, LeaseLost, RobotTime, read_state
-from .gates import BEHAVIOUR, COMMAND, ESTOP, LEASE, sensors_of
+from .control import (
+    NOTHING_SINCE,
+    BodyLease,
+    EstopEndpoint,
+    FreshState,
+    LeaseLost,
+    RobotTime,
+    read_state,
+    see_it_report,
+)
+from .gates import COMMAND, ESTOP, LEASE
 from .messages import Message
-from .robots import ARM, BASE, CLAW, DRIVES, KEYS, MOVES_ARM, MOVES_CLAW, wire_name
+from .readings import Targets, arm_speed, held_at, observe
+from .robots import ARM, BASE, CLAW, DRIVES, KEYS, MOVES_ARM, MOVES_CLAW
 from .session import ANSWER_S, Asked, NoAnswer, OpenStream, Session
 from .stopping import LOOK_S, stop_by_estop, why_on
 
@@ -74,6 +84,7 @@ class SpotWire(Wire):
             await session.open(SERVICES)
             self._time = RobotTime(session)
             await self._time.sync(SYNC_S)
+            await see_it_report(session, self._config.silent_s)
             opened = True
         finally:
             if not opened:
@@ -94,16 +105,24 @@ class SpotWire(Wire):
         }
 
     async def read(self) -> Observation:
-        session = self._session()
+        """Its age is that of what it says: an answer that repeats the robot's stamp is not new."""
+        session, before = self._session(), self._reading
         try:
             self._reading = await read_state(session)
-            self._read_ns = self._clock.now_ns()
+            if before is None or self._reading.stamp_ns != before.stamp_ns:
+                self._read_ns = self._clock.now_ns()
         except NoAnswer:
-            silent_s = (self._clock.now_ns() - self._read_ns) / NS
-            if self._reading is None or silent_s > self._config.silent_s:
+            if before is None or self._silent_s() > self._config.silent_s:
                 raise
+        if self._silent_s() > self._config.silent_s:
+            raise WireDown(
+                f"robot state: what it reports stands still for {self._silent_s():.1f} s. Check the robot"
+            )
         assert self._reading is not None
-        return self._observation(self._reading)
+        return observe(self._reading, self._read_ns, self._faults)
+
+    def _silent_s(self) -> float:
+        return (self._clock.now_ns() - self._read_ns) / NS
 
     async def feed(self) -> None:
         """Check in at a third of the endpoint's time-out, and say that the lease is used."""
@@ -237,7 +256,7 @@ class SpotWire(Wire):
             self._is_armed = False
             return self._reports(Outcome(False, False, "not connected"))
         if safe_state == SafeState.HOLD:
-            return self._reports(await self._hold())
+            return await self._hold()
         self._is_armed = False
         outcome, returned = Outcome(False, False, "it cannot be told by its lease"), ""
         if safe_state != SafeState.OFF:
@@ -250,32 +269,36 @@ class SpotWire(Wire):
             returned = await self._give_back() if not outcome.detail else ""
         return self._reports(outcome, returned)
 
-    async def _hold(self) -> Outcome:
+    async def _hold(self) -> tuple[MotorReport, ...]:
         """Tell it to stand still, and see that it does. One that another has the lease of is not
-        moved by us."""
-        written = acknowledged = False
+        moved by us; one that nobody has it of can only be looked at."""
+        written = acknowledged = is_nobodys = False
         detail, fresh = "silent", FreshState(self._session())
         with trio.move_on_after(HOLD_S):
             while True:
+                had = self._lease.is_held
                 try:
-                    if not acknowledged:
+                    if not (acknowledged or is_nobodys):
                         status = await self._commanded(p.STOP, None)
                         written = True
                         acknowledged = status in (p.Command.OK, p.Command.NOT_POWERED_ON)
                         detail = f"not confirmed: a stop is answered with {p.name_of(p.Command, status)}"
-                    if acknowledged:
-                        detail = await self._why_moving(fresh)
-                    if not detail:
-                        return Outcome(True, True, "")
+                    if acknowledged or is_nobodys:
+                        detail, targets = await self._why_moving(fresh)
+                        if not detail:
+                            return self._reports(Outcome(written, True, ""), targets=targets)
                 except LeaseLost as lost:
-                    if lost.owner:
-                        self._faults[LEASE] = str(lost)
-                    return Outcome(written, True, "")
+                    written = written or had
+                    if self._lease.was_taken:
+                        self._note(lost)
+                    if lost.owner or not self._lease.was_taken:
+                        return self._reports(Outcome(written, True, ""))
+                    is_nobodys, detail = True, f"not confirmed: {lost}"
                 except WireDown as down:
                     written = written or isinstance(down, NoAnswer) or await self._said_unheard(p.STOP)
                     detail = f"not confirmed: {down}"
                 await trio.sleep(LOOK_S)
-        return Outcome(written, acknowledged, detail)
+        return self._reports(Outcome(written, acknowledged, detail))
 
     async def _said_unheard(self, command: Message) -> bool:
         """Say it by our lease on a new connection, before anything is heard there: answers that are
@@ -290,20 +313,23 @@ class SpotWire(Wire):
             return False
         return True
 
-    async def _why_moving(self, fresh: FreshState) -> str:
-        """Return why it does not stand still; empty: it does. Motors that are being powered on are
-        switched off again. Raise ``LeaseLost``, ``WireDown``."""
+    async def _why_moving(self, fresh: FreshState) -> tuple[str, Targets]:
+        """Return why it does not stand still, empty: it does; and where it does. Motors that are
+        being powered on are switched off again. Raise ``LeaseLost``, ``WireDown``."""
         reading = await fresh.read()
         if reading is None:
-            return NOTHING_SINCE
+            return NOTHING_SINCE, ()
         if reading.motors is p.Motors.POWERING_ON:
             session = self._session()
             asked = session.ask("PowerCommand", {"lease": self._lease.use(), "request": p.POWER_OFF})
             self._lease.check(await session.answer(asked))
-            return "not confirmed: its motors are being powered on"
-        if reading.motors is p.Motors.OFF or reading.speed <= STILL:
-            return ""
-        return f"not confirmed: it reports speed {reading.speed:.2f}"
+            return "not confirmed: its motors are being powered on", ()
+        if reading.motors is not p.Motors.OFF:
+            if not reading.speed <= STILL:
+                return f"not confirmed: it reports speed {reading.speed:.2f}", ()
+            if not arm_speed(reading) <= STILL:
+                return f"not confirmed: its arm reports {arm_speed(reading):.2f} rad/s", ()
+        return "", held_at(reading)
 
     async def _sit(self) -> tuple[Outcome, str]:
         """Sit, motors off, and return the lease. Return also why that was not returned."""
@@ -373,13 +399,11 @@ class SpotWire(Wire):
             session.close_in_order()
         return self._reports(outcome)
 
-    def _reports(self, outcome: Outcome, returned: str = "") -> tuple[MotorReport, ...]:
-        reports = outcome.reports(*names_of(self._config.axes))
+    def _reports(self, outcome: Outcome, returned: str = "", targets: Targets = ()) -> tuple[MotorReport, ...]:
+        reports = outcome.reports(*names_of(self._config.axes), targets)
         if not returned or outcome.detail:
             return reports
-        return tuple(
-            MotorReport(one.axis, one.id, one.written, one.acknowledged, one.safe, returned) for one in reports
-        )
+        return tuple(msgspec.structs.replace(one, detail=returned) for one in reports)
 
     # -- services
 
@@ -462,17 +486,3 @@ class SpotWire(Wire):
         if self._session_or_none is None:
             raise WireDown("wire: not connected. Open it first")
         return self._session_or_none
-
-    def _observation(self, reading: p.Reading) -> Observation:
-        joints = [reading.joints.get(wire_name(key)) for key in (*ARM, CLAW)]
-        known = [(math.nan, 0.0) if joint is None else joint for joint in joints]
-        position = (*reading.twist, *(angle for angle, _ in known))
-        faults = {**self._faults, **({BEHAVIOUR: f"{len(reading.faults)} faults"} if reading.faults else {})}
-        return Observation(
-            t_ns=self._read_ns,
-            position=position,
-            stamp_ns=tuple(0 if math.isnan(value) else self._read_ns for value in position),
-            velocity=(*(0.0 for _ in BASE), *(speed for _, speed in known)),
-            sensors=sensors_of(reading),
-            faults=faults,
-        )

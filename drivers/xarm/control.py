@@ -54,6 +54,7 @@ class Control:
         self._heard_ns = 0
         self.errors: tuple[int, int] = (0, 0)  # error and warning, when it was last asked
         self.error_pending = False  # by the last reply to anything
+        self.state_set = 0  # number of the last request for a state that was answered
 
     @property
     def idle(self) -> bool:
@@ -126,6 +127,8 @@ class Control:
         self.error_pending = bool(reply.state & p.ERROR)
         if reply.register == Register.ERRORS:
             self.errors = p.errors_of(reply.data)
+        if reply.register == Register.SET_STATE:
+            self.state_set = reply.number
         if reply.number in self._awaited:
             self._awaited[reply.number] = reply
 

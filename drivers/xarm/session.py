@@ -38,6 +38,7 @@ class Session:
         self.kind = kind
         self.limit_rad_s = limit_rad_s
         self.target: tuple[float, ...] = ()  # the last that was written, since it was armed
+        self.stops: set[int] = set()  # requests to stop, sent since the link was lost
         self.report: r.Report
         self.stamp_ns = 0  # when the report came
         self.asked_ns = 0  # when the errors were asked for

@@ -61,6 +61,8 @@ class XArmWire(Wire):
         await self._ask(session, Register.ERRORS, b"", SETTING_S, permit)
         self._refuse_error(session)
         settings = (
+            # first: an arm that was paused keeps its targets, and would jump to the newest as it goes on
+            (Register.SET_STATE, bytes((State.STOPPED,)), SETTING_S),
             (Register.MOTION_ENABLE, bytes((p.ALL_JOINTS, 1)), ENABLE_S),
             (Register.SET_MODE, bytes((Mode.SERVO,)), SETTING_S),
             (Register.SET_STATE, bytes((State.GO,)), SETTING_S),
@@ -117,7 +119,7 @@ class XArmWire(Wire):
         if safe_state == "hold":
             outcome = await self._hold(session) if session.target else Outcome(False, False, "it was stopped")
             if not outcome.detail:
-                return outcome.reports(AXES)
+                return outcome.reports(AXES, targets=session.target)
             self.hold_failed = self._why_not_movable(session) or outcome.detail
         session.target = ()
         outcome = await stop(session.control)
@@ -128,10 +130,14 @@ class XArmWire(Wire):
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
         """On the connection that was lost, if it still takes anything, and on one of its own. Where
         the way back alone is cut, no other can be made."""
-        written = self._tell_to_stop()
+        self._close_if_answered()
+        told = self._tell_to_stop()
         channel = XArmStopChannel(self._config, (), self._clock, self._open_stream)
-        reports = await channel.make_safe(safe_state)
-        if written and not any(report.written for report in reports):
+        try:
+            reports = await channel.make_safe(safe_state)
+        finally:
+            self._close_if_answered()
+        if told and not any(report.written for report in reports):
             return Outcome(True, False, reports[0].detail).reports(AXES)
         return reports
 
@@ -141,11 +147,25 @@ class XArmWire(Wire):
         if session is None:
             return False
         try:
-            session.control.send(Register.SET_STATE, bytes((State.STOPPED,)))
+            session.stops.add(session.control.send(Register.SET_STATE, bytes((State.STOPPED,))))
         except WireDown:
             return False
         session.target = ()
         return True
+
+    def _close_if_answered(self) -> None:
+        """Close the old connection once the stop was taken there: a controller may serve one client,
+        and would refuse every other as long as it stays. Until then it may be the only way there is."""
+        session = self._session_or_none
+        if session is None:
+            return
+        try:
+            session.control.take_waiting()
+        except WireDown:
+            session.close()
+            return
+        if session.control.state_set in session.stops:
+            session.close()
 
     def close(self) -> None:
         if self._session_or_none is not None:

@@ -185,7 +185,9 @@ class Ros2Link:
         for topic in m.COMMANDED:
             if not self._node.count_subscribers(topic):
                 return f"nobody listens to {topic}"
-        return "no odometry" if self.news.odometry is None else ""
+        if self.news.odometry is None:
+            return "no odometry"
+        return "" if self.news.odometry_goes_on else "odometry never changes its stamp"
 
     def _publisher(self, topic: str) -> Any:
         if self._node is None:

@@ -89,6 +89,8 @@ class RosbridgeLink:
             facts = await self._shake_hands()
             missing = "no odometry"
             await self._until(lambda: self.news.odometry is not None)
+            missing = "odometry never changes its stamp"
+            await self._until(lambda: self.news.odometry_goes_on)
             if m.JOINT_STATES in facts["topics"]:
                 with trio.move_on_after(JOINTS_S):
                     await self._until(lambda: self.news.joints_ns != 0)

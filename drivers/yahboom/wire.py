@@ -66,8 +66,10 @@ class YahboomWire(Wire):
         await self._link.hear()
 
     async def arm(self, permit: Permit) -> Observation:
+        """Forget where the arm was told to be: somebody may have moved it since it was stopped."""
         permit.check()
         self._link.zero()
+        self._arm_rad, self._arm_at_s = (), 0.0
         return await self.read()
 
     @property
@@ -79,9 +81,9 @@ class YahboomWire(Wire):
         told = news.odometry
         silent_s = (now_ns - news.odometry_ns) / NS
         if told is None or silent_s > SILENT_S:
-            why = "never" if told is None else f"for {silent_s:.1f} s not"
+            why = "never come" if told is None else f"for {silent_s:.1f} s not {news.missing(now_ns)}"
             raise WireDown(
-                f"read: odometry has {why} come ({news.malformed} malformed messages). Check the base and rosbridge"
+                f"read: odometry has {why} ({news.malformed} malformed messages). Check the base and rosbridge"
             )
         joints = news.joints if now_ns - news.joints_ns <= SILENT_S * NS else {}
         arm = tuple(joints.get(servo.key, NAN) for servo in self._config.servos)

@@ -17,6 +17,7 @@ from typing import Any
 import pytest
 
 from strands_actors.caller.robot import RealRobot
+from strands_actors.drivers.earthrover.config import REPORT_OLD_S
 from strands_actors.testing import Twin
 from strands_actors.testing.wirelog import Entry
 from tests.answers import json_of, pids, state, status, until, why
@@ -175,6 +176,22 @@ def test_saf_006_a_stop_leaves_at_once_whatever_the_service_answers(
     twin.log.no_setpoint_after_safe(began_ns)
     twin.fault("ok")
     until(lambda: state(rover) == "disarmed", "confirmed at last")
+
+
+def test_saf_012_a_service_that_tells_the_last_report_for_ever_is_told_nothing(
+    rover: RealRobot, twin: Twin
+) -> None:
+    """It answers, and no link is lost: it is the rover that is gone."""
+    drive(rover, twin, linear=0.2)
+    twin.fault("stuck")
+    until(lambda: status(rover)["observation_age_s"] > REPORT_OLD_S, "its report is old")
+    old_ns = time.monotonic_ns()
+    assert status(rover)["connected"]
+    assert "no position from linear" in why(rover.send_action({"linear": 0.2}))
+    time.sleep(0.3)
+    assert twin.log.host("setpoint", old_ns) == []
+    twin.fault("ok")
+    until(lambda: rover.send_action({"linear": 0.2})["status"] == "success", "it reports again")
 
 
 def test_saf_003_neither_root_nor_stop_channel_loads_the_http_client(rover: RealRobot, twin: Twin) -> None:

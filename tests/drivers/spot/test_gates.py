@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from strands_actors.contract.driver import GateState
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.spot.driver import Spot
 from strands_actors.drivers.spot.robots import DRIVES, KEYS, LEGS, MOVES_ARM, MOVES_CLAW, TABLES
@@ -72,7 +73,6 @@ def test_a_robot_without_an_arm_says_so_and_walks() -> None:
     assert refused({"arm_sh0": 0.0}, at).reason == "move: this robot has no arm"
     assert refused({"arm_f1x": 0.0}, at).reason == "move: this robot has no claw"
     walks = accepted({"vx": 0.3}, at)
-    assert all(math.isfinite(value) for value in walks.values)
     assert (walks.values[MOVES_ARM], walks.values[MOVES_CLAW]) == (0.0, 0.0)
     assert Spot("spot", "", {}).as_json(ARMLESS) == {"vx": 0.0, "vy": 0.0, "wz": 0.0}
 
@@ -106,6 +106,24 @@ def test_parts_that_are_not_named_are_not_told_anything() -> None:
     assert accepted({"arm_sh0": 0.1}).values[DRIVES:] == (0.0, 1.0, 0.0)
     assert accepted({"arm_f1x": -0.1}).values[DRIVES:] == (0.0, 0.0, 1.0)
     assert accepted({"wz": 0.0}).values[DRIVES:] == (1.0, 0.0, 0.0), "a zero is told: it stops a twist"
+
+
+def test_saf_014_a_joint_without_a_target_is_never_told_one_that_was_made_up() -> None:
+    """It was missing when the robot was armed, and is reported since: the arm is told as a whole."""
+    armed = (0.0, 0.0, 0.0, 0.1, -2.8, NAN, 0.0, 0.0, 0.0, -0.2)
+    seen = observed((0.0, 0.0, 0.0, 0.1, -2.8, 2.8, 0.0, 0.0, 0.0, -0.2))
+    first = Spot("spot", "", {}).first_target(observed(armed))
+    at = GateState(NOW_NS, seen, first, NOW_NS, False)
+    refusal = refused({"arm_sh0": 0.15}, at)
+    assert refusal.code == "stale"
+    assert "no position from arm_el0" in refusal.text and "name arm_el0 too" in refusal.text
+    walks = accepted({"vx": 0.1, "arm_f1x": -0.3}, at)
+    assert walks.values[DRIVES:] == (1.0, 0.0, 1.0), "parts that are not the arm are told"
+    after = GateState(NOW_NS, seen, walks.values, NOW_NS, False)
+    assert refused({"arm_sh0": 0.15}, after).code == "stale", "and a walk makes no target up either"
+    whole = accepted({"arm_sh0": 0.15, "arm_el0": 2.8}, after)
+    assert whole.values[3:9] == (0.15, -2.8, 2.8, 0.0, 0.0, 0.0)
+    assert accepted({"arm_sh0": 0.2}, GateState(NOW_NS, seen, whole.values, NOW_NS, False))
 
 
 @given(st.dictionaries(st.sampled_from(KEYS), st.floats(-4, 4), min_size=1))

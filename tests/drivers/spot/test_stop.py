@@ -8,7 +8,9 @@ import math
 import pytest
 import trio
 
+from strands_actors.contract.driver import Candidate, GateState
 from strands_actors.contract.wire import WireDown
+from strands_actors.drivers.common.simulation_control.body import Hand
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.spot import protocol as p
 from strands_actors.drivers.spot.protocol import Motors
@@ -32,6 +34,81 @@ def test_saf_005_a_stop_is_confirmed_by_what_it_reports_afterwards() -> None:
             world.twin.set_fault(fault)
             reports = await wire.make_safe("hold")
             assert not confirmed(reports) and reports[0].detail.startswith("not confirmed"), fault
+
+    virtual(test)
+
+
+def test_saf_011_a_hold_says_where_the_arm_is_held() -> None:
+    """The next command tells the joints that it does not name to stay there: not where an older
+    reading had them."""
+
+    async def test() -> None:
+        world = World()
+        wire = await ready(world)
+        seen = await wire.read()
+        await wire.write(target(world, seen, arm_sh0=2.0, arm_wr0=-1.0), Go())
+        await pass_time(world, 0.3, wire)
+        reports = await wire.make_safe("hold")
+        assert world.safe()[-1] == "hold" and confirmed(reports)
+        assert [report.target for report in reports] == [0.0] * 3 + world.twin.mechanism.joints
+        assert 0.3 < world.twin.mechanism.joints[0] < 1.9, "on its way"
+        world.twin.set_fault(Fault.WRONG)
+        assert {report.target for report in await wire.make_safe("hold")} == {None}, "not confirmed"
+
+    virtual(test)
+
+
+def test_saf_005_an_arm_that_goes_on_after_a_stop_is_not_reported_as_held() -> None:
+    async def test() -> None:
+        world = World()
+        wire = await ready(world)
+        seen = await wire.read()
+        world.twin.mechanism.halt = lambda: None  # type: ignore[method-assign]
+        await wire.write(target(world, seen, arm_sh0=3.0), Go())
+        await pass_time(world, 0.1, wire)
+        world.twin.mechanism._table = {**world.twin.mechanism._table, "arm_rad_s": 0.2}
+        reports = await wire.make_safe("hold")
+        assert not confirmed(reports)
+        assert reports[0].detail == "not confirmed: its arm reports 0.20 rad/s"
+
+    virtual(test)
+
+
+def test_saf_005_a_robot_that_nobody_has_the_lease_of_is_held_only_when_it_stands() -> None:
+    """The robot has taken the lease from us, and given it to nobody: what it was told before may
+    still run."""
+
+    async def test() -> None:
+        world = World()
+        wire = await ready(world)
+        seen = await wire.read()
+        walk = world.twin.mechanism.walk
+        world.twin.mechanism.walk = lambda twist, for_s, hand: walk(twist, 10.0, hand)  # type: ignore[method-assign]
+        await wire.write(target(world, seen, vx=0.5), Go())
+        await pass_time(world, 0.3, wire)
+        world.twin.leases.owner = ""
+        reports = await wire.make_safe("hold")
+        assert reports[0].written and not confirmed(reports)
+        assert reports[0].detail == "not confirmed: it reports speed 0.50"
+        assert (await wire.read()).faults["lease"] == "the lease is not ours any more"
+        await trio.sleep(10.0)
+        world.taken.clear()
+        assert confirmed(await wire.make_safe("hold")), "its twist has ended"
+        assert "RobotCommand" not in world.names(), "nothing is told by a lease that is not ours"
+
+    virtual(test)
+
+
+def test_a_robot_that_another_has_the_lease_of_is_his_however_often_it_is_stopped() -> None:
+    async def test() -> None:
+        world = World()
+        wire = await ready(world)
+        world.twin.leases.acquire("tablet-7", take=True)
+        world.twin.mechanism.walk((0.5, 0.0, 0.0), 10.0, Hand.NONE)
+        for _ in range(2):
+            assert confirmed(await wire.make_safe("hold"))
+            assert (await wire.read()).faults["lease"] == "the lease was taken over by tablet-7"
+        assert world.twin.mechanism.walks
 
     virtual(test)
 
@@ -118,6 +195,35 @@ def test_saf_012_an_answer_that_is_missing_leaves_the_age_and_a_silent_robot_is_
         with pytest.raises(WireDown, match="has not answered"):
             for _ in range(5):
                 await wire.read()
+
+    virtual(test)
+
+
+def test_saf_012_an_answer_that_repeats_itself_is_not_new_and_ends_the_link() -> None:
+    async def test() -> None:
+        world = World()
+        wire = await ready(world)
+        first = await wire.read()
+        world.twin.set_fault(Fault.STUCK)
+        last = await wire.read()  # it reports once more: what it was when it got stuck
+        await trio.sleep(0.9)
+        again = await wire.read()
+        assert again.t_ns == last.t_ns < first.t_ns + 10**8 and set(again.stamp_ns) == {last.t_ns}
+        now_ns = round(trio.current_time() * 1e9)
+        late = GateState(now_ns, again, again.position, again.t_ns, False)
+        candidate = world.driver.parse({"vx": 0.1}, late)
+        assert isinstance(candidate, Candidate)
+        refusals = [refusal.code for gate in world.driver.gates if (refusal := gate(candidate, late))]
+        assert refusals == ["stale"]
+        await trio.sleep(0.2)
+        with pytest.raises(WireDown, match="what it reports stands still for"):
+            await wire.read()
+        world.taken.clear()
+        with pytest.raises(WireDown, match="what it reports stands still for 1 s"):
+            await world.wire().open()
+        assert not {"setpoint", "enable", "safe"} & {one.kind for one in world.taken}
+        world.twin.set_fault(Fault.OK)
+        await world.wire().open()
 
     virtual(test)
 

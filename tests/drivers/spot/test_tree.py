@@ -400,3 +400,21 @@ def test_saf_007_an_estop_settles_it(spot: RealRobot, twin: Twin) -> None:
     assert (outcome.outcome, outcome.safe_state) == ("safe", "settle")
     assert "e-stopped by a button" in why(spot.send_action({"vx": 0.1}))
     twin.log.no_setpoint_after_safe(first_safe(twin.log, began_ns).t_ns)
+
+
+def test_saf_012_a_robot_that_says_the_same_again_and_again_is_lost_and_told_to_move_no_more(
+    spot: RealRobot, twin: Twin
+) -> None:
+    """Every connection is open, and every call is answered."""
+    walk(spot, twin, vx=0.2)
+    twin.fault("stuck")
+    until(lambda: state(spot) == "lost", "it is noticed")
+    lost_ns = time.monotonic_ns()
+    assert "what it reports stands still" in why(spot.send_action({"vx": 0.2}))
+    time.sleep(1.0)
+    assert twin.log.host("setpoint", lost_ns) == []
+    assert twin.log.host("safe", lost_ns), "it is told to sit"
+    assert not status(spot)["connected"], "nor is it connected anew"
+    twin.fault("ok")
+    until(lambda: state(spot) == "disarmed", "it is back, disarmed")
+    assert twin.log.host("setpoint", lost_ns) == []

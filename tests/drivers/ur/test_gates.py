@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -14,6 +15,7 @@ from strands_actors.contract.driver import Candidate, GateState, Reason
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.ur.arms import JOINTS, TABLES, arm_of
 from strands_actors.drivers.ur.driver import UR
+from strands_actors.drivers.ur.gates import LOOKAHEAD_S, WATCHDOG_HZ
 from strands_actors.kernel.messages import Refused
 
 NOW_NS = 10**12
@@ -131,6 +133,41 @@ def test_a_script_that_declares_its_period_may_step_as_far_as_the_joint_turns_in
     assert isinstance(far, Candidate)
     codes = [refusal.code for gate in slow.gates if (refusal := gate(far, at))]
     assert codes == ["too_fast"]
+
+
+def ahead(rad: float, at: GateState, joint: int = 0) -> GateState:
+    """The last target stands so far before where the joint is."""
+    target = (*AT[:joint], AT[joint] + rad, *AT[joint + 1 :])
+    return msgspec.structs.replace(at, target=target)
+
+
+def test_saf_014_small_steps_that_come_quicker_than_a_joint_turns_are_refused() -> None:
+    """Each alone would do: 0.025 rad every 4 ms are 6.3 rad/s."""
+    target = 0.0
+    while isinstance(answer := judge({JOINTS[0]: target + 0.025}, ahead(target, state())), Candidate):
+        target = answer.values[0]
+    assert (answer.code, answer.limit) == ("runs_ahead", "0.9581"), "0.3 s, and 5 ms that the sample has aged"
+    assert 0.92 < target < 0.9582
+
+
+@given(st.sampled_from(list(TABLES.robots)), st.integers(0, 5), st.floats(0.0, 0.29))
+def test_a_stream_at_top_speed_may_be_late_by_a_look_ahead_a_step_and_a_silence(
+    robot: str, joint: int, late_s: float
+) -> None:
+    """However old the newest sample is: of a busy machine nothing is refused for that."""
+    axis = arm_of(robot).axes[joint]
+    step = axis.speed / 125
+    lag_s = 0.999 * (2 * LOOKAHEAD_S + 1 / WATCHDOG_HZ) - 1 / 125
+    at = ahead(-math.copysign(axis.speed * (lag_s + late_s), AT[joint]), state(age_s=late_s), joint)
+    to = at.target[joint] - math.copysign(step, AT[joint])
+    assert isinstance(judge({JOINTS[joint]: to}, at, robot), Candidate)
+
+
+def test_saf_014_a_joint_that_is_not_named_is_looked_at_too() -> None:
+    """Something holds it back; the controller is told it with the others."""
+    refusal = refused({"elbow_joint": 1.5}, ahead(1.0, state(), 3))
+    assert refusal.code == "runs_ahead"
+    assert "wrist_1_joint is to be 1 rad from where it is" in refusal.text
 
 
 @given(st.sampled_from(list(TABLES.robots)), st.integers(0, 5), st.floats(-7, 7))

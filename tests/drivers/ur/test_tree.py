@@ -17,7 +17,9 @@ import pytest
 
 from strands_actors import Robot
 from strands_actors.caller.robot import RealRobot
-from strands_actors.drivers.ur.arms import JOINTS
+from strands_actors.drivers.ur.arms import JOINTS, arm_of
+from strands_actors.drivers.ur.driver import UR
+from strands_actors.drivers.ur.gates import LEAD_S
 from strands_actors.drivers.ur.protocol import DASHBOARD_PORT
 from strands_actors.testing import Twin
 from tests import trees
@@ -108,6 +110,28 @@ def test_saf_014_refusals_name_the_joint_and_write_nothing(arm: RealRobot, twin:
     assert "elbow is not a joint of ur5e" in why(arm.send_action({"elbow": 0.0}))
     time.sleep(0.1)
     assert not twin.log.host("setpoint", began_ns)
+
+
+def test_saf_014_targets_do_not_run_away_from_a_joint_that_is_held_back(arm: RealRobot, twin: Twin) -> None:
+    """Let go, it would follow in a blow: servoJ has no speed."""
+    twin.fault("stuck:1")
+    start = target = arm.get_observation()[PAN]
+    began_ns = time.monotonic_ns()
+    answer: Mapping[str, Any] = {}
+    for _ in range(200):
+        target += 0.02
+        answer = arm.send_action({PAN: target})
+        if answer["status"] != "success":
+            break
+    assert f"{PAN} is to be" in why(answer) and "from where it is" in why(answer)
+    time.sleep(0.1)
+    told = [struct.unpack_from(">d", entry.data, 8)[0] for entry in twin.log.host("setpoint", began_ns)]
+    longest_s = LEAD_S + UR.timing.state_ttl_s  # a sample may be so old
+    assert 0.0 < max(told) - start <= longest_s * arm_of("ur5e").axes[0].speed
+    twin.fault("ok:1")
+    json_of(arm.stop())
+    json_of(arm.resume())
+    json_of(nudge(arm))
 
 
 def test_a_policy_runs_at_125_hz_and_ends_in_a_hold(arm: RealRobot, twin: Twin) -> None:

@@ -48,6 +48,7 @@ class World:
         self.no_rich = False
         self.gone = False
         self.full = False  # it takes no further connection
+        self.clients = 8  # of its control port, at once
         self.replies = 0  # that were read
         self.on_reply: Callable[[int], None] = lambda count: None
         self.driver = XArm("xarm7", PORT, {})
@@ -64,6 +65,8 @@ class World:
         if self.gone or self.full or (self.no_rich and port == r.RICH_PORT):
             raise WireDown(f"{host}:{port}: cannot connect")
         if port == 502:
+            if sum(not connection.closed for connection in self.connections) >= self.clients:
+                raise WireDown(f"{host}:{port}: cannot connect")
             self.connections.append(ControlStream(self))
             return self.connections[-1]
         return ReportStream(self, port)

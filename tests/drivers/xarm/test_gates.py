@@ -180,6 +180,16 @@ def test_small_steps_in_quick_succession_do_not_run_away_from_the_arm() -> None:
     assert 0.25 < target < 0.315
 
 
+def test_saf_014_a_joint_that_is_not_named_is_looked_at_too_since_it_is_told_too() -> None:
+    """Something holds it back, or it was moved since: told its old target it would jump there."""
+    at = msgspec.structs.replace(state(), target=(0.0, 0.0, 0.32, 0.0, 0.0, 0.0, 0.0))
+    refusal = refused({"joint1": 0.01}, at)
+    assert (refusal.code, refusal.limit) == ("runs_ahead", "0.314")
+    assert "joint3 is to be 0.32 rad from where it is" in refusal.text
+    at = msgspec.structs.replace(state(), target=(0.0, 0.0, 0.31, 0.0, 0.0, 0.0, 0.0))
+    assert isinstance(judge({"joint1": 0.01}, at), Candidate)
+
+
 # -- declarations
 
 

@@ -9,6 +9,7 @@ import pytest
 import trio
 
 from strands_actors.contract.wire import WireDown
+from strands_actors.drivers.xarm import protocol as p
 from strands_actors.drivers.xarm.protocol import State
 from tests.drivers.common.memory_port import Permission
 
@@ -89,6 +90,29 @@ async def test_saf_020_a_controller_that_takes_no_other_connection_is_told_on_th
 
 
 @in_virtual_time
+async def test_saf_020_a_controller_of_one_client_comes_back_after_a_lost_link() -> None:
+    """The old connection ends once the stop was taken there, and not before: it may be the only way."""
+    world = World()
+    world.clients = 1
+    wire = await armed(world)
+    old = world.connections[-1]
+    world.deaf = True
+    for _ in range(3):
+        (motor, *_) = await wire.reach("stop")
+        await trio.sleep(0.1)
+        assert (motor.written, motor.safe, old.closed) == (True, False, ""), "its answers are cut off"
+    assert world.controller.state == State.STOPPED
+    world.deaf = False
+    await wire.reach("stop")
+    await trio.sleep(0.1)
+    assert all(motor.safe for motor in await wire.reach("stop"))
+    assert old.closed == "reset", "an answer came: what it was told before has been taken"
+    assert world.bodies("safe")[-5:] == [b"\x0c\x04"] * 5
+    assert set(world.kinds("read")[-5:]) == {"safe"}
+    await armed(world)
+
+
+@in_virtual_time
 async def test_a_hold_is_the_last_target_again_and_can_be_told_from_it() -> None:
     world = World()
     wire = await armed(world)
@@ -102,6 +126,23 @@ async def test_a_hold_is_the_last_target_again_and_can_be_told_from_it() -> None
     assert world.controller.state in (State.MOVING, State.READY)
     await wire.write(stepped(world, 0.01), Permission())
     assert math.isclose(world.controller.plant.position_rad[0], 0.03, abs_tol=0.02)
+
+
+@in_virtual_time
+async def test_saf_011_a_hold_says_where_the_arm_is_held_and_one_that_failed_does_not() -> None:
+    """The next command sends the joints that it does not name there, not to an older reading."""
+    world = World()
+    wire = await armed(world)
+    target = stepped(world, 0.03)
+    await wire.write(target, Permission())
+    motors = await wire.make_safe("hold")
+    assert tuple(motor.target for motor in motors) == target
+    told = p.unpack_floats(world.bodies("safe")[-1][1:], 7)
+    assert told == pytest.approx(target, abs=1e-6), "as the wire shows it"
+    world.controller.plant.set_stuck(0, True)
+    await wire.write(stepped(world, 0.2), Permission())
+    assert {motor.target for motor in await wire.make_safe("hold")} == {None}
+    assert {motor.target for motor in await wire.make_safe("stop")} == {None}
 
 
 @in_virtual_time

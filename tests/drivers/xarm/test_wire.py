@@ -89,12 +89,35 @@ async def test_a_controller_that_opens_and_says_nothing_is_named() -> None:
 async def test_saf_011_arming_begins_where_the_arm_is() -> None:
     world = World()
     wire = await armed(world)
-    assert world.kinds("read") == ["enable", "enable", "enable", "safe"]
+    assert world.kinds("read") == ["safe", "enable", "enable", "enable", "safe"]
     assert [body[0] for body in world.bodies("enable")] == [11, 19, 12]
-    (first,) = world.bodies("safe")
+    stop, first = world.bodies("safe")
+    assert stop == b"\x0c\x04"
     told = p.unpack_floats(first[1:], 7)
     assert told == pytest.approx(world.controller.plant.position_rad, abs=1e-6)
     assert (await wire.read()).sensors["mode"] == (1.0,)
+
+
+@in_virtual_time
+async def test_saf_011_an_arm_that_was_paused_on_its_way_does_not_go_on_when_it_is_armed() -> None:
+    """It keeps the newest target, and goes there in state 0, where servo mode was never left."""
+    world = World()
+    await armed(world)
+    controller = world.controller
+    controller.set_state(State.PAUSED)
+    here = controller.plant.position_rad
+    controller.obey(Register.SERVO_JOINT, p.servo_data(stepped(world, 0.3)))
+
+    def set_mode(mode: int) -> None:
+        if mode != controller.mode:
+            type(controller).set_mode(controller, mode)
+
+    controller.set_mode = set_mode  # type: ignore[method-assign]
+    written = len(world.written)
+    wire = await armed(world)
+    assert next(one.body for one in world.written[written:] if one.kind != "read") == b"\x0c\x04", "a stop is first"
+    await cycle(wire, 30)
+    assert controller.plant.position_rad == pytest.approx(here, abs=0.01)
 
 
 @in_virtual_time
@@ -118,7 +141,7 @@ async def test_an_error_that_comes_while_it_is_enabled_ends_it() -> None:
     world.controller._enable = lambda joint, on: world.controller.fail(13)  # type: ignore[method-assign]
     with pytest.raises(WireDown, match=r"error 13 \(servo motor 3\)"):
         await wire.arm(Permission())
-    assert world.kinds("read") == ["enable"], "neither mode nor state are set any more"
+    assert world.kinds("read") == ["safe", "enable"], "neither mode nor state are set any more"
 
 
 @pytest.mark.parametrize("denied_at", range(12))
@@ -146,7 +169,7 @@ async def test_saf_009_a_stop_during_bring_up_wins(denied_at: int) -> None:
     assert world.controller.state == State.STOPPED
 
 
-@pytest.mark.parametrize("replies", range(1, 6))
+@pytest.mark.parametrize("replies", range(1, 7))
 @in_virtual_time
 async def test_saf_009_a_stop_that_comes_with_a_reply_wins_before_the_next_frame(replies: int) -> None:
     world = World()
@@ -161,7 +184,7 @@ async def test_saf_009_a_stop_that_comes_with_a_reply_wins_before_the_next_frame
             written.append(len(world.written))
 
     world.on_reply = on_reply
-    if replies < 5:
+    if replies < 6:
         with pytest.raises(PermitDenied):
             await wire.arm(permit)
         assert len(world.written) == written[0]

@@ -102,6 +102,7 @@ class StandIn:
         self.broken = False
         self.hangs_s = 0.0
         self.silent = False
+        self.repeats = False  # it tells one stamp again and again
         self.nodes = 0
         self.domain = -1
         self._told_ns = 0
@@ -141,7 +142,8 @@ class StandIn:
             return
         self._told_ns = now_ns
         told = Blank()
-        told.header.stamp.sec, told.header.stamp.nanosec = divmod(now_ns, 10**9)
+        stamp_ns = 0 if self.repeats else now_ns
+        told.header.stamp.sec, told.header.stamp.nanosec = divmod(stamp_ns, 10**9)
         told.pose.pose.position.x = told.pose.pose.position.y = 0.0
         turned = told.pose.pose.orientation
         turned.x, turned.y, turned.z, turned.w = 0.0, 0.0, 0.0, 1.0
@@ -228,6 +230,17 @@ def test_a_base_that_nobody_started_is_said_so() -> None:
         ros.silent = True
         with pytest.raises(WireDown, match="no odometry within 2 s"):
             await Ros2Link(robot.config, VirtualClock(), ros.load).open()
+
+    virtual(test)
+
+
+def test_saf_012_a_base_that_says_the_same_again_and_again_is_no_connection() -> None:
+    async def test() -> None:
+        ros, robot = StandIn(), driver()
+        ros.repeats = True
+        with pytest.raises(WireDown, match="odometry never changes its stamp within 2 s"):
+            await Ros2Link(robot.config, VirtualClock(), ros.load).open()
+        assert ros.published == []
 
     virtual(test)
 

@@ -190,6 +190,24 @@ def test_saf_020_a_cable_that_is_back_carries_zero_before_any_question(m3: RealR
     twin.log.no_setpoint_after_safe(back_ns)
 
 
+def test_saf_012_a_base_that_says_the_same_again_and_again_is_lost_and_told_nothing(
+    m3: RealRobot, twin: Twin
+) -> None:
+    """Every socket is open, and every answer comes."""
+    drive(m3, twin, linear_x=0.2)
+    twin.fault("stuck")
+    until(lambda: state(m3) == "lost", "it is noticed")
+    lost_ns = time.monotonic_ns()
+    assert "not changed its stamp" in why(m3.send_action({"linear.x": 0.2}))
+    time.sleep(1.0)
+    assert twin.log.host("setpoint", lost_ns) == []
+    assert twin.log.host("safe", lost_ns), "and zero is said again"
+    assert not status(m3)["connected"], "nor is it connected anew"
+    twin.fault("ok")
+    until(lambda: state(m3) == "disarmed", "it is back, disarmed")
+    assert twin.log.host("setpoint", lost_ns) == []
+
+
 @pytest.mark.parametrize("fault", ["garbage", "intermittent", "delayed", "slow"])
 def test_saf_006_a_stop_leaves_at_once_whatever_the_bridge_answers(m3: RealRobot, twin: Twin, fault: str) -> None:
     drive(m3, twin, linear_x=0.5)

@@ -8,6 +8,7 @@ import pytest
 import trio
 
 from strands_actors.contract.wire import PermitDenied, WireDown
+from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.yahboom import messages as m
 from strands_actors.drivers.yahboom.rosbridge import MOST_OWED
 from strands_actors.drivers.yahboom.wire import QUIET_S, SILENT_S
@@ -123,6 +124,35 @@ def test_saf_012_odometry_that_does_not_come_any_more_is_a_lost_link() -> None:
     virtual(test)
 
 
+@pytest.mark.parametrize("at_once", [True, False])
+def test_saf_012_odometry_that_repeats_itself_is_not_new_and_ends_the_link(at_once: bool) -> None:
+    """Every socket is open, every answer comes; the base says the same again and again."""
+
+    async def test() -> None:
+        world = World(driver={"timeout_s": 1.0})
+        if at_once:
+            world.twin.set_fault(Fault.STUCK)
+            with pytest.raises(WireDown, match="odometry never changes its stamp within 1 s"):
+                await world.wire().open()
+            assert world.kinds() == []
+            return
+        async with running(world) as wire:
+            world.twin.set_fault(Fault.STUCK)
+            await trio.sleep(0.05)
+            seen = await wire.read()
+            await trio.sleep(SILENT_S - 0.1)
+            again = await wire.read()
+            assert again.t_ns == seen.t_ns == max(again.stamp_ns[:3])
+            with pytest.raises(PermitDenied, match="takes nothing now"):
+                await wire.write(target(world, linear_x=0.5), Permission())
+            assert world.kinds() == []
+            await trio.sleep(0.2)
+            with pytest.raises(WireDown, match=r"odometry has for 0\.\d s not changed its stamp"):
+                await wire.read()
+
+    virtual(test)
+
+
 # -- commands
 
 
@@ -216,6 +246,26 @@ def test_saf_010_a_robot_that_is_silent_is_sent_nothing() -> None:
             await trio.sleep(0.05)
             await wire.write(target(world, linear_x=0.5), Permission())
             assert world.kinds() == ["setpoint"]
+
+    virtual(test)
+
+
+def test_saf_011_where_the_arm_was_told_to_be_is_forgotten_when_it_is_armed_anew() -> None:
+    """Somebody may have moved it meanwhile, and the robot does not report where it is."""
+
+    async def test() -> None:
+        world = World(joints=False)
+        async with running(world) as wire:
+            told = target(world, arm1=0.1)
+            await wire.write(told, Permission())
+            held = await wire.make_safe("zero")
+            assert [report.target for report in held] == [0.0] * 3 + list(told[3:9])
+            world.taken.clear()
+            await wire.arm(Permission())
+            assert [report.target for report in await wire.make_safe("zero")] == [0.0] * 3 + [None] * 6
+            assert msgs(world, m.ARM) == []
+            await wire.write(told, Permission())
+            assert len(msgs(world, m.ARM)) == 1, "the same action as before is not taken for a repetition"
 
     virtual(test)
 

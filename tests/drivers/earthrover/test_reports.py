@@ -1,0 +1,171 @@
+"""What the rover's reports prove: that they are new, and that it stands. In virtual time, on the
+twin's service without sockets."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+import pytest
+import trio
+
+from strands_actors.contract.wire import PermitDenied, WireDown
+from strands_actors.drivers.common.http_messages import Request, Response
+from strands_actors.drivers.common.http_port import HttpPort
+from strands_actors.drivers.common.twin import Fault
+from strands_actors.drivers.common.velocity_base import stop_base
+from strands_actors.drivers.earthrover import protocol as p
+from strands_actors.drivers.earthrover.config import REPORT_OLD_S, EarthRoverConfig
+from strands_actors.drivers.earthrover.driver import EarthRover
+from strands_actors.drivers.earthrover.robots import TABLES
+from strands_actors.drivers.earthrover.stop import STOP_S, RoverZero
+from strands_actors.drivers.earthrover.twin import RoverTwin
+from strands_actors.drivers.earthrover.wire import QUIET_S, SILENT_S, EarthRoverWire
+from strands_actors.kernel.clock import VirtualClock
+from tests.drivers.common.memory_port import Permission, virtual
+
+
+class ServicePort(HttpPort):
+    """A connection to the twin's service. ``log``: the kinds of what it took."""
+
+    def __init__(self, twin: RoverTwin) -> None:
+        super().__init__("192.0.2.1", 8000)
+        self._twin = twin
+        self._answers: dict[int, Response] = {}
+        self.log: list[str] = []
+        self.silent = False
+
+    @property
+    def is_open(self) -> bool:
+        return True
+
+    async def open(self) -> None:
+        await trio.lowlevel.checkpoint()
+
+    async def ready(self) -> None:
+        await trio.lowlevel.checkpoint()
+
+    def send(self, method: str, target: str, body: bytes = b"") -> int:
+        answer = self._twin.answer(Request(method, target, {}, body, b""))
+        self.log.append(answer.kind)
+        self._answers[len(self.log)] = Response(answer.status, {}, answer.body)
+        return len(self.log)
+
+    async def answer(self, number: int, within_s: float) -> Response:
+        await trio.sleep(0.002)
+        if self.silent:
+            await trio.sleep(min(within_s, 60.0))
+            raise WireDown("192.0.2.1:8000: no answer")
+        return self._answers.pop(number)
+
+
+class MemoryConfig(EarthRoverConfig, frozen=True):
+    """Opens ports to a service that the test has."""
+
+    port_of: Any = None
+
+    def open_port(self) -> HttpPort:
+        found: HttpPort = self.port_of
+        return found
+
+
+def rover(**table: Any) -> tuple[RoverTwin, ServicePort]:
+    twin = RoverTwin({**TABLES.table("earthrover"), **table}, trio.current_time)
+    return twin, ServicePort(twin)
+
+
+def wire_to(port: ServicePort) -> EarthRoverWire:
+    config = EarthRover("earthrover", "192.0.2.1", {}).config
+    fields: Mapping[str, Any] = {name: getattr(config, name) for name in config.__struct_fields__}
+    return EarthRoverWire(MemoryConfig(**fields, port_of=port), VirtualClock())
+
+
+async def heard(wire: EarthRoverWire, port: ServicePort) -> None:
+    """Hear the service once, as ``serve`` does ten times a second."""
+    answer = await port.ask("GET", p.DATA, within_s=0.3)
+    wire._observe(p.decode_data(answer.body))
+
+
+def test_saf_012_a_report_that_is_told_again_is_not_new() -> None:
+    async def test() -> None:
+        twin, port = rover(report_s=0.5)  # slower than it is asked
+        wire = wire_to(port)
+        await wire.open()
+        ages_s = []
+        for _ in range(20):
+            await trio.sleep(0.1)
+            await heard(wire, port)
+            seen = await wire.read()
+            ages_s.append(trio.current_time() - seen.t_ns / 1e9)
+            assert set(seen.stamp_ns) == {seen.t_ns}
+        assert 0.35 < max(ages_s) < 0.6 and min(ages_s) < 0.1, "it is as old as what it says"
+        twin.set_fault(Fault.STUCK)
+        for _ in range(25):
+            await trio.sleep(0.1)
+            await heard(wire, port)
+        old_s = trio.current_time() - (await wire.read()).t_ns / 1e9
+        assert old_s > REPORT_OLD_S, "the service answers: it is no lost link, and commands are refused as stale"
+
+    virtual(test)
+
+
+def test_saf_012_a_service_that_tells_the_last_of_a_rover_that_is_gone_is_no_connection() -> None:
+    async def test() -> None:
+        twin, port = rover()
+        twin.set_fault(Fault.STUCK)
+        with pytest.raises(WireDown, match="the rover's report stands still for 2 s"):
+            await wire_to(port).open()
+        assert set(port.log) == {"read"}
+        twin.set_fault(Fault.OK)
+        await wire_to(port).open()
+
+    virtual(test)
+
+
+def test_saf_012_a_service_that_tells_nothing_is_sent_nothing_and_is_lost() -> None:
+    async def test() -> None:
+        _, port = rover()
+        wire = wire_to(port)
+        await wire.open()
+        async with trio.open_nursery() as nursery:
+            wire._nursery, wire._commands = nursery, port
+            await wire.write((0.1, 0.0, 0.0), Permission())
+            await trio.sleep(QUIET_S + 0.05)
+            with pytest.raises(PermitDenied, match="has told nothing for"):
+                await wire.write((0.1, 0.0, 0.0), Permission())
+        assert port.log.count("setpoint") == 1
+        await trio.sleep(SILENT_S)
+        with pytest.raises(WireDown, match="no data for 1 s"):
+            await wire.read()
+
+    virtual(test)
+
+
+def test_saf_005_a_rover_that_turns_on_the_spot_does_not_stand_though_it_reports_speed_0() -> None:
+    async def test() -> None:
+        twin, port = rover(ramp_s=4.0, watchdog_s=0.0)
+        port.send("POST", p.CONTROL, p.encode_setpoint(0.0, 1.0, 0.0))
+        for _ in range(50):
+            await trio.sleep(0.1)
+            twin.rover.pass_time()
+        told = p.decode_data(twin.data())
+        assert told.speed == 0 and told.vectors["rpms"] == (-100.0, 100.0, -100.0, 100.0)
+        outcome = await stop_base(port, RoverZero(), STOP_S)
+        assert outcome.written and outcome.detail.startswith("not confirmed: it reports speed")
+        assert (await stop_base(port, RoverZero(), 5.0)).detail == ""
+        assert twin.rover.runs == (0.0, 0.0)
+        assert port.log[-2:] == ["safe", "read"]
+
+    virtual(test)
+
+
+@pytest.mark.parametrize(
+    ("told", "speed"),
+    [({}, 0.0), ({"rpms": []}, 0.0), ({"rpms": [[0, 0, 0, -7, 1.0]]}, 7.0), ({"rpms": [[None, 0, 2.0]]}, 0.0)],
+)
+def test_what_a_rover_does_not_tell_of_its_wheels_proves_nothing(told: dict[str, Any], speed: float) -> None:
+    body = json.dumps({"timestamp": 1.0, "speed": 0, **told}).encode()
+    assert RoverZero().standing(body).speed == speed
+    assert msgspec.json.decode(RoverZero(1.0).body)["command"]["lamp"] == 1
