@@ -93,8 +93,8 @@ class Crazyflie(Driver):
         Reason.ESTOP: SafeState.OFF,
     }
     firmware_watchdog = (
-        "levels out 0.5 s after the last setpoint and cuts the motors after 2 s; a landing that it has taken it "
-        "flies to the end. Nothing to arm, nothing to read back"
+        "levels out 0.5 s after the last setpoint, cuts the motors after 2 s and locks itself; a landing that it "
+        "has taken it flies to the end. Nothing to arm, nothing to read back"
     )
 
     @classmethod

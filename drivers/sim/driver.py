@@ -73,7 +73,7 @@ class SimDriver(Driver):
         self.real = _class_of(options)(robot, "", options["options"])
         real = self.real
         self.robot = real.robot
-        self.axes, self.ids, self.unit = real.axes, real.ids, real.unit
+        self.axes, self.ids, self.table, self.unit = real.axes, real.ids, real.table, real.unit
         self.timing = msgspec.structs.replace(real.timing, keepalive_s=KEEPALIVE_S, arm_s=2.0, silent_s=0.0)
         if self.timing.tick_s < TICK_S:  # 500 Hz of a wire: here nothing falls for a late tick
             self.timing = msgspec.structs.replace(

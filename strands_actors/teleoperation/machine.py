@@ -26,6 +26,8 @@ SILENT_NS = 100_000_000
 """A frame that is older is none: as long as a setpoint lives."""
 JOG_SHARE_S = 0.1
 """Of its range, what an axis that is jogged at full rate does in a second."""
+JOG_UNBOUNDED = 0.1
+"""Units a second of an axis without a range: a slide of a user's own model."""
 LONGEST_STEP_S = 0.05
 """A jogged target goes on by no more at once, however long there was no frame."""
 TOLERANCE = 1.5
@@ -36,6 +38,9 @@ DEGREES = {"deg": 1.0, "rad": math.degrees(1.0), "percent": 1.0}
 GRIPPER_UNIT = "percent"
 """However far a gripper is from its leader's, it is approached: who squeezes the leader's to engage
 it could not have it elsewhere."""
+
+NOT_HELD = "the dead-man is not held"
+NOT_ANEW = "the dead-man is held, but was not let go of first. let go and press anew"
 
 
 class State(enum.StrEnum):
@@ -90,7 +95,7 @@ class Machine:
         self._sent_ns = 0
         self._before: tuple[dict[str, float], int] = {}, 0  # target and time, of the frame before
         self.state = State.IDLE
-        self.why = "the dead-man is not held"
+        self.why = NOT_HELD
         """Why nothing is sent, or what keeps the robot from being engaged."""
         self.differs: dict[str, float] = {}
         """Joints that differ too much to be engaged, in their unit."""
@@ -106,12 +111,14 @@ class Machine:
                 return self.idle(f"the leader is silent for {(now_ns - frame.t_ns) / 1e6:.0f} ms")
             if not frame.held:
                 self._armed = frame.is_let_go
-                return self.idle("the dead-man is not held")
+                return self.idle(NOT_HELD)
             return self._follow(frame, now_ns)
         if not frame.held:
             self._armed = self._armed or frame.is_let_go
-            self.why, self.differs = "the dead-man is not held", {}
+            self.why, self.differs = NOT_HELD, {}
             return _NOTHING
+        if not self._armed and self.why == NOT_HELD:
+            self.why = NOT_ANEW
         if not self._armed or now_ns - frame.t_ns > SILENT_NS:
             return _NOTHING
         return Step(engage=True)
@@ -216,9 +223,10 @@ class Machine:
         return within
 
     def _jog_speed(self, axis: Axis) -> float:
-        speed = (
-            APPROACH_DEG_S / DEGREES[axis.unit] if axis.unit in DEGREES else JOG_SHARE_S * (axis.high - axis.low)
-        )
+        span = axis.high - axis.low
+        speed = JOG_SHARE_S * span if math.isfinite(span) else JOG_UNBOUNDED
+        if axis.unit in DEGREES:
+            speed = APPROACH_DEG_S / DEGREES[axis.unit]
         return min(speed, axis.speed, self._max_speed / DEGREES.get(axis.unit, 1.0))
 
     def _within(self, wanted: Mapping[str, float]) -> tuple[dict[str, float], tuple[str, ...]]:

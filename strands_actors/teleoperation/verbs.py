@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import weakref
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -25,6 +26,14 @@ from .teleoperator import Teleoperator, place_of_map
 ACTOR = "strands_actors.teleoperation.actor:Teleoperation"
 FOR_EVER_S = 1e9
 DEADMEN = (KEY, GRIPPER)
+NOT_THE_DEADMAN = Refused(
+    "gripper_deadman",
+    "operate: the dead-man of this teleoperation is the leader's gripper",
+    'squeeze it twice, or begin again: attach_teleop(leader, deadman="key")',
+)
+
+_by_gripper: weakref.WeakSet[RobotTree] = weakref.WeakSet()
+"""Whose last teleoperation has the leader's gripper as its dead-man."""
 
 
 def attach(
@@ -39,10 +48,6 @@ def attach(
     """The arguments as ``Robot.attach_teleop`` has them."""
     hz, max_speed, duration = map(as_python, (hz, max_speed, duration))
     try:
-        if why := driver.ROLLOUTS or driver.TASKS:
-            raise ValueError(f"{driver.robot}: {why}")
-        if not driver.table:
-            raise ValueError(f"{driver.robot} has no axes of its own to lead")
         if not isinstance(leader, Teleoperator):
             raise ValueError(f"the leader is {leader!r}. give a Teleoperator")
         chosen = _deadman(leader, deadman)
@@ -50,6 +55,10 @@ def attach(
         _check(max_speed, "max_speed", math.inf)
         _check(duration, "duration", math.inf)
         place = place_of_map(map_fn)
+        if why := driver.ROLLOUTS or driver.TASKS:
+            raise ValueError(f"{driver.robot}: {why}")
+        if not driver.table:
+            raise ValueError(f"{driver.robot} has no axes of its own to lead")
     except ValueError as failure:
         return answers.error(f"teleoperate: {failure}")
     speed = {} if max_speed is None else {"max_speed": float(max_speed)}
@@ -73,7 +82,10 @@ def attach(
         begun = await tree.rollouts.start_task(
             ACTOR, options, f"teleoperation by {leader.name}", duration or FOR_EVER_S, hz, is_actor=True
         )
-        return answers.refused(begun) if isinstance(begun, Refused) else answers.success(answers.task(begun))
+        if isinstance(begun, Refused):
+            return answers.refused(begun)
+        (_by_gripper.add if chosen == GRIPPER else _by_gripper.discard)(tree)
+        return answers.success(answers.task(begun))
 
     return run
 
@@ -103,6 +115,8 @@ def operate(held: bool, rates: Mapping[str, float]) -> Verb:
     async def run(tree: RobotTree) -> Answer:
         told = Operate(tree.clock.now_ns(), bool(held), {key: float(rate) for key, rate in rates.items()})
         refused = tree.rollouts.operate(told)
+        if refused is None and tree in _by_gripper:
+            refused = NOT_THE_DEADMAN
         return answers.success({"held": told.held}) if refused is None else answers.refused(refused)
 
     return run

@@ -84,6 +84,7 @@ def test_a_dead_man_that_was_held_from_the_beginning_counts_as_not_held() -> Non
     for _ in range(50):
         bench.frame()
     assert bench.sent == []
+    assert "let go and press anew" in bench.machine.why
     bench.press()
     bench.frame()
     assert bench.sent
@@ -251,6 +252,15 @@ def test_a_jogged_velocity_rests_in_the_middle_and_has_the_range_at_full_rate() 
     machine.engage(Frame(1, True, {"x": 0.0}), {"x": 0.0}, 1)
     for rate, speed in ((1.0, 0.4), (-1.0, -0.2), (0.0, 0.0), (9.0, 0.4)):
         assert machine.step(Frame(2, True, {"x": rate}), 2).target == {"x": speed}
+
+
+def test_a_jogged_axis_without_a_range_moves_at_its_rate_and_not_without() -> None:
+    slide = Axis(key="x", unit="m", low=-math.inf, high=math.inf)
+    machine = Machine((slide,), Kind.JOG)
+    machine.step(Frame(0, False, {"x": 0.0}), 0)
+    machine.engage(Frame(1, True, {"x": 0.0}), {"x": 0.5}, 0)
+    assert machine.step(Frame(2, True, {"x": 0.0}), 10 * MS).target == {"x": 0.5}
+    assert machine.step(Frame(3, True, {"x": 1.0}), 20 * MS).target == {"x": pytest.approx(0.501)}
 
 
 FRAMES = st.lists(

@@ -1,0 +1,80 @@
+"""A simulation is led as a robot is: by an arm that is moved by hand, and by rates, up to the end of
+an axis."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from strands_actors import Robot, Teleoperator
+from strands_actors.caller.robot import SimRobot
+from tests.answers import json_of, task, until, why
+
+from .conftest import NEUTRAL
+
+pytestmark = pytest.mark.real_time
+
+TURN_S = 0.03
+PRESS_S = 3.0
+
+
+@pytest.fixture
+def sim(run_dir: Path) -> Iterator[SimRobot]:
+    """A simulation that holds in the middle."""
+    made = Robot("so101")
+    try:
+        assert until(lambda: made.connect_eagerly() is None, "it connects")
+        json_of(made.send_action(NEUTRAL))
+        until(lambda: all(abs(made.get_observation()[key]) < 4 for key in NEUTRAL), "rest")
+        yield made
+    finally:
+        made.cleanup()
+
+
+def led(sim: SimRobot, there: Callable[[], bool], **rates: float) -> bool:
+    """Whether one press leads it there: on a busy machine a press may be missed, or end in a hold."""
+    for held, seconds in ((False, 0.2), (True, PRESS_S)):
+        until_s = time.monotonic() + seconds
+        while time.monotonic() < until_s:
+            json_of(sim.operate(held, **rates))
+            if held and there():
+                return True
+            time.sleep(TURN_S)
+    return False
+
+
+def test_an_arm_leads_a_simulation(sim: SimRobot) -> None:
+    with Teleoperator("so101_leader", transport="twin") as leader:
+        leader.move_by_hand({**NEUTRAL, "shoulder_pan": 10.0, "gripper": 50.0})
+        json_of(sim.attach_teleop(leader, deadman="key"))
+        until(lambda: task(sim).get("teleop", {}).get("leader_age_ms"), "it is read")
+        until(lambda: led(sim, lambda: abs(sim.get_observation()["shoulder_pan"] - 10) < 1.5), "it follows", 60.0)
+        assert task(sim)["steps"] > 0
+        assert json_of(sim.stop_task())["exit_reason"] == "stopped"
+
+
+def test_rates_lead_a_simulation(sim: SimRobot) -> None:
+    json_of(sim.attach_teleop(Teleoperator("keyboard")))
+    before = sim.get_observation()["wrist_roll"]
+    until(
+        lambda: led(sim, lambda: sim.get_observation()["wrist_roll"] > before + 3, wrist_roll=1.0), "it goes", 60.0
+    )
+
+
+def test_who_leads_by_the_gripper_is_told_that_a_key_is_no_dead_man(sim: SimRobot) -> None:
+    with Teleoperator("so101_leader", transport="twin") as leader:
+        assert "no teleoperation runs" in why(sim.operate(held=True))
+        json_of(sim.attach_teleop(leader))
+        assert 'attach_teleop(leader, deadman="key")' in why(sim.operate(held=True))
+        json_of(sim.stop_task())
+        json_of(sim.attach_teleop(leader, deadman="key"))
+        json_of(sim.operate(held=False))
+
+
+def test_what_is_wrong_with_the_arguments_is_told(sim: SimRobot) -> None:
+    leader = Teleoperator("keyboard")
+    assert "hz is nan" in why(sim.attach_teleop(leader, hz=float("nan")))
+    assert "deadman is 'foot'" in why(sim.attach_teleop(leader, deadman="foot"))
