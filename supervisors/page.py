@@ -14,8 +14,9 @@ from strands_actors.kernel.health.heartbeat import Word, private_page
 
 ROOT, WIRE, STANDBY = range(3)
 """Places of heartbeats."""
-_OWED, _SILENT, _ORDERED = 3, 4, 5
-_MILDEST_FIRST = tuple(SafeState)
+_OWED, _SILENT, _ORDERED, _STOPPED = 3, 4, 5, 6
+MILDEST_FIRST = tuple(SafeState)
+"""By severity."""
 
 
 class Owed:
@@ -27,6 +28,7 @@ class Owed:
         self._owed = Word(page, _OWED)
         self._silent = Word(page, _SILENT)
         self._ordered = Word(page, _ORDERED)  # a severity; 0: nothing, or the mildest
+        self._stopped = Word(page, _STOPPED)
 
     @property
     def safe_state(self) -> bool:
@@ -48,13 +50,22 @@ class Owed:
     def silent_until_ns(self, until_ns: int) -> None:
         self._silent.set(until_ns)
 
+    @property
+    def stopped_ns(self) -> int:
+        """When the root was last told to stop the robot: a wire that begins has to know. 0: never."""
+        return self._stopped.get()
+
+    @stopped_ns.setter
+    def stopped_ns(self, at_ns: int) -> None:
+        self._stopped.set(at_ns)
+
     def order(self, safe_state: str) -> SafeState:
         """Note an order to make safe. Return where to bring the robot: there, or to a more severe
         state that was ordered before and not confirmed since. An e-stop whose link is lost, or whose
         wire is frozen, is not answered by the milder state that such a fault leads to."""
         severity = max(SafeState(safe_state).severity, self._ordered.get())
         self._ordered.set(severity)
-        return _MILDEST_FIRST[severity]
+        return MILDEST_FIRST[severity]
 
     def confirm(self, safe_state: str) -> None:
         """Note that every motor has confirmed it."""

@@ -25,7 +25,7 @@ from .http_messages import MAX_BODY
 CONNECT_S = 0.2
 """Within a local network."""
 
-_CHECKED = ("http11.send_request_headers.started", "http11.send_request_body.started")
+_HEAD, _BODY = "http11.send_request_headers.started", "http11.send_request_body.started"
 _SENT = "http11.send_request_body.complete"
 
 _SOCKET_OPTIONS: list[tuple[int, int, int] | tuple[int, int, bytes | bytearray]] = [
@@ -83,7 +83,7 @@ class HttpClient:
         task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED,
     ) -> httpx.Response:
         async def trace(event: str, info: Mapping[str, Any]) -> None:
-            if permit is not None and event in _CHECKED:
+            if permit is not None and (event == _HEAD or (event == _BODY and request.content)):
                 permit.check()
             elif event == _SENT:
                 task_status.started()

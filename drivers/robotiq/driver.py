@@ -60,6 +60,7 @@ class Robotiq(Driver):
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = tuple(TABLES.robots)
     ALIASES: ClassVar[Mapping[str, str]] = TABLES.aliases
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
+    TOLD_APART_BY: ClassVar[tuple[str, ...]] = ("unit_id",)
     WIRE: ClassVar[str] = "strands_actors.drivers.robotiq.wire:RobotiqWire"
     STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.robotiq.stop_channel:RobotiqStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.robotiq.twin:main"

@@ -72,6 +72,8 @@ class Directory:
         try:
             answer = await self._ask(at.gate, Gate, Stop(reason, by, lock), deadlines.gate_s)
         except (AskTimeout, Unreachable):
+            answer = None
+        if not isinstance(answer, StopReport):  # a refusal, too, has stopped nothing
             try:
                 answer = await self._ask(at.guardian, Guardian, Fence(reason, by, lock), deadlines.root_s)
             except (AskTimeout, Unreachable):

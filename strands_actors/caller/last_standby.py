@@ -16,10 +16,11 @@ import msgspec
 import trio
 
 from strands_actors.kernel.health.processor import is_stopped
+from strands_actors.supervisors.root.locks import place_of_port
 from strands_actors.supervisors.standby.report import LOCK, REPORT, holder, read
 
 from .processes import NotConnected
-from .run_directory import is_held, run_dir
+from .run_directory import run_dir
 
 WAIT_S = 3.0
 FROZEN_S = 0.3
@@ -45,8 +46,8 @@ def _lives(robot: str, port: str) -> Iterator[Path]:
         found, name = holder(path), path.name.removesuffix(LOCK)
         if found is None:
             continue
-        # One whose root runs is no earlier tree's: the port is in use, and opening it says by whom.
-        if name == robot or (port and found.port == port and not is_held(name)):
+        # Whoever asks holds the port (``port_claim.py``): no root has it, so it is an earlier tree's.
+        if name == robot or (port and place_of_port(found.port) == place_of_port(port)):
             yield path
 
 
@@ -70,7 +71,9 @@ async def _until_ended(path: Path) -> None:
 def _reports(robot: str, port: str) -> Iterator[Path]:
     for path in run_dir().glob(f"*{REPORT}"):
         report = read(path)
-        if report is not None and (path.name == f"{robot}{REPORT}" or (port and report.port == port)):
+        if report is not None and (
+            path.name == f"{robot}{REPORT}" or (port and place_of_port(report.port) == place_of_port(port))
+        ):
             yield path
 
 

@@ -30,6 +30,9 @@ LOOK_S = 0.02
 leave it."""
 
 
+CLEANED_UP = "this robot was cleaned up. make a new one"
+
+
 class NotConnected(Exception):
     """There is no tree, or it does not answer."""
 
@@ -125,7 +128,7 @@ class Processes(ABC):
     def require_open(self) -> None:
         """Raise ``NotConnected`` when it is closed for good."""
         if self.closed:
-            raise NotConnected("this robot was cleaned up. make a new one")
+            raise NotConnected(CLEANED_UP)
 
     def close(self) -> None:
         """For good. Threads that wait for the gate are told so."""

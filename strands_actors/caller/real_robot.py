@@ -33,6 +33,7 @@ from .envelopes import Answer, PendingAnswer
 from .liveness import Liveness
 from .plan import Plan, completed
 from .portal import portal
+from .processes import CLEANED_UP
 from .tree import RobotTree
 from .twin_process import TwinProcess
 from .verbs import Verb, VerbHere, answered, answered_here
@@ -147,7 +148,7 @@ class RealRobot(RobotTool):
             problem = self._connect_first()
             if problem is not None:
                 return f"not connected: {problem.removeprefix('connect: ')}"
-        return self._tree or (_CLEANED_UP if self._closed else _NOT_CONNECTED)
+        return self._tree or (CLEANED_UP if self._closed else _NOT_CONNECTED)
 
     def _connect_first(self) -> str | None:
         """Connect once, whichever thread is first: the others wait for it. Not tried again when
@@ -169,7 +170,7 @@ class RealRobot(RobotTool):
 
     def _connect_now(self) -> str | None:
         if self._closed:
-            return f"connect: {_CLEANED_UP}"
+            return f"connect: {CLEANED_UP}"
         try:
             return self._call(self._connect)
         except OSError as failure:  # there is no loop to connect in
@@ -178,12 +179,16 @@ class RealRobot(RobotTool):
     async def _connect(self) -> str | None:
         if self._tree is None and (problem := await self._complete()):
             return problem
-        if self._tree is None:
+        tree = self._tree
+        if tree is None:
             shared = portal()
-            self._opened = RobotTree(shared.node, shared.nursery, shared.entrance, self._plan, self._liveness.look)
+            tree = RobotTree(shared.node, shared.nursery, shared.entrance, self._plan, self._liveness.look)
             self._pid = os.getpid()
-        assert self._opened is not None
-        return await self._opened.connect(self._arm)
+            self._opened = tree
+        if self._closed:  # looked at last, as ``cleanup()`` sets it first: one of the two sees the other
+            self._opened = None
+            return f"connect: {CLEANED_UP}"
+        return await tree.connect(self._arm)
 
     async def _complete(self) -> str | None:
         """Have the robot say what only it can tell."""
@@ -202,9 +207,11 @@ class RealRobot(RobotTool):
         return status is not None and status.connected and 0 <= status.age_s < 1.0
 
     def cleanup(self) -> Answer:
-        """Make the robot safe and end everything that was started for it. Harmless when called
+        """Make the robot safe and end everything that was started for it, by a connect that is
+        under way too: that one is refused, and energises nothing any more. Harmless when called
         again."""
-        tree, self._opened, self._closed = self._tree, None, True
+        self._closed = True  # before anything is looked at: see ``_connect``
+        tree, self._opened = self._tree, None
         if tree is None:
             return answers.success({"stopped": True, "reason": "nothing was running"})
         report = self._call(tree.cleanup)
@@ -213,7 +220,11 @@ class RealRobot(RobotTool):
         return answers.success({"stopped": True}) if report is None else answers.stopped(report)
 
     def __enter__(self) -> RealRobot:
-        problem = self.connect_eagerly()
+        try:
+            problem = self.connect_eagerly()
+        except BaseException:  # Ctrl-C: no block begins, so none ends
+            self.cleanup()
+            raise
         if problem is not None:
             self.cleanup()
             raise ConnectionError(problem)
@@ -414,7 +425,7 @@ class RealRobot(RobotTool):
         name = call.verb.name
         tree: RobotTree | str | None = self._tree
         if tree is None and not self.OTHERS_CONNECT:
-            tree = _CLEANED_UP if self._closed else _NOT_CONNECTED
+            tree = CLEANED_UP if self._closed else _NOT_CONNECTED
         elif tree is None:
             tree = await asyncio.to_thread(self._ready, _NAMES.get(call.verb.does, name))
         if isinstance(tree, str):
@@ -439,7 +450,7 @@ class RealRobot(RobotTool):
         """Return the newest observation. Raise ``ConnectionError`` without one."""
         status = self._status()
         if status is None or status.observation is None or not status.connected:
-            raise ConnectionError(f"bus: {_CLEANED_UP if self._closed else _NOT_CONNECTED}")
+            raise ConnectionError(f"bus: {CLEANED_UP if self._closed else _NOT_CONNECTED}")
         return status.observation
 
     def _status(self) -> Status | None:
@@ -471,4 +482,3 @@ _NAMES = {"action": "move", "torque": "resume", "sensors": "observe", "state": "
 """The robot's own verb for what an agent's verb does."""
 
 _NOT_CONNECTED = "not connected; call connect_eagerly() first"
-_CLEANED_UP = "this robot was cleaned up. make a new one"

@@ -14,7 +14,9 @@ import fcntl
 import os
 import stat
 import tempfile
+import threading
 import time
+import weakref
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -46,6 +48,7 @@ class Note(msgspec.Struct):
     unconfirmed: list[str] = []  # motors that its root could not confirm safe so far, and goes on trying
     safe_s: float = 1.5  # what its driver says that a stop may take
     arm_s: float = 10.0  # and that energising it may
+    port: str = ""  # where it is, as its script said; empty: a twin, or none was given
 
 
 def run_dir() -> Path:
@@ -112,6 +115,39 @@ def socket_path(directory: Path, robot: str, role: str) -> str:
     return str(directory / f"{robot}.{role}.sock")
 
 
+class Held:
+    """An open file whose lock is for a root to inherit, and for nobody else. A child that this
+    program forks (a worker of ``multiprocessing``) closes it: it would keep the lock of a robot that
+    has ended for as long as it lives."""
+
+    def __init__(self, path: Path) -> None:
+        with _forking:
+            self.fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+            _held.add(self)
+
+    def close(self) -> None:
+        """Let go of our hold; a root's own lives as long as it does. Harmless when called again."""
+        with _forking:
+            fd, self.fd = self.fd, -1
+            _held.discard(self)
+            if fd >= 0:
+                os.close(fd)
+
+
+_held: weakref.WeakSet[Held] = weakref.WeakSet()
+_forking = threading.RLock()
+"""Nobody forks between the opening of a file and its place among those that a child closes."""
+
+
+def _forget_in_child() -> None:
+    for held in list(_held):
+        held.close()
+    _forking.release()
+
+
+os.register_at_fork(before=_forking.acquire, after_in_parent=_forking.release, after_in_child=_forget_in_child)
+
+
 class Name:
     """A robot's name, held by a lock that the tree's root inherits."""
 
@@ -119,12 +155,17 @@ class Name:
         directory = run_dir()
         for number in range(1, 1000):
             self.name = wanted if number == 1 else f"{wanted}-{number}"
-            self.lock_fd = os.open(directory / f"{self.name}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-            if _take(self.lock_fd):
+            self._lock = Held(directory / f"{self.name}.lock")
+            if _take(self._lock.fd):
                 (directory / f"{self.name}.json").unlink(missing_ok=True)  # of who had it before
                 return
-            os.close(self.lock_fd)
+            self._lock.close()
         raise RuntimeError(f"there are 999 robots called {wanted} already")
+
+    @property
+    def lock_fd(self) -> int:
+        """Return the descriptor, for a root to inherit."""
+        return self._lock.fd
 
     def socket(self, role: str) -> str:
         """Return the path of a process's socket. Raise ``ValueError`` when it is too long for
@@ -151,21 +192,22 @@ class Name:
 
     def release(self) -> None:
         """Close our hold; the root's own lives as long as it does."""
-        os.close(self.lock_fd)
+        self._lock.close()
 
 
 def _take(lock_fd: int) -> bool:
     """Take a name; False when another robot has it. Who only looks is waited for."""
     until_s = time.monotonic() + PATIENCE_S
-    while not _try(lock_fd, fcntl.LOCK_EX):
-        if not _try(lock_fd, fcntl.LOCK_SH) or time.monotonic() > until_s:
+    while not try_lock(lock_fd, fcntl.LOCK_EX):
+        if not try_lock(lock_fd, fcntl.LOCK_SH) or time.monotonic() > until_s:
             return False
         fcntl.flock(lock_fd, fcntl.LOCK_UN)
         time.sleep(LOOK_S)
     return True
 
 
-def _try(lock_fd: int, how: int) -> bool:
+def try_lock(lock_fd: int, how: int) -> bool:
+    """Return whether it was to be had."""
     try:
         fcntl.flock(lock_fd, how | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -180,7 +222,7 @@ def is_held(robot: str) -> bool:
     except FileNotFoundError:
         return False
     try:
-        return not _try(fd, fcntl.LOCK_SH)
+        return not try_lock(fd, fcntl.LOCK_SH)
     finally:
         os.close(fd)
 
@@ -195,7 +237,7 @@ def notes() -> Iterator[Note]:
         except OSError:
             continue
         try:
-            if not _try(fd, fcntl.LOCK_SH):
+            if not try_lock(fd, fcntl.LOCK_SH):
                 note = _read(directory, name)
                 if note is not None:
                     yield note

@@ -36,7 +36,7 @@ from .commanding import Commanding, Order, Orders
 from .nodes import Entrance
 from .plan import Plan
 from .portal import portal
-from .processes import NotConnected, Processes, unreachable
+from .processes import CLEANED_UP, NotConnected, Processes, unreachable
 from .rollouts import Rollouts
 from .tree_processes import TreeProcesses
 from .writer import Writer
@@ -71,6 +71,7 @@ class RobotTree:
         self._stops = 0
         self._told_caveats = False
         self._starting = trio.Lock()
+        self._ending = trio.Lock()  # one at a time: a cleanup may come while what it ends is being started
 
     @property
     def robot(self) -> str:
@@ -107,19 +108,20 @@ class RobotTree:
     async def connect(self, arm: bool = True) -> str | None:
         """Start the tree if need be, wait for the link, arm and take the lease (unless ``arm`` is
         false: then nothing is energised). None, or why not."""
-        if self._processes.closed:
-            return "connect: this robot was cleaned up. make a new one"
         try:
+            self._processes.require_open()
             async with self._starting:
                 self.problem = await self._connect(arm) or ""
                 return self.problem or None
         except (NotConnected, AskTimeout, Unreachable, OSError, ValueError) as failure:
-            self.problem = f"connect: {str(failure).removeprefix('connect: ')}"
+            why = CLEANED_UP if self._processes.closed else str(failure).removeprefix("connect: ")
+            self.problem = f"connect: {why}"
             return self.problem
 
     async def _connect(self, arm: bool) -> str | None:
-        stops = self._stops
+        stops, asked_ns = self._stops, self.clock.now_ns()
         processes = self._processes
+        processes.require_open()  # who waited for another connect may have been cleaned up meanwhile
         if processes.started:
             # What it says of the link may be from before its present pause between two attempts.
             status = await processes.wait_linked(RETRY_S)
@@ -128,6 +130,7 @@ class RobotTree:
                 await processes.start(self._writer.beat)
                 status = await processes.wait_linked()
                 await processes.require_mesh()
+                processes.require_open()
             except (NotConnected, OSError):
                 await self._end()  # it would go on trying, and take the port from whoever has it next
                 raise
@@ -140,16 +143,20 @@ class RobotTree:
         if status.mode != Mode.ARMED and (status.mode != Mode.HOLDING or processes.elsewhere):
             if status.locked_by:
                 since = f", {status.locked_since}" if status.locked_since else ""
-                return f"connect: e-stopped by {status.locked_by}{since}. resume() lifts the lockout"
-            answer = await self._energise(stops)
+                how = f"resume() lifts the lockout, as does `strands-actors resume {self.robot}`"
+                return f"connect: e-stopped by {status.locked_by}{since}. {how}"
+            # It lifts no lock: one may have been put on since the status was read.
+            answer = await self._energise(stops, asked_ns, lift=False)
             if not isinstance(answer, Resumed):
                 return answer.text if isinstance(answer, Refused) else "no answer"
         async with self._writer.turn:
             refusal = await self._writer.acquire()
+        processes.require_open()
         return None if refusal is None else refusal.text
 
     async def cleanup(self) -> StopReport | Refused | None:
-        """Make safe, end the tree. The report, or None when nothing was running."""
+        """Make safe, end the tree. The report, or None when nothing was running. What is being
+        started goes on to its next wait at most, and sees there that it is closed."""
         self._processes.close()
         self.rollouts.end("cleanup")
         report = await self._end()
@@ -158,9 +165,10 @@ class RobotTree:
         return report
 
     async def _end(self) -> StopReport | Refused | None:
-        report = await self._processes.end(self._writer.lease)
-        self._writer.lease = None
-        return report
+        async with self._ending:
+            report = await self._processes.end(self._writer.lease)
+            self._writer.lease = None
+            return report
 
     # -- writing
 
@@ -233,8 +241,11 @@ class RobotTree:
         return Stop(reason, self._processes.holder, lock)
 
     async def _stopped(self, stop: Stop, answer: Message | None) -> StopReport | Refused:
-        """``answer``: the gate's; None when there was none."""
-        if answer is None:
+        """``answer``: the gate's; None when there was none. A refusal has stopped nothing: the gate is
+        gone, has crashed, or has no room. Of a robot elsewhere it is told as it is: nobody is fenced
+        from here."""
+        told = isinstance(answer, StopReport) or (answer is not None and self._processes.elsewhere)
+        if not told:
             answer = await self._processes.make_safe(stop.reason, stop.by, stop.lock)
         self.rollouts.end("stop")
         return answer if isinstance(answer, StopReport | Refused) else Refused("no_answer", "stop: no answer")
@@ -243,10 +254,18 @@ class RobotTree:
         """Lift a lockout, or start again what has died; energise at the measured position. No
         motion. ``lift=False`` only energises: for who is no operator."""
         self._processes.require_open()
+        asked_ns = self.clock.now_ns()
         async with self._starting:
-            return await self._resume(lift)
+            self._processes.require_open()
+            try:
+                answer = await self._resume(lift, asked_ns)
+            finally:
+                if self._processes.closed:  # meanwhile: what was started again is ended
+                    await self._end()
+            self._processes.require_open()
+            return answer
 
-    async def _resume(self, lift: bool) -> Resumed | Refused:
+    async def _resume(self, lift: bool, asked_ns: int) -> Resumed | Refused:
         stops = self._stops
         known = self._processes.started
         refused = await self._processes.revive(lift, self._writer.beat)
@@ -254,7 +273,7 @@ class RobotTree:
             return refused
         # As in ``_connect``: a wire that is new since the stop may be between two attempts.
         await self._processes.wait_linked(RETRY_S if known else 0.0)
-        answer = await self._energise(stops, lift)
+        answer = await self._energise(stops, asked_ns, lift)
         if isinstance(answer, Resumed):
             async with self._writer.turn:
                 refusal = await self._writer.acquire()
@@ -263,14 +282,16 @@ class RobotTree:
             return refusal or answer
         return answer if isinstance(answer, Refused) else Refused("no_answer", "resume: no answer")
 
-    async def _energise(self, stops: int, lift: bool = True) -> Message | None:
-        """Have the gate arm, unless it was told to stop since (``stops``: how often it had been
-        before)."""
+    async def _energise(self, stops: int, asked_ns: int, lift: bool) -> Message | None:
+        """Have the gate arm, unless it was told to stop since: by us (``stops``: how often it had been
+        before), or by anybody (``asked_ns``)."""
+        self._processes.require_open()
         if self._stops != stops:
             return Refused("stopped", "resume: stopped meanwhile", "resume again when that is over")
         within_s = self.driver.timing.arm_s + 2.0  # how long arming may take, and a little more
         try:
-            return await self._processes.gate.ask(Resume(self._processes.holder, lift), within_s)
+            when_ns = 0 if self._processes.elsewhere else asked_ns  # another host has another clock
+            return await self._processes.gate.ask(Resume(self._processes.holder, lift, when_ns), within_s)
         except Unreachable as gone:
             raise NotConnected(f"the wire ended while it was arming ({gone}); try again") from gone
 

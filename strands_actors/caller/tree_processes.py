@@ -26,10 +26,12 @@ from strands_actors.supervisors.root.messages import Describe, Fence, GetMesh, O
 from strands_actors.supervisors.standby.report import LOCK, REPORT
 from strands_actors.surfaces.drill.certificate import TWIN, clause
 
+from . import process_one
 from .descriptors import FOR_ROBOT, require
 from .last_standby import until_over
 from .nodes import Entrance
 from .plan import Plan
+from .port_claim import claim_port
 from .processes import CONNECT_S, NotConnected, Processes
 from .run_directory import Name, Note, audit_file, locks_dir
 from .strays import label_of
@@ -62,6 +64,7 @@ class TreeProcesses(Processes):
         """``beside`` runs as long as the root does. Raise ``NotConnected`` when the twin does not
         start."""
         require(FOR_ROBOT)
+        self.require_open()
         plan = self.plan
         port = plan.port
         if plan.twin_process is not None:
@@ -69,19 +72,37 @@ class TreeProcesses(Processes):
                 await plan.twin_process.start()
             except TwinProcessDown as down:
                 raise NotConnected(str(down)) from None
+            self.require_open()
             port = plan.twin_process.control if plan.transport == SIM else plan.twin_process.port
         if self._name is None:
             self._name = Name(plan.tool_name)
             self.robot = self._name.name
-        name = self._name
         if plan.mesh.listens or plan.mesh.connects:
             try:
                 plan.mesh.check_robot(self.robot)
             except (ValueError, OSError) as error:
                 raise NotConnected(str(error)) from None
-        found = await until_over(self.robot, "" if plan.twin_process is not None else port)
-        if found is not None:
-            self.standby_report = found
+        own = "" if plan.twin_process is not None else port
+        claim = None if plan.twin_process is not None else await claim_port(plan, self.robot)
+        try:
+            self.require_open()
+            found = await until_over(self.robot, own)
+            if found is not None:
+                self.standby_report = found
+            self.require_open()
+            self._begin(port, own, () if claim is None else (claim.fd,), beside)
+        finally:
+            if claim is not None:
+                claim.close()  # the root has its own by now, for as long as it lives
+
+    def _begin(self, port: str, own: str, hold: tuple[int, ...], beside: Callable[[], Awaitable[None]]) -> None:
+        """Start the root. Nothing in here waits: a cleanup comes before it, or finds what it has
+        started. ``own``: the port, where it is no twin's; ``hold``: what the root is to inherit
+        beside its name."""
+        plan, name = self.plan, self._name
+        assert name is not None
+        if plan.twin_process is None:
+            process_one.warn_once()
         roles = ("root", "wire", "policy", "mesh")
         listen, wire_listen, policy_listen, mesh = (unix_endpoint(name.socket(role)) for role in roles)
         args = {
@@ -93,13 +114,13 @@ class TreeProcesses(Processes):
             "twin_pid": 0 if plan.twin_process is None else plan.twin_process.pid,
             "locks": str(locks_dir()),
             "audit": str(audit_file(self.robot)),
-            "lock_port": "" if plan.twin_process is not None else port,
+            "lock_port": own,
             "listen": listen,
             "label": label_of(self.robot),
             "standby": {
                 "lock": str(name.beside(LOCK)),
                 "report": str(name.beside(REPORT)),
-                "port": "" if plan.twin_process is not None else port,
+                "port": own,
             },
             "wire_listen": wire_listen,
             "policy_listen": policy_listen,
@@ -114,7 +135,7 @@ class TreeProcesses(Processes):
             },
         }
         entry = "strands_actors.supervisors.root.process:main"
-        process = start(entry, args, [name.lock_fd], label_of(self.robot))
+        process = start(entry, args, [name.lock_fd, *hold], label_of(self.robot))
         name.publish(
             Note(
                 self.robot,
@@ -124,6 +145,7 @@ class TreeProcesses(Processes):
                 [mesh],
                 safe_s=self.driver.timing.safe_s,
                 arm_s=self.driver.timing.arm_s,
+                port=own,
             )
         )
         # Whom this one talks to is imported while the root does so, too: a third of what a script

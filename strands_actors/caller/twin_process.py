@@ -25,6 +25,7 @@ COMPILES_S = 600.0
 """Where Warp has to compile a solver first, or Isaac Sim to start."""
 END_S = 1.0
 
+_CLEANED_UP = "the simulation was cleaned up. make a new one"
 _numbers = itertools.count(1)
 
 
@@ -75,7 +76,7 @@ class TwinProcess:
         """Return when it serves. Harmless when it runs already. Raise ``TwinProcessDown``."""
         async with self._starting:
             if self._closed:
-                raise TwinProcessDown("the simulation was cleaned up. make a new one")
+                raise TwinProcessDown(_CLEANED_UP)
             if self._process is None or not self._process.alive:
                 await self._start()
 
@@ -95,15 +96,17 @@ class TwinProcess:
                 "on_wire": self._on_wire,
                 "backend": self._backend,
             }
-            self._process = start("strands_actors.caller.twin_entry:main", args)
+            self._process = process = start("strands_actors.caller.twin_entry:main", args)
             with trio.move_on_after(COMPILES_S if self._backend else START_S):
-                while self._process.alive:
+                while process.alive and not self._closed:
                     if port_file.exists():
                         self.port = port_file.read_text().strip()
                         return
                     await trio.sleep(0.005)
-        late, self._process = self._process, None
-        await late.drop()  # or the next start would take it for one that serves
+        if self._closed:  # meanwhile, which has ended the process
+            raise TwinProcessDown(_CLEANED_UP)
+        self._process = None
+        await process.drop()  # or the next start would take it for one that serves
         raise TwinProcessDown("the twin did not start")
 
     async def close(self) -> None:

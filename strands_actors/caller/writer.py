@@ -35,7 +35,9 @@ class Writer:
         """Take the lease, or take it again. None, or why not."""
         processes = self._processes
         wanted = Acquire(processes.holder, pid=os.getpid(), again=self.lease.id if self.lease else 0)
-        answer = await processes.gate.ask(wanted, processes.patience.ask_s)
+        # In the middle of a hold it is answered when that is over.
+        within_s = processes.patience.ask_s + processes.driver.timing.safe_s
+        answer = await processes.gate.ask(wanted, within_s)
         if isinstance(answer, Lease):
             self.lease = answer
             return None

@@ -91,6 +91,10 @@ class Service(msgspec.Struct, frozen=True):
     # began is live as a latched setpoint is, until a stop or the end of the lease. An older target
     # is not sent again.
     moves: bool = False
+    # It gives motors power, lets go of them, or has them move by themselves afterwards: motion for
+    # whoever is not the robot's own program, also where ``moves`` would refuse it (to a robot that
+    # is not armed yet).
+    powers: bool = False
     # No service of the wire's, but a command: its arguments are an action, with the lifetime and the
     # gates of one.
     acts: bool = False
@@ -148,6 +152,8 @@ class Driver(ABC):
     """Whether the robot can be driven without ``port``: it speaks first, and whoever does is it."""
     PORT_LIKE: ClassVar[str] = "192.0.2.10"
     """An address as this robot's are written, for who left it out."""
+    TOLD_APART_BY: ClassVar[tuple[str, ...]] = ()
+    """Options by which several robots at one address are told apart: units behind a gateway."""
     TRANSPORTS: ClassVar[tuple[str, ...]] = ("twin",)
     WIRE: ClassVar[str] = ""
     """``module:class`` of the wire, made as ``class(config, clock)``. A name: only the wire process

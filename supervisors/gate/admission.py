@@ -185,10 +185,11 @@ def refuse_at_the_end(what: str, cause: str) -> Refused:
 def _refuse_by_lease(what: str, message: Setpoint | Perform, known: Known) -> Refused | None:
     refusal = known.leases.refuse(what, message.lease, message.channel)
     if refusal is None and message.epoch != known.state.epoch:
+        cause = f" ({known.cause})" if known.cause else ""
         return Refused(
             "stale_epoch",
-            f"{what}: prepared in epoch {message.epoch}, now it is {known.state.epoch} ({known.cause})",
-            "acquire the lease again and start from the measured position",
+            f"{what}: prepared in epoch {message.epoch}, now it is {known.state.epoch}{cause}",
+            "send it again",
             str(message.epoch),
             str(known.state.epoch),
         )

@@ -124,7 +124,7 @@ TRANSITIONS: dict[tuple[Mode, Event], Row] = {
     # What is confirmed stays so, since nothing can be energised any more: an END finds nothing to
     # do.
     (Mode.ENDED, Event.LINK_UP): _ENDED,
-    (Mode.ENDED, Event.STOP): _ENDED,
+    (Mode.ENDED, Event.STOP): _END,
 }
 
 WRITABLE = frozenset({Mode.ARMED, Mode.HOLDING})

@@ -51,15 +51,13 @@ from . import failsafe
 from .admission import LATCHED, Admission, Known, refuse_at_the_end
 from .failsafe import Action, Event, Mode
 from .held_target import held_target
-from .lease import LEASE_TTL_NS, Leases
-from .memory import GateMemory
+from .lease import ENDED, LEASE_TTL_NS, Leases
+from .memory import GateMemory, Waiting
 
 _STOP_AGAIN_NS = round(0.5 * NS)
 """At least so long after a stop that could not be confirmed."""
 
 
-_GRANT_NS = round(0.08 * NS)
-"""Longest that a lease is held back for a hold: who asks over the mesh waits for 0.1 s."""
 ORDERS = frozenset({Reason.STOP, Reason.ESTOP})
 """Why a person stops a robot; the other reasons are for what the tree itself sees."""
 OBSERVATION_S = 1.0
@@ -83,9 +81,10 @@ class Gate(Actor):
         no_standby: str = "",
         audited: bool = False,
         secret: bytes = b"",
+        stopped_ns: int = 0,
     ) -> None:
         """``audited``: somebody writes down what is decided. ``secret``: numbers its leases so that
-        nobody can guess one."""
+        nobody can guess one. ``stopped_ns``: when the root was last told to stop the robot."""
         self._driver = driver
         self._admission = Admission(driver)
         self._no_standby = no_standby
@@ -98,10 +97,10 @@ class Gate(Actor):
         self._target: tuple[float, ...] = ()
         self._target_ns = 0
         self._live_until_ns = 0  # 0: no live setpoint; -1: latched, as long as the lease lives
-        self._stops: list[tuple[int, Deferred, bool]] = []  # epoch of the stop, who waits for it, is it an e-stop
+        self._stops: list[Waiting] = []
         self._lock = LockKept(0, locked_since)  # the newest that was kept
         self._resumes: list[Deferred] = []
-        self._grants: list[tuple[Lease, Deferred, int]] = []  # to be told after a hold; since when
+        self._grants: list[tuple[Lease, Deferred]] = []  # to be told when the hold is over
         self._services: dict[int, Deferred] = {}  # by number: who waits for what is being carried out
         self._service = 0
         self._cause, self._reason = cause, ""
@@ -109,7 +108,7 @@ class Gate(Actor):
         self._facts: dict[str, object] = {}
         self._last_stop: StopReport | None = None
         self._last_stop_ns = 0
-        self._stopped_ns = 0  # when somebody last ordered a stop
+        self._stopped_ns = stopped_ns  # when somebody last ordered a stop
         self._writes = self._reads = self._refusals = 0
         self._last_refusal = ""
 
@@ -146,7 +145,6 @@ class Gate(Actor):
             case Setpoint():
                 return self._setpoint(message)
             case Probe():
-                self._grant_late(message.now_ns)
                 if self._live_until_ns:
                     self._look(message.now_ns)
                 elif self._state.mode in failsafe.WRITABLE:
@@ -279,8 +277,8 @@ class Gate(Actor):
     # -- the lease
 
     def _acquire(self, message: Acquire) -> Lease | Refused | Deferred:
-        """Granted in the middle of a hold, it is answered when that is over, or takes long: what the
-        next command does not name stays where it is then."""
+        """Granted in the middle of a hold, it is answered when that is over: what the next command
+        does not name stays where it is then."""
         answer = self._leases.acquire(message, self.context.received_ns, self._state.mode is Mode.HOLDING)
         self._tell_decided(
             message.holder, "acquire", answer if isinstance(answer, Refused) else "granted", message.channel
@@ -291,20 +289,8 @@ class Gate(Actor):
         if self._state.mode is not Mode.HOLDING or (last is not None and last.epoch >= lease.epoch):
             return lease
         deferred = self.context.defer()
-        self._grants.append((lease, deferred, self.context.received_ns))
+        self._grants.append((lease, deferred))
         return deferred
-
-    def _grant_late(self, now_ns: int) -> None:
-        """A hold takes long. The newest reading is the best there is of where the robot will be."""
-        late = [waits for waits in self._grants if now_ns - waits[2] >= _GRANT_NS]
-        if late and self._observation is not None and self._state.mode is Mode.HOLDING:
-            self._aim_at_measured(self._observation)
-        self._tell_granted(late)
-
-    def _tell_granted(self, granted: list[tuple[Lease, Deferred, int]]) -> None:
-        for lease, grant, _ in granted:
-            grant.send(lease)
-        self._grants = [waits for waits in self._grants if waits not in granted]
 
     def _release(self, message: Release) -> Deferred | None:
         """Answered when what wrote under another lease has been held."""
@@ -313,8 +299,8 @@ class Gate(Actor):
             return None
         self._tell_decided(held.holder, "release", "released", held.channel)
         deferred = self.context.defer()
-        if held.under is not None and self._trip(Reason.POLICY, f"{held.holder} ended"):
-            self._stops.append((self._state.epoch, deferred, False))
+        if held.under is not None and self._trip(Reason.POLICY, f"{held.holder}{ENDED}"):
+            self._stops.append(Waiting(self._state.epoch, deferred, False))
             return deferred
         return None
 
@@ -336,8 +322,8 @@ class Gate(Actor):
         live_until = self._live_until_ns
         if live_until > 0 and now_ns >= live_until:
             self._trip(Reason.EXPIRED, "the setpoint expired")
-        elif silent := self._leases.lapsed(now_ns, live_until == LATCHED):
-            self._trip(Reason.LEASE, f"{silent} stopped answering")
+        elif why := self._leases.lapsed(now_ns, live_until == LATCHED):
+            self._trip(Reason.LEASE, why)
         elif not admitted:
             self._look_at_conditions(now_ns, live=True)
 
@@ -377,7 +363,7 @@ class Gate(Actor):
         what = f"stop ({message.reason}{', locks' if message.lock else ''})"
         if self._trip(message.reason, by, lock):
             self._tell_decided(message.by, what, "ordered")
-            self._stops.append((self._state.epoch, deferred, message.lock))
+            self._stops.append(Waiting(self._state.epoch, deferred, message.lock))
             return deferred
         self._tell_decided(message.by, what, "nothing to do")
         # Nothing to do: already holding, or nothing energised to hold.
@@ -442,7 +428,12 @@ class Gate(Actor):
         self._answer_stops()
         if report.epoch == self._state.epoch:
             self._go_on(message)
-        self._tell_granted([waits for waits in self._grants if waits[0].epoch <= report.epoch])
+        waiting, self._grants = self._grants, []
+        for lease, grant in waiting:
+            if lease.epoch > report.epoch:
+                self._grants.append((lease, grant))
+            else:
+                grant.send(lease)
 
     def _go_on(self, message: SafeDone) -> None:
         report = message.report
@@ -455,19 +446,19 @@ class Gate(Actor):
                 self._aim_where_held(report, seen)
 
     def _answer_stops(self) -> None:
-        """Those that are done: reported by the wire and, of an e-stop, with its lock on the
-        disk."""
-        report, waiting = self._last_stop, self._stops
-        if report is None:
-            return
-        self._stops = []
-        for epoch, stop, locks in waiting:
-            if epoch > report.epoch or (locks and epoch > self._lock.epoch):
-                self._stops.append((epoch, stop, locks))
-            elif locks and self._lock.problem:
-                stop.send(msgspec.structs.replace(report, note=self._lock.problem))
+        """Those that are done: reported by the wire and, of an e-stop, with its lock on the disk. Each
+        is told of the first report that covers it, not of a milder one that came since."""
+        waiting, self._stops = self._stops, []
+        for stop in waiting:
+            report = stop.report or self._last_stop
+            if report is None or stop.epoch > report.epoch:
+                self._stops.append(stop)
+            elif stop.locks and stop.epoch > self._lock.epoch:
+                self._stops.append(stop._replace(report=report))
+            elif stop.locks and self._lock.problem:
+                stop.who.send(msgspec.structs.replace(report, note=self._lock.problem))
             else:
-                stop.send(report)
+                stop.who.send(report)
 
     def _resume(self, message: Resume) -> Resumed | Refused | Deferred:
         mode = self._state.mode

@@ -15,6 +15,10 @@ from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.gate.messages import LEASE_TTL_S, MAX_LIFETIME_S, Acquire, Beat
 
 LEASE_TTL_NS = round(LEASE_TTL_S * NS)
+GIVEN_BACK = "the writer gave its lease back"
+ENDED = " ended"
+"""Behind the name of a rollout that has given back the lease it wrote under. These two causes of a
+hold are a writer's own wish; a late or dead writer has others."""
 _PROOF_BITS = 32
 """So many guesses would take weeks at the rate that is let through."""
 _MAX_LIFETIME_NS = round(MAX_LIFETIME_S * NS)
@@ -115,12 +119,12 @@ class Leases(msgspec.Struct):
             self.held = self.held.owner
 
     def lapsed(self, now_ns: int, latched: bool) -> str:
-        """Return who no longer beats for what stands; empty: somebody does."""
+        """Return why nobody beats any more for what stands; empty: somebody does."""
         held = self.held
         if held is None:
-            return "the writer"
+            return GIVEN_BACK
         over = now_ns >= held.owner.expires_ns or (latched and now_ns >= held.latches_until_ns)
-        return held.holder if over else ""
+        return f"{held.holder} stopped answering" if over else ""
 
     def refuse(self, what: str, lease: int, channel: str) -> Refused | None:
         held = self.held
@@ -129,6 +133,12 @@ class Leases(msgspec.Struct):
         if self.find(lease, channel) is None:
             return Refused("lease", f"{what}: {held.holder} holds the lease", "wait until it is released")
         return None
+
+
+def is_given_back(cause: str, holder: str) -> bool:
+    """Return whether a robot holds because all who wrote have given their leases back.
+    ``holder``: who has one now."""
+    return cause == GIVEN_BACK or (not holder and cause.endswith(ENDED))
 
 
 def _is_its_own(held: Held, message: Acquire) -> bool:

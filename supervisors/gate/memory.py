@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 
@@ -12,6 +12,15 @@ from strands_actors.supervisors.gate.messages import Lease, LockKept, StopReport
 
 from . import failsafe
 from .lease import Leases
+
+
+class Waiting(NamedTuple):
+    """Who waits for a stop. ``report``: what covers it, while its lock is not on the disk yet."""
+
+    epoch: int
+    who: Deferred
+    locks: bool
+    report: StopReport | None = None
 
 
 class GateMemory(msgspec.Struct, frozen=True):
@@ -24,7 +33,7 @@ class GateMemory(msgspec.Struct, frozen=True):
     target: tuple[float, ...]
     target_ns: int
     live_until_ns: int
-    stops: list[tuple[int, Deferred, bool]]
+    stops: list[Waiting]
     lock: LockKept
     resumes: list[Deferred]
     cause: str
@@ -41,5 +50,5 @@ class GateMemory(msgspec.Struct, frozen=True):
     no_standby: str = ""
     reason: str = ""
     audited: bool = False
-    grants: list[tuple[Lease, Deferred, int]] = []
+    grants: list[tuple[Lease, Deferred]] = []
     stopped_ns: int = 0

@@ -19,6 +19,7 @@ from strands_actors.kernel.channels.frame_ring import FrameRing
 from strands_actors.kernel.channels.pubsub import PubSub
 from strands_actors.kernel.channels.zenoh_session import short
 from strands_actors.kernel.node import Node
+from strands_actors.kernel.processes.child import report_failure
 from strands_actors.kernel.supervisor import Budget, BudgetSpent, ChildSpec, Supervisor
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.deadlines import StopDeadlines
@@ -78,11 +79,24 @@ class MeshService:
         try:
             async with trio.open_nursery() as nursery:
                 await nursery.start(pubsub.run)
-                await nursery.start(self._supervisor(pubsub).run)
+                stops, others = self._supervisors(pubsub)
+                await nursery.start(stops.run)
+                await nursery.start(self._run_others, others)
                 self.settled.set()
         except* BudgetSpent as spent:
             self.problem = f"mesh: {describe(spent)}"
             self.close()
+
+    async def _run_others(
+        self, others: Supervisor, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED
+    ) -> None:
+        """Run what is no stop. When it fails for good a robot can still be stopped over the mesh."""
+        try:
+            await others.run(task_status=task_status)
+        except* BudgetSpent as spent:
+            self.problem = f"mesh: {describe(spent)}"
+            report_failure("telemetry and commands over the mesh", spent)
+            self._audit(self._robot, "mesh", f"failed: {describe(spent)}", "this robot")
 
     def close(self) -> None:
         """Leave the mesh. Blocks for a few milliseconds: a root process simply ends."""
@@ -90,7 +104,8 @@ class MeshService:
             self._pubsub.close()
             self._pubsub = None
 
-    def _supervisor(self, pubsub: PubSub) -> Supervisor:
+    def _supervisors(self, pubsub: PubSub) -> tuple[Supervisor, Supervisor]:
+        """Return those of the actors that stop the robot, and of the others."""
         robot, driver, at, node = self._robot, self._driver, self._at, self._node
         answers, shared = Answers(pubsub, robot), Shared()
         shared.audit = self._audit
@@ -99,13 +114,19 @@ class MeshService:
         def counts() -> dict[str, int]:
             return {"commands": shared.taken, "commands_refused": answers.refused}
 
-        cells = [
+        stops = [
             node.cell(at.path("safety"), lambda: Safety(robot, driver, pubsub, answers, shared)),
+            node.cell(at.path("gateway/stop"), lambda: GatewayStop(robot, deadlines), "gateway_stop"),
+        ]
+        others = [
             node.cell(at.path("commands"), lambda: Commands(robot, driver, pubsub, answers, shared, self._task)),
             node.cell(at.path("gateway"), lambda: Gateway(robot, driver.robot, driver, pubsub, shared)),
-            node.cell(at.path("gateway/stop"), lambda: GatewayStop(robot, deadlines), "gateway_stop"),
             node.cell(at.path("telemetry"), lambda: Telemetry(robot, driver, pubsub, self._task, counts)),
         ]
         if (rings := self._rings) is not None:
-            cells.append(node.cell(at.path("pictures"), lambda: Pictures(robot, pubsub, rings)))
-        return Supervisor([ChildSpec(cell.role, cell.run) for cell in cells], budget=BUDGET)
+            others.append(node.cell(at.path("pictures"), lambda: Pictures(robot, pubsub, rings)))
+        one, two = (
+            Supervisor([ChildSpec(cell.role, cell.run) for cell in cells], budget=BUDGET)
+            for cells in (stops, others)
+        )
+        return one, two

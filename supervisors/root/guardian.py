@@ -31,7 +31,7 @@ from strands_actors.kernel.node import Ref
 from strands_actors.kernel.processes.child import report_failure
 from strands_actors.supervisors.gate.failsafe import Mode, State
 from strands_actors.supervisors.gate.messages import LockKept, StandbyIs, Stopped, StopReport
-from strands_actors.supervisors.page import Owed
+from strands_actors.supervisors.page import MILDEST_FIRST, Owed
 from strands_actors.supervisors.root.messages import (
     Decided,
     Fence,
@@ -47,7 +47,7 @@ from strands_actors.supervisors.wire.watchdog import Tick
 
 from .guarded import GuardedStandby, GuardedWire
 from .lock_keeper import Kept, LockKeeper
-from .stop_channel import INSIST_S, LINGER_S, all_safe, attempt, attempt_anew, not_reached, pauses_s
+from .stop_channel import INSIST_S, LINGER_S, all_safe, attempt, attempt_anew, pauses_s
 from .stopped_detector import LOOK_EVERY, LOOKS, StoppedDetector
 
 START_DEADLINE_S = 5.0
@@ -129,6 +129,11 @@ class Guardian(Actor):
         self.reported.set()
         self._again = trio.Event()
         self._waiting: list[Deferred] = []
+        self._ordered = 0  # severity of what was ordered since the present wire was started
+        self._begins_locked = False  # the present wire knows of a lock since its start
+        self._alone = trio.Lock()  # between two wires: who makes safe, or starts the next one
+        self._attempting: trio.CancelScope | None = None
+        self._attempting_state = self._usual
 
     async def started(self) -> None:
         self._gate: Ref = self.context.ref(self._gate_address)
@@ -315,43 +320,53 @@ class Guardian(Actor):
         kept = await self._kept(self.state.locked_by)
         waiting.send(msgspec.structs.replace(report, note=kept.problem) if self.state.locked_by else report)
 
-    async def _obey_without_wire(
-        self, waiting: Deferred, report: StopReport, reason: Reason, ordered: SafeState
-    ) -> None:
-        """Answer with what became of the robot when its wire ended, if that is what is ordered or more
-        severe; else bring it about. A wire that is still to begin does so, before anything else."""
-        if not SafeState(report.safe_state).at_least(ordered):
-            self._confirmed, self._owed.safe_state = False, True
-            if self._is_last or self._leaving:
-                await self._make_safe(self.state.epoch)
-                report = self.last_report or report
-            else:
-                motors = not_reached(self._driver, "the next wire process begins with it")
-                report = StopReport(reason, ordered, self.state.epoch, False, motors, "stop_channel")
-        await self._answer_fence(waiting, report)
-
-    def _needs_no_end(self, message: Fence, ordered: SafeState, report: StopReport) -> bool:
-        """Return whether there is no wire that would have to end. ``report``: the last."""
-        if self._guarded is None:
-            return self.idle.is_set() or (self._confirmed and self.reported.is_set())
-        # One that begins has energised nothing. Each that is ended costs of the restarts. Of a lock
-        # it has to know from its start.
-        begins = self._confirmed and not self._failure_detector.heard_ns
-        return begins and not message.lock and SafeState(report.safe_state).at_least(ordered)
-
     def _fence(self, message: Fence) -> Deferred:
-        ordered = self._owed.order(self._driver.fallbacks[message.reason])
+        usual, ordered = self._usual, SafeState(self._driver.fallbacks[message.reason])
+        self._ordered = max(self._ordered, self._owed.order(ordered).severity)
+        self._owed.stopped_ns = self.context.received_ns
         lock = (message.by or "an operator") if message.lock else self.state.locked_by
         self.state = StateIs(self.state.mode, self.state.epoch, lock, self.state.cause)
         deferred = self.context.defer()
-        if self.last_report is not None and self._needs_no_end(message, ordered, self.last_report):
+        if (report := self._covering(message, ordered)) is not None:
             self._keep_lock()
-            self.context.start_soon(self._obey_without_wire, deferred, self.last_report, message.reason, ordered)
+            self.context.start_soon(self._answer_fence, deferred, report)
             return deferred
-        self._break(message.reason, f"{message.reason}: no answer from the wire")
-        self._again.set()
+        if ordered.severity > usual.severity:  # it is not safe as this wants it
+            self._confirmed, self._owed.safe_state = False, True
         self._waiting.append(deferred)
+        self._again.set()
+        if self._attempting is not None and ordered.severity > self._attempting_state.severity:
+            self._attempting.cancel()  # a landing takes seconds
+        if self._guarded is None and self.idle.is_set():
+            self.context.start_soon(self._serve_waiting)
+        else:
+            self._break(message.reason, f"{message.reason}: no answer from the wire")
         return deferred
+
+    @property
+    def _usual(self) -> SafeState:
+        """Return what the end of a wire by itself leads to."""
+        return SafeState(self._driver.fallbacks[Reason.WIRE])
+
+    def _covering(self, message: Fence, ordered: SafeState) -> StopReport | None:
+        """Return a report of this robot that answers an order, when nothing has to be done for it."""
+        report = self.last_report
+        if report is None or not self._confirmed or not SafeState(report.safe_state).at_least(ordered):
+            return None
+        if self._guarded is None:
+            return report if self.reported.is_set() else None
+        # A wire that begins has energised nothing, and each that is ended costs of the restarts. Of a
+        # lock it has to know from its start.
+        knows = not message.lock or self._begins_locked
+        return report if knows and not self._failure_detector.heard_ns else None
+
+    async def _serve_waiting(self) -> None:
+        """For orders that come while there is no wire. The next one waits for it."""
+        async with self._alone:
+            if self._guarded is None and self._waiting:
+                await self._make_safe(self.state.epoch)
+                if not self._confirmed and (self._is_last or self._leaving):
+                    await self._insist(self.state.epoch, float("inf"))
 
     # -- the end of the tree
 
@@ -366,7 +381,7 @@ class Guardian(Actor):
         (``reported``), or was. ``confirmed``: the gate's own stop was. Then the wire ends by
         itself, and its exit code says whether that still holds; else it is fenced."""
         guarded = self._guarded
-        if guarded is None and self.idle.is_set() and not self._confirmed:
+        if guarded is None and self.idle.is_set() and not self._confirmed and not self._is_last:
             # The next wire could not be started: there will be none.
             self.idle, self.reported = trio.Event(), trio.Event()
             self.context.start_soon(self.insist)
@@ -389,7 +404,11 @@ class Guardian(Actor):
         """The supervisor's child: one life of the wire group, and another whenever its process is
         spent. Always raises ``WireBroken`` or ``Cancelled``."""
         while True:
-            if self._leaving:
+            while self._waiting or self._alone.locked():
+                async with self._alone:
+                    if self._waiting:
+                        await self._make_safe(self.state.epoch)
+            if self._leaving:  # looked at last: no wire is started when nobody ends it any more
                 task_status.started()
                 await trio.sleep_forever()
             await self._live(task_status)
@@ -402,7 +421,8 @@ class Guardian(Actor):
         """There will be no other wire: make safe until it is confirmed, or the tree ends."""
         self.idle = trio.Event()
         self._is_last = True
-        await self._insist(self.state.epoch, float("inf"))
+        async with self._alone:
+            await self._insist(self.state.epoch, float("inf"))
         self.idle.set()
 
     async def _live(self, task_status: trio.TaskStatus[None]) -> None:
@@ -412,7 +432,9 @@ class Guardian(Actor):
         self.reported = trio.Event()
         self._silent_until_ns = 0
         self._stopped_looks = 0
+        self._ordered = 0
         locked_by = self.state.locked_by
+        self._begins_locked = bool(locked_by)
         start = State(Mode.DOWN if self._confirmed else Mode.LOST, self.state.epoch + 1, locked_by)
         try:
             guarded = self._guarded = self._start_wire(start, self.state.cause)
@@ -451,7 +473,7 @@ class Guardian(Actor):
         self._guarded = None
         self.context.note(Happened("the wire has ended", self._why[1]))
         self._failure_detector = self._listen()
-        if self._released and guarded.left_safe:
+        if self._released and guarded.left_safe and not self._waiting:
             self._confirmed = True
             self._owed.safe_state = False
         else:
@@ -461,6 +483,8 @@ class Guardian(Actor):
             await self._standby.let_go()
         while not fenced:  # two processes at one port would be worse than none
             fenced = await self._fenced(guarded)
+        while self._waiting:  # who asked meanwhile
+            await self._make_safe(epoch)
         self.reported.set()
         self.idle.set()
 
@@ -473,7 +497,7 @@ class Guardian(Actor):
         root died before the fence."""
         async with trio.open_nursery() as nursery:
             if self._stop_channel is not None and guarded.alive and self._broken.is_set():
-                nursery.start_soon(attempt, self._stop_channel, self._driver, self._ordered())
+                nursery.start_soon(attempt, self._stop_channel, self._driver, self._wanted())
                 for _ in range(2):  # by the second one it has run, as far as its first wait
                     await trio.lowlevel.checkpoint()
             fenced = await self._fenced(guarded)
@@ -496,34 +520,45 @@ class Guardian(Actor):
         was_safe = self._confirmed
         began_s = trio.current_time()
         for pause_s in pauses_s():
+            self._again = trio.Event()
             await self._make_safe(epoch)
             longest_s = LINGER_S if self._leaving else for_s
             over = was_safe or trio.current_time() + pause_s > began_s + longest_s
             if self._confirmed or (over and not self._waiting):
                 return
-            self._again = trio.Event()
             with trio.move_on_after(pause_s):
                 await self._again.wait()
 
-    def _ordered(self) -> SafeState:
-        return self._owed.order(self._driver.fallbacks[Reason.WIRE])
+    def _wanted(self) -> SafeState:
+        """Return where to bring the robot: what was ordered stands on the page, and here, since a wire
+        that is about to end may still confirm it, and clear the page."""
+        severity = max(self._owed.order(self._usual).severity, self._ordered)
+        return MILDEST_FIRST[severity]
 
     async def _make_safe(self, epoch: int) -> None:
         reason, why = self._why
-        safe_state = self._ordered()
+        safe_state = self._wanted()
         began_ns = self.context.clock.now_ns()
         motors: tuple[MotorReport, ...] = ()
-        if self._stop_channel is not None:
-            motors = await attempt(self._stop_channel, self._driver, safe_state)
-        elif not self._confirmed:
-            # This wire had not come so far as to energise anything, and what the one before left is
-            # as it was.
-            motors = await attempt_anew(self._driver, self.context.clock, safe_state)
-        whole = safe_state.at_least(self._ordered())  # no e-stop has come meanwhile that wants more
-        self._confirmed = all_safe(motors) and whole
+        self._attempting_state = safe_state
+        with trio.CancelScope() as self._attempting:
+            if self._stop_channel is not None:
+                motors = await attempt(self._stop_channel, self._driver, safe_state)
+            elif not self._confirmed or safe_state.severity > self._usual.severity:
+                # This wire had not come so far as to energise anything, and what the one before left is
+                # as it was.
+                motors = await attempt_anew(self._driver, self.context.clock, safe_state)
+        self._attempting = None
+        if not safe_state.at_least(self._wanted()):
+            self._confirmed = False
+            return  # an order has come meanwhile that wants more: the next attempt is for all
+        if motors:  # else nothing was attempted, and it is as it was
+            self._confirmed = all_safe(motors)
         if self._confirmed:
             self._owed.safe_state = False
-            self._owed.confirm(safe_state)
+            if motors:
+                self._owed.confirm(safe_state)
+                self._ordered = 0
         now_ns = self.context.clock.now_ns()
         took_ms = (now_ns - began_ns) / 1e6
         epoch = max(epoch, self.state.epoch) + 1
@@ -537,10 +572,9 @@ class Guardian(Actor):
         self._keep_lock()
         if self._on_report is not None:
             self._on_report(report)
-        if whole:
-            for waiting in self._waiting:
-                self.context.start_soon(self._answer_fence, waiting, report)
-            self._waiting.clear()
+        for waiting in self._waiting:
+            self.context.start_soon(self._answer_fence, waiting, report)
+        self._waiting.clear()
         self.reported.set()
 
 

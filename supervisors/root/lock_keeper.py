@@ -53,9 +53,10 @@ class LockKeeper:
             self._wake()
 
     async def kept(self, by: str) -> Kept:
-        """Wait until that lock is kept, or cannot be, or is not wanted any more."""
+        """Wait until that lock is kept, or cannot be, or another in its place; or until it is not
+        wanted any more."""
         with trio.move_on_after(KEEP_S):
-            while self._wanted == by != self._done:
+            while (self._wanted if by else "") != self._done:
                 await self._changed.wait()
             return self._kept
         return Kept("", SLOW)

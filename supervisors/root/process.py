@@ -11,6 +11,7 @@ import itertools
 import os
 import secrets
 import socket
+import threading
 from collections.abc import Awaitable, Callable
 from functools import partial
 from pathlib import Path
@@ -27,7 +28,7 @@ from strands_actors.kernel.channels.zenoh_session import hand_over
 from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.kernel.health.heartbeat import Heartbeat, new_page, words_of
 from strands_actors.kernel.health.kernel_workers import keep_them_early
-from strands_actors.kernel.health.realtime import ROOT_PRIORITY, run_first
+from strands_actors.kernel.health.realtime import ROOT_PRIORITY, run_first, run_like_others
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import AskTimeout, Node, Ref, Unreachable
 from strands_actors.kernel.processes.child import exit_code, report_failure
@@ -115,11 +116,22 @@ class Unconfirmed:
     def __init__(self, note: str) -> None:
         self._note = Path(note)
         self._told: list[str] = []
+        self._writing = threading.Lock()
 
     def tell(self, report: StopReport) -> None:
+        """In a thread: no attempt waits for a disk."""
         motors = report.unconfirmed
         if motors == self._told:
             return
+        self._told = motors
+        threading.Thread(target=self._write, daemon=True).start()
+
+    def _write(self) -> None:
+        run_like_others()
+        with self._writing:  # the newest last
+            self._write_note(self._told)
+
+    def _write_note(self, motors: list[str]) -> None:
         try:
             note = msgspec.json.decode(self._note.read_bytes())
             draft = self._note.with_suffix(".root.tmp")
@@ -127,7 +139,6 @@ class Unconfirmed:
             draft.replace(self._note)
         except (OSError, msgspec.MsgspecError, TypeError) as error:
             report_failure("the note on unconfirmed motors", error)
-        self._told = motors
 
 
 class Ahead(NamedTuple):

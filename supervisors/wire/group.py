@@ -91,6 +91,7 @@ async def run_group(
                 no_standby,
                 audited,
                 secret,
+                0 if owed is None else owed.stopped_ns,
             ),
         ),
         node.cell(

@@ -238,7 +238,12 @@ class Transport(Actor):
                 if self._wire is not None:
                     self._lose(WireDown(next((motor.detail for motor in motors), "nothing can be written")))
                 if self._owed.safe_state or message.reason in ORDERED:
-                    motors = await self._reach(safe_state, began_ns) or motors
+                    reached: list[tuple[MotorReport, ...]] = []
+                    with self._cut_by_a_stop(safe_state in SLOW):
+                        reached.append(await self._reach(safe_state, began_ns))
+                    if not reached:
+                        return
+                    motors = reached[0] or motors
         hold_failed = self.hold_failed if holds else ""
         seen = await self._look_where_held(motors) if holds and not hold_failed else None
         self._report_safe(message.reason, safe_state, message.epoch, began_ns, motors, hold_failed, seen)

@@ -6,6 +6,16 @@ import os
 import shutil
 import signal
 from pathlib import Path
+from typing import cast
+
+import trio
+
+from strands_actors.caller.directory import Directory
+from strands_actors.caller.run_directory import Note
+from strands_actors.contract.driver import Reason
+from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.root.locks import Locks
+from strands_actors.surfaces.cli import operate
 
 from .command import Command, RobotProcess, refusal_code
 
@@ -115,3 +125,23 @@ def test_saf_005_a_run_directory_that_cannot_be_used_is_told(cli: Command, robot
     assert "is open to others: chmod 700 it" in done.stderr
     assert "Traceback" not in done.stderr
     assert cli.run("estop").returncode == 0
+
+
+class Silent:
+    """A directory of robots that nobody answers for."""
+
+    async def stop(self, note: Note, reason: Reason, by: str, lock: bool = False) -> Refused:
+        return Refused("unconfirmed", "neither wire nor root answers", "look at the robot")
+
+
+def test_saf_018_an_estop_that_nobody_answers_locks_the_port_too(run_dir: Path) -> None:
+    """Its next tree may have another name: a dead one's may be taken for a while."""
+    note = Note("so101", "so101", 1, [], port="192.0.2.10")
+    done, line = trio.run(operate.estop, cast("Directory", Silent()), note)
+    assert not done
+    assert "BUT" not in line
+    locks = run_dir / "data" / "locks"
+    for robot, port, locked in (("so101-2", "192.0.2.10", True), ("so101", "", True), ("so101-2", "", False)):
+        assert (Locks(locks, robot, port).find() is not None) == locked
+    assert operate.lift("so101")[0]
+    assert Locks(locks, "so101-2", "192.0.2.10").find() is None

@@ -74,7 +74,7 @@ def executed(monkeypatch: pytest.MonkeyPatch) -> None:
 def _this_program() -> str:
     """As another one is told of it, up to where its command line is cut."""
     line = Path("/proc/self/cmdline").read_bytes().replace(b"\0", b" ").decode()
-    return line[:40]
+    return f"robot so101 (process {os.getpid()}: {line[:40]}"
 
 
 def test_a_program_that_takes_no_lock_is_named(twin: Twin, new_arm: NewArm) -> None:

@@ -88,7 +88,7 @@ REFUSALS: list[tuple[Any, str]] = [
     ({"shoulder_pan": np.bool_(True)}, "shoulder_pan is True"),
     ({"shoulder_pan": np.float32("nan")}, "shoulder_pan is nan"),
     ({"shoulder_pan": np.array([1.0, 2.0])}, "shoulder_pan is array"),
-    ({"shoulder_pan": "10"}, "shoulder_pan is 10"),
+    ({"shoulder_pan": "10"}, "shoulder_pan is '10', a text. send a finite number"),
     ({"shoulder_pan": None}, "shoulder_pan is None"),
     ({"shoulder_pan": {"value": 1.0}}, "shoulder_pan is"),
     ({"shoulder_pan": 181.0}, "past 110.1. stay within -110.0..110.1"),

@@ -55,6 +55,20 @@ def test_saf_018_a_port_is_the_device_and_not_the_path_to_it(tmp_path: Path) -> 
     assert by(Locks(tmp_path / "locks", "arm", str(tmp_path / "by-id"))) == "the button"
 
 
+def test_saf_018_an_address_is_the_same_from_any_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    one, other = tmp_path / "one", tmp_path / "other"
+    one.mkdir()
+    other.mkdir()
+    (one / "port").symlink_to("/dev/null")
+    monkeypatch.chdir(one)
+    Locks(tmp_path / "locks", "left", "192.0.2.10").put("the button")
+    Locks(tmp_path / "locks", "so101", "port").put("the button")
+    monkeypatch.chdir(other)
+    assert by(Locks(tmp_path / "locks", "right", "192.0.2.10")) == "the button"
+    assert by(Locks(tmp_path / "locks", "right", "192.0.2.11")) == ""
+    assert by(Locks(tmp_path / "locks", "arm", "/dev/null")) == "the button", "a path is a path all the same"
+
+
 def test_saf_018_a_lock_of_a_twin_is_its_names_alone(tmp_path: Path) -> None:
     Locks(tmp_path, "so101").put("the button")
     assert by(Locks(tmp_path, "so101", "/dev/ttyACM0")) == "the button"
@@ -272,3 +286,37 @@ def test_saf_018_a_lock_that_is_just_being_lifted_is_not_kept(tmp_path: Path) ->
             nursery.cancel_scope.cancel()
 
     trio.run(main)
+
+
+@pytest.mark.parametrize("fails", [(), ("A",), ("B",), ("A", "B")])
+def test_saf_018_who_presses_first_is_not_told_that_a_lock_is_kept_before_one_is(
+    tmp_path: Path, fails: tuple[str, ...]
+) -> None:
+    """Another presses while the lock of the first is being written."""
+
+    class Slow(Locks):
+        def put(self, by: str) -> str:
+            time.sleep(0.05)
+            if by in fails:
+                raise OSError(28, "No space left on device")
+            return super().put(by)
+
+    async def run() -> None:
+        locks = Slow(tmp_path, "so101")
+        keeper = LockKeeper(locks)
+
+        async def press(by: str) -> None:
+            keeper.want(by)
+            kept = await keeper.kept(by)
+            assert bool(kept.problem) == ("B" in fails)
+            assert kept.problem or locks.find() is not None
+
+        async with trio.open_nursery() as running:
+            running.start_soon(keeper.run)
+            async with trio.open_nursery() as nursery:
+                nursery.start_soon(press, "A")
+                await trio.sleep(0.01)
+                nursery.start_soon(press, "B")
+            running.cancel_scope.cancel()
+
+    trio.run(run)

@@ -3,19 +3,23 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
+
 import msgspec
 import pytest
 import trio
 
 from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason
 from strands_actors.contract.wire import MotorReport
-from strands_actors.kernel.clock import Clock
-from strands_actors.supervisors.gate.messages import Accepted, Lease, Resume, Resumed, Stop, StopReport
+from strands_actors.kernel.clock import Clock, MonotonicClock
+from strands_actors.supervisors.gate.messages import Accepted, LockKept, Resume, Resumed, Stop, StopReport
 from strands_actors.supervisors.page import Owed
 from strands_actors.supervisors.root.messages import Fence
+from strands_actors.supervisors.root.process import Unconfirmed
 from strands_actors.supervisors.wire.messages import RootGone
 from strands_actors.testing import FakeHardware, InlineTree, open_inline_tree, run_virtual
-from strands_actors.testing.fake import HARDWARE, FakeDriver
+from strands_actors.testing.fake import HARDWARE, FakeDriver, FakeWire
 
 from .writer import armed, freeze, setpoints
 
@@ -200,18 +204,163 @@ def test_saf_011_after_a_hold_the_next_command_moves_what_it_names_and_nothing_e
     run_virtual(run)
 
 
-def test_a_lease_is_not_held_back_for_a_hold_that_takes_long() -> None:
-    """A base that is asked over a network whether it stands."""
+def test_saf_007_an_e_stop_while_a_wire_begins_is_carried_out_by_the_root() -> None:
+    """It has energised nothing and has no stop channel yet; what the one before left is milder."""
 
     async def run() -> None:
-        async with open_inline_tree() as tree:
-            writer = await armed(tree)
-            tree.hardware.confirm_s = 0.6
-            assert isinstance(await writer.send(a=5.0), Accepted)
-            await tree.until("holding")
-            began_s = trio.current_time()
-            assert isinstance(await writer.acquire(), Lease)
-            assert trio.current_time() - began_s < 0.1
-            assert (await tree.status()).mode == "holding"
+        hardware = FakeHardware()
+        async with open_inline_tree(hardware, driver=driver_of(hardware, "begins")) as tree:
+            await armed(tree)
+            hardware.open_s = 1.0
+            tree.wire._scope.cancel()
+            await trio.sleep(0.2)
+            assert len(tree.wires_made) == 2 and tree.keeper._stop_channel is None
+            report = await tree.guardian.ask(Fence(Reason.ESTOP, "test", lock=True), 3.0)
+            assert isinstance(report, StopReport) and report.confirmed and report.motors
+            assert hardware.of("safe")[-1].safe_state == "off"
+            assert report.safe_state == "off" and (await tree.until("disarmed")).locked_by == "test"
 
     run_virtual(run)
+
+
+def test_saf_007_an_e_stop_between_two_wires_waits_for_none() -> None:
+    async def run() -> None:
+        hardware = FakeHardware()
+        async with open_inline_tree(hardware, driver=driver_of(hardware, "between")) as tree:
+            await armed(tree)
+            start = tree.keeper._start_wire
+            pressed = []
+
+            def press(*args: object) -> object:
+                if not pressed:
+                    pressed.append(tree.guardian.ask(Fence(Reason.ESTOP, "test", lock=True), 3.0))
+                    raise OSError(11, "try again")
+                return start(*args)  # type: ignore[arg-type]
+
+            tree.keeper._start_wire = press  # type: ignore[assignment]
+            tree.wire._scope.cancel()
+            while not pressed:  # noqa: ASYNC110
+                await trio.sleep(0.001)
+            report = await pressed[0]
+            assert isinstance(report, StopReport) and report.confirmed
+            assert (report.safe_state, report.path) == ("off", "stop_channel") and report.motors
+            assert hardware.of("safe")[-1].safe_state == "off"
+
+    run_virtual(run)
+
+
+def test_saf_007_an_e_stop_does_not_wait_for_a_landing_of_the_root() -> None:
+    async def run() -> None:
+        hardware = FakeHardware()
+        driver = driver_of(hardware, "lands")
+        async with open_inline_tree(hardware, driver=driver) as tree:
+            await armed(tree)
+            channel = tree.keeper._stop_channel
+            assert channel is not None
+            make_safe = channel.make_safe
+
+            async def lands(safe_state: str) -> tuple[MotorReport, ...]:
+                reports = await make_safe(safe_state)
+                if safe_state != "off":
+                    await trio.sleep(5.0)
+                return reports
+
+            channel.make_safe = lands  # type: ignore[method-assign]
+            driver.timing = msgspec.structs.replace(driver.timing, safe_s=6.0)
+            tree.wire._scope.cancel()
+            await trio.sleep(0.5)
+            pressed_s = trio.current_time()
+            report = await tree.guardian.ask(Fence(Reason.ESTOP, "test", lock=True), 3.0)
+            assert isinstance(report, StopReport) and report.confirmed and report.safe_state == "off"
+            assert trio.current_time() - pressed_s < 0.1
+
+    run_virtual(run)
+
+
+def test_saf_007_an_e_stop_cuts_a_landing_on_a_lost_link(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def reach(self: FakeWire, safe_state: str) -> tuple[MotorReport, ...]:
+        reports = await self.make_safe(safe_state)
+        if safe_state == "land":
+            await trio.sleep(5.0)
+        return reports
+
+    async def run() -> None:
+        hardware = FakeHardware()
+        driver = driver_of(hardware, "drone")
+        driver.fallbacks = {**driver.fallbacks, Reason.STOP: "land"}
+        driver.timing = msgspec.structs.replace(driver.timing, safe_s=6.0)
+        async with open_inline_tree(hardware, driver=driver) as tree:
+            await armed(tree)
+            monkeypatch.setattr(FakeWire, "reach", reach)
+            hardware.answers = False
+            await tree.until("lost", within_s=0.2)
+            async with trio.open_nursery() as nursery:
+                nursery.start_soon(ordered, tree, Stop(Reason.STOP))
+                await trio.sleep(0.5)
+                pressed_ns = tree.node.clock.now_ns()
+                await ordered(tree)
+                first = next(safe for safe in hardware.of("safe", pressed_ns))
+                assert first.safe_state == "off" and first.t_ns - pressed_ns < 50_000_000
+
+    run_virtual(run)
+
+
+def test_saf_005_each_stop_is_told_of_the_first_report_that_covers_it() -> None:
+    """Not of a milder stop that came while the lock of an e-stop was being written."""
+
+    async def run() -> None:
+        hardware = FakeHardware()
+        async with open_inline_tree(hardware, driver=driver_of(hardware, "first")) as tree:
+            await armed(tree)
+            tree.keeper._keep_lock = lambda: None  # type: ignore[method-assign]  # the disk hangs
+            told: list[StopReport] = []
+
+            async def press() -> None:
+                told.append(await ordered(tree))
+
+            async with trio.open_nursery() as nursery:
+                nursery.start_soon(press)
+                await trio.sleep(0.1)
+                assert (await ordered(tree, Stop(Reason.STOP))).safe_state == "stop" and not told
+                tree.gate.tell(LockKept(tree.keeper.state.epoch, "now"))
+            assert told[0].safe_state == "off"
+
+    run_virtual(run)
+
+
+def test_saf_007_an_e_stop_that_nobody_heard_outlives_the_wire_that_was_asked() -> None:
+    """The port was never opened, and then the wire dies: the root has reached no motor either."""
+
+    async def run() -> None:
+        hardware = FakeHardware()
+        async with open_inline_tree(hardware, driver=driver_of(hardware, "never")) as tree:
+            hardware.plugged = False
+            await tree.until("down", within_s=0.2)
+            assert not (await ordered(tree)).confirmed
+            tree.wire._scope.cancel()
+            await trio.sleep(0.5)
+            assert tree.keeper.last_report is not None and not tree.keeper.last_report.confirmed
+            plugged_ns = tree.node.clock.now_ns()
+            hardware.plugged = True
+            await trio.sleep(5.0)
+            assert since(tree, plugged_ns) == {"off"}
+
+    run_virtual(run)
+
+
+def test_saf_005_no_attempt_waits_for_the_note_on_unconfirmed_motors(tmp_path: Path) -> None:
+    note = tmp_path / "so101.json"
+    os.mkfifo(note)  # who reads it waits, as for a disk that hangs
+
+    async def run() -> None:
+        async with open_inline_tree(clock=MonotonicClock()) as tree:
+            await armed(tree)
+            tree.keeper._on_report = Unconfirmed(str(note)).tell
+            tree.hardware.silent.add("b")
+            tree.wire._scope.cancel()
+            with trio.fail_after(20):
+                while len(tree.hardware.of("safe")) < 3:  # noqa: ASYNC110  # of the hardware nobody tells
+                    await trio.sleep(0.01)
+
+    trio.run(run)
+    os.close(os.open(note, os.O_WRONLY))  # let its thread end

@@ -8,7 +8,7 @@ import trio
 from strands_actors.contract.driver import Reason
 from strands_actors.contract.wire import MotorReport
 from strands_actors.kernel.messages import Refused
-from strands_actors.supervisors.gate.messages import Accepted, Acquire, Beat, Lease, Stop
+from strands_actors.supervisors.gate.messages import Accepted, Acquire, Beat, Lease, Resume, Stop
 from strands_actors.supervisors.wire.messages import Cycle, MakeSafe, Write
 from strands_actors.testing import FakeHardware, open_inline_tree, run_virtual
 
@@ -108,8 +108,14 @@ def test_saf_002_a_setpoint_of_an_older_epoch_is_refused_by_name() -> None:
             held_ns = tree.node.clock.now_ns()
             answer = await writer.send(a=6.0)
             assert isinstance(answer, Refused) and answer.code == "stale_epoch"
+            assert answer.text.endswith("(the setpoint expired). send it again")
             await trio.sleep(0.1)
             assert setpoints(tree, held_ns) == []
+            await tree.gate.ask(Stop(Reason.STOP, "op"), 1.0)
+            await tree.gate.ask(Resume("op"), 1.0)
+            answer = await writer.send(a=6.0)
+            assert isinstance(answer, Refused) and answer.code == "stale_epoch"
+            assert "()" not in answer.text, "after a resume there is no cause to name"
 
     run_virtual(run)
 

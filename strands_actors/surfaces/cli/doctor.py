@@ -18,6 +18,7 @@ from dataclasses import asdict, dataclass
 from importlib import metadata
 from typing import Any
 
+from strands_actors.caller import process_one
 from strands_actors.caller.run_directory import MAX_SOCKET_PATH, notes, run_dir
 from strands_actors.contract.extras import missing
 
@@ -57,6 +58,7 @@ def examine() -> Iterator[Check]:
         check_kernel,
         check_scheduling,
         check_memory,
+        check_process_one,
         check_directory,
         check_zenoh,
         check_serial,
@@ -110,7 +112,8 @@ def check_scheduling() -> Iterator[Check]:
     grant = (
         rf"printf '{user} - rtprio 20\n{user} - memlock unlimited\n' | "
         "sudo tee /etc/security/limits.d/robots.conf, then log in again "
-        "(systemd: LimitRTPRIO=20, LimitMEMLOCK=infinity; docker: --ulimit rtprio=20 --ulimit memlock=-1)"
+        "(systemd: LimitRTPRIO=20, LimitMEMLOCK=infinity; docker: --ulimit rtprio=20 --ulimit memlock=-1; "
+        "never as its process 1: docs/safety.md)"
     )
     if len(os.sched_getaffinity(0)) < 2:
         yield Check("scheduling", WEAK, "one core: a robot's tree does not run before other programs", "use two")
@@ -140,6 +143,18 @@ def check_memory() -> Iterator[Check]:
             "when it runs out the kernel may end root, wire and standby as soon as others",
             f"run the script by systemd with OOMScoreAdjust={LAST}, or give it CAP_SYS_RESOURCE",
         )
+
+
+def check_process_one() -> Iterator[Check]:
+    """Return whether a tree outlives its script, which in a container is process 1's to say."""
+    found = process_one.found()
+    if found is None:
+        return
+    name, why = found
+    if why:
+        yield Check("process 1", WEAK, f"{name}: {why}", process_one.REMEDY)
+    else:
+        yield Check("process 1", OK, f"{name}: a robot's tree outlives its script, if that stays")
 
 
 def check_directory() -> Iterator[Check]:

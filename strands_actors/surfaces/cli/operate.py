@@ -27,7 +27,7 @@ async def stop(joined: Directory, note: Note) -> tuple[bool, str]:
 async def estop(joined: Directory, note: Note) -> tuple[bool, str]:
     report = await joined.stop(note, Reason.ESTOP, by(), lock=True)
     confirmed, line = _told(report)
-    problem = report.note if isinstance(report, StopReport) else _lock_the_next(note.robot)
+    problem = report.note if isinstance(report, StopReport) else _lock_the_next(note.robot, note.port)
     return confirmed, line + locked_until(note.robot, problem)
 
 
@@ -72,11 +72,11 @@ def locked_until(robot: str, problem: str) -> str:
     return f"; locked until `strands-actors resume {robot}`{f'. BUT {problem}' if problem else ''}"
 
 
-def _lock_the_next(robot: str) -> str:
-    """Nobody of its tree has answered: its next tree is to be locked at least. Why that cannot be,
-    or nothing."""
+def _lock_the_next(robot: str, port: str = "") -> str:
+    """Nobody of its tree has answered: its next tree is to be locked at least, and the next one on
+    its port, whatever that is called. Why that cannot be, or nothing."""
     try:
-        Locks(locks_dir(), robot).put(by())
+        Locks(locks_dir(), robot, port).put(by())
     except OSError as error:
         return f"the lock cannot be kept: {error}"
     return ""

@@ -1,0 +1,133 @@
+"""A port, or an address, is one tree's: its root holds the lock of a file in the run directory for
+as long as it lives.
+
+A serial port has a lock of the system's, too. An address has none: two programs that took one robot
+there were both obeyed, and after a stop by the one the other's setpoints went on.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import hashlib
+import os
+from pathlib import Path
+
+import msgspec
+import trio
+
+from strands_actors.contract.loading import place_of
+from strands_actors.contract.shown import harmless
+from strands_actors.drivers import PLAIN
+from strands_actors.kernel.processes.process import exists
+from strands_actors.supervisors.root.locks import place_of_port
+
+from .plan import Plan
+from .processes import NotConnected
+from .run_directory import Held, Note, notes, run_dir, try_lock
+
+SUFFIX = ".port"
+LEAVING_S = 3.0
+"""For the root of a program that has ended: it makes its robot safe first."""
+PATIENCE_S = 0.3
+"""For one that just ends, whose program goes on."""
+LOOK_S = 0.01
+_SHOWN = 60
+_HOLDER_BYTES = 4096
+
+
+class Holder(msgspec.Struct, frozen=True):
+    """Who has it. ``pid``: of the program."""
+
+    robot: str
+    pid: int
+
+
+async def claim_port(plan: Plan, robot: str) -> Held:
+    """Return the lock of the plan's port, for the root to inherit. Raise ``NotConnected`` when
+    another tree has it."""
+    path = run_dir() / f"{hashlib.sha256(place(plan).encode()).hexdigest()[:16]}{SUFFIX}"
+    held = Held(path)
+    try:
+        began_s = trio.current_time()
+        while not try_lock(held.fd, fcntl.LOCK_EX):
+            holder = _holder(path)
+            if trio.current_time() > began_s + (PATIENCE_S if _goes_on(holder, robot) else LEAVING_S):
+                raise NotConnected(_refusal(plan, holder))
+            await trio.sleep(LOOK_S)
+        os.ftruncate(held.fd, 0)
+        os.pwrite(held.fd, msgspec.json.encode(Holder(robot, os.getpid())), 0)
+    except BaseException:
+        held.close()
+        raise
+    return held
+
+
+def place(plan: Plan) -> str:
+    """Return what may have one tree at a time. A device, whoever drives it; at an address that
+    which a driver speaks to: an arm and its gripper may share one. Where no port is given, what the
+    driver finds by its other options, on the network that it is on."""
+    port, kind = place_of_port(plan.port), place_of(plan.driver_class)
+    if os.path.isabs(port):
+        return port
+    if kind == PLAIN:  # of many classes
+        kind = f"{kind} {plan.robot}"
+    if port:
+        apart = [f" {plan.options.get(key)}" for key in plan.driver_class.TOLD_APART_BY]
+        return f"{kind} {port.lower()}{''.join(apart)}"
+    chosen = {key: value for key, value in plan.options.items() if key != "tool_name"}
+    network = os.environ.get("ROS_DOMAIN_ID", "")
+    return f"{kind} {plan.robot} {network} {sorted(chosen.items())!r}"
+
+
+def _goes_on(holder: Holder | None, robot: str) -> bool:
+    """Return whether its program runs. ``robot``: our name, so who has that is a former root of
+    ours, which ends."""
+    if holder is None or (holder.robot == robot and holder.pid == os.getpid()):
+        return False
+    try:
+        return exists(holder.pid)
+    except PermissionError:
+        return True
+
+
+def _refusal(plan: Plan, holder: Holder | None) -> str:
+    where = plan.port or f"{plan.robot} without a port"
+    if holder is None:
+        return f"{where}: in use by another robot. Try again when it has ended"
+    robot, pid = harmless(holder.robot), holder.pid
+    unconfirmed = next((note.unconfirmed for note in _notes() if note.robot == holder.robot), [])
+    if unconfirmed or not _goes_on(holder, ""):
+        waits = f", which have not confirmed: {', '.join(map(harmless, unconfirmed))}" if unconfirmed else ""
+        return (
+            f"{where}: in use by robot {robot} (process {pid}), whose root still makes its motors safe{waits}. "
+            "Try again when it has; it gives up after a minute"
+        )
+    return (
+        f"{where}: in use by robot {robot} (process {pid}: {_command(pid)}). Use that one, or end it first: "
+        f"cleanup(), or the end of its program. `strands-actors stop {robot}` stops it"
+    )
+
+
+def _notes() -> list[Note]:
+    with contextlib.suppress(OSError):
+        return list(notes())
+    return []
+
+
+def _holder(path: Path) -> Holder | None:
+    """None when it is just being written."""
+    try:
+        with path.open("rb") as file:
+            return msgspec.json.decode(file.read(_HOLDER_BYTES), type=Holder)
+    except (OSError, msgspec.MsgspecError, UnicodeDecodeError):
+        return None
+
+
+def _command(pid: int) -> str:
+    try:
+        words = Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace").strip()
+    except OSError:
+        words = ""
+    words = harmless(words or "a program")
+    return words if len(words) <= _SHOWN else f"{words[: _SHOWN - 3]}..."

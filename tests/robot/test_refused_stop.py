@@ -1,0 +1,89 @@
+"""SAF-010: a stop that was refused has stopped nothing: the wire is fenced, and the root makes safe.
+Read from the wire."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from strands_actors.caller import directory
+from strands_actors.caller.portal import portal
+from strands_actors.caller.robot import RealRobot
+from strands_actors.contract.driver import Reason
+from strands_actors.kernel.messages import Message, Refused
+from strands_actors.supervisors.gate.gate import Gate
+from strands_actors.supervisors.gate.messages import StopReport
+from strands_actors.supervisors.root.locks import Locks
+from strands_actors.testing import Twin
+from tests.answers import json_of
+
+from .helpers import limps
+
+CODES = ("gone", "crashed", "mailbox_full")
+
+
+class Refuses:
+    """A gate whose mailbox has no room, or which has crashed."""
+
+    def __init__(self, gate: Any, code: str) -> None:
+        self._gate = gate
+        self._refusal = Refused(code, "the gate has not read this")
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._gate, name)
+
+    async def ask(self, message: Message, deadline_s: float) -> Message | None:
+        return self._refusal
+
+    def ask_here(self, message: Message, deadline_s: float) -> Message | None:
+        return self._refusal
+
+
+@pytest.mark.parametrize("code", CODES)
+def test_saf_010_a_stop_that_the_gate_refuses_is_done_by_the_root(
+    arm: RealRobot, twin: Twin, run_dir: Path, code: str
+) -> None:
+    json_of(arm.send_action({"shoulder_pan": 5.0}))
+    tree = arm._tree
+    assert tree is not None
+    processes: Any = tree._processes
+    processes.gate = Refuses(processes.gate, code)
+    began_ns = time.monotonic_ns()
+    told = json_of(arm.stop())
+    assert (told["safe_state"], told["path"], told["unconfirmed"]) == ("limp", "stop_channel", [])
+    assert limps(twin.log, began_ns)
+    twin.log.no_setpoint_after_safe(began_ns)
+    report = portal().call(tree.stop, Reason.ESTOP, True)
+    assert isinstance(report, StopReport)
+    assert Locks(run_dir / "data" / "locks", "so101", twin.port).find() is not None
+
+
+@pytest.mark.parametrize("code", CODES)
+def test_saf_010_so_is_one_of_another_process(
+    arm: RealRobot, twin: Twin, run_dir: Path, monkeypatch: pytest.MonkeyPatch, code: str
+) -> None:
+    json_of(arm.send_action({"shoulder_pan": 5.0}))
+    ask = directory.Directory._ask
+
+    async def asked(self: Any, address: str, protocol: Any, message: Message, deadline_s: float) -> Message | None:
+        if protocol is Gate:
+            return Refused(code, "the gate has not read this")
+        return await ask(self, address, protocol, message, deadline_s)
+
+    monkeypatch.setattr(directory.Directory, "_ask", asked)
+
+    async def press() -> StopReport | Refused:
+        async with directory.join() as joined:
+            (note,) = joined.notes
+            assert note.port == twin.port
+            return await joined.stop(note, Reason.ESTOP, "the button", lock=True)
+
+    began_ns = time.monotonic_ns()
+    report = portal().call(press)
+    assert isinstance(report, StopReport)
+    assert report.confirmed
+    assert limps(twin.log, began_ns)
+    assert Locks(run_dir / "data" / "locks", "so101", twin.port).find() is not None
