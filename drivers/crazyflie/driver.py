@@ -77,6 +77,7 @@ class Crazyflie(Driver):
             "arm the motors, rise to a height, hover there; in the air: go to that height",
             within_s=28.0,
             arguments={"height": TAKEOFF_M, "duration": TAKEOFF_S},
+            powers=True,
         ),
         "land": Service("come down to the floor, motors off", within_s=20.0, arguments={"duration": LAND_S}),
         "emergency_stop": Service(

@@ -14,6 +14,8 @@ import msgspec
 
 from strands_actors.kernel.messages import Refused
 
+from .shown import shown
+
 SHOWN = 40
 """Characters of a key or value that a refusal shows."""
 
@@ -111,21 +113,33 @@ def parse_action(
     for key, value in action.items():
         found = index.get(key.removesuffix(".pos")) if isinstance(key, str) else None
         if found is None:
-            shown = str(key)[:SHOWN] or "''"
-            return Refused("unknown_joint", f"move: {shown} is not a joint of {robot}", f"use {keys}", shown, keys)
+            said = str(key)[:SHOWN] or "''"
+            return Refused("unknown_joint", f"move: {said} is not a joint of {robot}", f"use {keys}", said, keys)
         name = axes[found].key
         if found in named:
             both = f"{name} and {name}.pos"
             return Refused("both_spellings", f"move: {both} are both given", "send one of them", both, name)
         number = finite(value)
         if number is None:
-            shown = str(value)[:SHOWN]
-            return Refused(
-                "not_finite", f"move: {name} is {shown}", "send a finite number", shown, "a finite number"
-            )
+            why = f"move: {name} is {_not_a_number(value)}"
+            return Refused("not_finite", why, "send a finite number", shown(value, SHOWN), "a finite number")
         values[found] = number
         named.append(found)
     return tuple(values), tuple(named)
+
+
+def _not_a_number(value: object) -> str:
+    """Return what came in place of a number. A text that reads like one, or like nothing, is said to
+    be a text; others speak for themselves, and may be what an object was written out as."""
+    if value is None:
+        return "None, as JSON also has what is infinite or not a number"
+    if not isinstance(value, str):
+        return shown(value, SHOWN)
+    try:
+        float(value or "0")
+    except ValueError:
+        return value[:SHOWN]
+    return f"{shown(value, SHOWN)}, a text"
 
 
 def finite(value: object) -> float | None:

@@ -39,6 +39,10 @@ class Acquire(Message, frozen=True):
     again: int = 0
 
 
+GRANT_S = 2.0
+"""How long to wait for a lease: in the middle of a hold it is given when the robot holds."""
+
+
 class Lease(Message, frozen=True):
     id: int
     epoch: int

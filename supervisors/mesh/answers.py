@@ -48,10 +48,9 @@ class Answers:
         self._put(sender, turn, Response("response", self._robot, turn, time.time(), result, final=final))
 
     def refuse(self, sender: str, turn: str, refused: Refused) -> None:
+        """Who has asked a question is always told. ``sender``: who else is; empty: nobody."""
         self.refused += 1
-        if not sender:
-            self.forget(turn)
-        else:
+        if sender or PRIVATE in turn:
             refusal = Refusal(**msgspec.structs.asdict(refused))
             response = Response("error", self._robot, turn, time.time(), error=refused.text, refused=refusal)
             self._put(sender, turn, response)

@@ -113,7 +113,7 @@ def read_envelope(payload: bytes, limit: int = MAX_COMMAND_BYTES) -> Envelope | 
         envelope = _decode_envelope(payload)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         remedy = 'send {"sender_id", "turn_id", "command": {"action", ...}}'
-        return _sender(payload), Refused("malformed", f"this is no command: {error}", remedy)
+        return read_sender(payload), Refused("malformed", f"this is no command: {error}", remedy)
     if len(payload) > limit:
         told = f"send at most {limit} bytes"
         oversized = Refused("oversized", f"{len(payload)} bytes", told, str(len(payload)), str(limit))
@@ -121,7 +121,8 @@ def read_envelope(payload: bytes, limit: int = MAX_COMMAND_BYTES) -> Envelope | 
     return envelope
 
 
-def _sender(payload: bytes) -> Sender | None:
+def read_sender(payload: bytes) -> Sender | None:
+    """Return whom to tell what is wrong, when that can be read."""
     try:
         return _decode_sender(payload)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):

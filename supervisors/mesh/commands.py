@@ -37,8 +37,9 @@ from .command_rules import Limit, Shared, read_command, read_envelope, refuse_st
 from .lease_rules import refuse_by_mode
 from .motion import NOBODY_TO_ASK, Motion, holder_of, no_answer, task_json
 from .readings import TELEOP, features, state_of, tool_of
-from .safety import ResumeOrder, Safety, StopOrder
+from .safety import UNNAMED, ResumeOrder, Safety, StopOrder
 from .schemas import Command, Envelope, plain
+from .stop_rules import Said, read_loosely
 
 IDLE_S = 0.1
 BUSY_S = 0.01
@@ -111,11 +112,15 @@ class Commands(Actor):
     async def _serve(self, received: Received) -> None:
         now_ns = self.context.clock.now_ns()
         self._busy_until_ns = now_ns + round(BUSY_FOR_S * NS)
+        said = read_loosely(received.payload)
+        if said.stops:
+            self._stop(said, received)
+            return
         envelope = read_envelope(received.payload)
         if isinstance(envelope, tuple):
             sender, refused = envelope
-            turn = self._turn(sender.turn_id, received) if sender else ""
-            self._refuse(sender.sender_id if sender else "", turn, refused)
+            self._what = "what is no command"
+            self._refuse(sender.sender_id if sender else "", self._turn(said.turn, received), refused)
             return
         asked = received.reply is not None
         if asked:
@@ -132,6 +137,9 @@ class Commands(Actor):
             elif not asked and not isinstance(command, mesh_json.PUT):
                 why = f"{command.action}: who puts a command is not known, and who listens hears its answer"
                 command = Refused("put", why, to_be_asked(self._robot), command.action)
+            elif not said.means(self._robot):
+                why = f"{command.action}: it is for {said.target[:64]!r}, and this is {self._robot}"
+                command = Refused("target", why, "ask on the key of the robot that is meant", said.target[:64])
         self._what = type(command).__name__.lower() if isinstance(command, Command) else "what is no command"
         refused_now = command if isinstance(command, Refused) else self._check(envelope.sender_id, command, now_ns)
         if refused_now is not None:
@@ -139,12 +147,17 @@ class Commands(Actor):
         elif isinstance(command, Command):
             await self._obey(envelope, command)
 
+    def _stop(self, said: Said, received: Received) -> None:
+        """It is refused for nothing: neither its form, nor another robot's name in it. Who has
+        reached this robot's own key means this robot, and one stop too many does no harm."""
+        asker = received.asker if received.reply is not None else said.sender
+        by = said.by or (asker if mesh_json.is_name(asker) else UNNAMED)
+        self._safety.tell(StopOrder(said.locks, by, asker, self._turn(said.turn, received)))
+
     def _turn(self, turn: str, received: Received) -> str:
         return turn if received.reply is None else self._answers.expect(turn, received.reply)
 
     def _check(self, sender: str, command: Command, now_ns: int) -> Refused | None:
-        if isinstance(command, mesh_json.Stop | mesh_json.Estop):
-            return None
         if isinstance(command, mesh_json.Leased) and (sender, command.lease) == (self._holder, self._lease.id):
             limit, rate = self._moves, MOVES_PER_S
         else:
@@ -156,7 +169,8 @@ class Commands(Actor):
         return refuse_stale(self._shared.clocks, sender, command, now_ns)
 
     def _refuse(self, sender: str, turn: str, refused: Refused) -> None:
-        """Counted, and told to the sender as long as that is no flood of its own."""
+        """Counted, and told to the sender as long as that is no flood of its own; of a question, always:
+        that is its own reply, and reaches nobody else."""
         admitted = self._refusals.admits(self.context.clock.now_ns())
         if admitted:
             self._shared.audit(plain(sender) or "somebody", self._what, f"refused: {refused.text}", MESH)
@@ -165,10 +179,6 @@ class Commands(Actor):
     async def _obey(self, envelope: Envelope, command: Command) -> None:
         sender, turn = envelope.sender_id, envelope.turn_id
         match command:
-            case mesh_json.Stop() | mesh_json.Estop():
-                lock = isinstance(command, mesh_json.Estop)
-                self._safety.tell(StopOrder(lock, command.by or plain(sender), sender, turn))
-                return
             case mesh_json.Resume():
                 self._safety.tell(ResumeOrder(command.by or plain(sender), sender, turn))
                 return
@@ -249,10 +259,11 @@ class Commands(Actor):
             return refused
         own = self._lease.id if sender == self._holder else 0
         again = self._motion.kept_for(sender) or own
-        lease = await self._gate.ask(messages.Acquire(holder_of(sender), again=again), ASK_S)
+        lease = await self._gate.ask(messages.Acquire(holder_of(sender), again=again), messages.GRANT_S)
         if not isinstance(lease, messages.Lease):
             return no_answer(lease)
         self._holder, self._lease = sender, lease
+        self._motion.forget(sender)
         timing = self._driver.timing
         return {
             "lease": lease.id,
@@ -270,7 +281,7 @@ class Commands(Actor):
             # the mesh it must also be the one that the lease came with.
             return Refused("stale_epoch", f"move: the lease is of epoch {self._lease.epoch}", "acquire it again")
         if names := unapproved(self._driver.GUARDED, self._driver.to_approve(move.targets), self._driver.TOPICS):
-            return not_approved("move", names, NOBODY_TO_ASK)
+            return not_approved("move", names, NOBODY_TO_ASK, can_ask=False)
         setpoint = messages.Setpoint(
             move.lease, move.epoch, move.deadline_ns, move.targets, move.period_s, move.latched
         )

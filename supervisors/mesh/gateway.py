@@ -33,6 +33,7 @@ from strands_actors.supervisors import permissions as channels
 from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.gate.messages import (
+    GRANT_S,
     Accepted,
     Acquire,
     Beat,
@@ -195,6 +196,10 @@ class Gateway(Actor):
 
     def _refuse(self, dated: Dated, now_ns: int) -> Refused | None:
         message, sessions = dated.message, self._shared.sessions
+        if isinstance(message, Acquire | Resume) and not self.context.asked:
+            # A lease that nobody hears of would keep all others out for a second.
+            what = type(message).__name__
+            return Refused("told", f"{what.lower()}: it was told, and nobody waits for the answer", "ask it")
         refusal = sessions.refuse(dated.session, dated.channel, dated.deadline_ns, now_ns)
         if refusal is not None:
             return refusal
@@ -212,10 +217,14 @@ class Gateway(Actor):
 
     def _refuse_guarded(self, message: Message) -> Refused | None:
         """What the robot's own program has to be asked about: from here nobody can ask it."""
+        verb, service = (message.service, (message.service,)) if isinstance(message, Perform) else ("move", ())
         first = message.first if isinstance(message, Perform) else message
         action = first.action if isinstance(first, Setpoint) else {}
-        names = unapproved(self._driver.GUARDED, self._driver.to_approve(action), self._driver.TOPICS)
-        return not_approved("move", names, "from another host there is nobody to ask") if names else None
+        asked = (*service, *self._driver.to_approve(action))
+        names = unapproved(self._driver.GUARDED, asked, self._driver.TOPICS)
+        if not names:
+            return None
+        return not_approved(verb, names, "from another host there is nobody to ask", can_ask=False)
 
     def _obey(self, dated: Dated) -> Deferred | None:
         message = dated.message
@@ -247,18 +256,18 @@ class Gateway(Actor):
         again = 0 if self._shared.sessions.refuse_lease(session, message.again) else message.again
         holder = f"{message.holder} ({who})"
         elsewhere = msgspec.structs.replace(message, holder=holder, pid=0, again=again)
-        lease = await self._gate.ask(elsewhere, ASK_S)
+        lease = await self._gate.ask(elsewhere, GRANT_S)
         if isinstance(lease, Lease):
             self._shared.sessions.grant(session, lease.id)
         return lease
 
     async def _release(self, message: Release) -> Message | None:
         """The hold with which a rollout ends is its writer's own wish: no loss, from which one has
-        to resume."""
+        to resume. Only a release that has made the hold is answered with a report: one of a lease
+        that has lapsed, or of a robot that held already, changes nothing."""
         answer = await self._gate.ask(message, ASK_S)
-        status = await self._gate.ask(GetStatus(), ASK_S)
-        if isinstance(status, Status) and not isinstance(answer, Refused):
-            self._shared.resumed_epoch = status.epoch
+        if isinstance(answer, StopReport) and answer.reason is Reason.POLICY:
+            self._shared.resumed_epoch = answer.epoch
         return answer
 
     async def _resume(self, message: Resume) -> Message | None:

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.gate.failsafe import WRITABLE, Mode
+from strands_actors.supervisors.gate.lease import is_given_back
 from strands_actors.supervisors.gate.messages import Status
 
 
 def refuse_by_mode(status: Status, resumed_epoch: int) -> Refused | None:
     """Who comes over the mesh to a robot that holds must resume it first, unless it holds because
-    somebody on the mesh wanted it to. ``resumed_epoch``: in which that was last so."""
+    somebody on the mesh wanted it to, or because its writer gave the lease back for others to have.
+    ``resumed_epoch``: in which the first was last so."""
     if status.locked_by:
         return Refused("locked_out", f"acquire: e-stopped by {status.locked_by}", "resume lifts the lockout")
     if status.mode not in WRITABLE:
         cause = f" ({status.cause})" if status.cause else ""
         return Refused("disarmed", f"acquire: the robot is {status.mode}{cause}", "resume it first")
-    if status.mode == Mode.HOLDING and status.epoch != resumed_epoch:
+    wanted = status.epoch == resumed_epoch or is_given_back(status.cause, status.holder)
+    if status.mode == Mode.HOLDING and not wanted:
         return Refused("holding", f"acquire: the robot holds ({status.cause})", "resume it first")
     return None

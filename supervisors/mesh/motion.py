@@ -26,7 +26,7 @@ from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate import messages
 from strands_actors.supervisors.gate.admission import about
 from strands_actors.supervisors.gate.gate import Gate
-from strands_actors.supervisors.gate.lease import refuse_by_deadline
+from strands_actors.supervisors.gate.lease import ENDED, refuse_by_deadline
 from strands_actors.supervisors.root.messages import Rollout, StartTask, StopTask, TaskStatus
 
 from . import schemas as mesh_json
@@ -37,10 +37,15 @@ from .policy_choice import choose
 ASK_S = 0.1
 START_S = 2.0
 """For a policy's process to be started."""
-BEAT_S = 0.1
+IN_TIME = "strands_actors.supervisors.policy:in_time"
+BEAT_S = 0.05
+"""Within this time of a stop the robot is free for others, too."""
 LOOK_S = 0.02
 """How often it is looked whether a rollout has ended."""
 NOBODY_TO_ASK = "on the mesh there is nobody to ask"
+
+EXPIRED = "the setpoint expired"
+"""The gate's word for the end of a pose, where it comes before ours."""
 
 Answer = Callable[[dict[str, Any] | Refused, bool], None]
 """Tells who asked; whether that is the last word."""
@@ -71,7 +76,8 @@ class Motion:
         self._keeper = ""
         """Who asked for what the lease is kept for."""
         self._free = trio.Event()
-        """Nothing is kept any more."""
+        """Nothing is kept any more, and what was has been given back."""
+        self._free.set()
         self._until_ns = 0
         """Until when; 0: until the rollout ends."""
 
@@ -93,6 +99,12 @@ class Motion:
     def kept_for(self, sender: str) -> int:
         """Return the lease that is kept for what it asked for; 0: none is."""
         return self._kept.id if self._kept is not None and self._keeper == sender else 0
+
+    def forget(self, sender: str) -> None:
+        """The sender has another lease in the place of what was kept for it, and keeps that
+        itself."""
+        if self._keeper == sender:
+            self._kept = None
 
     # -- may it
 
@@ -121,7 +133,7 @@ class Motion:
         if driver.SIMULATED:
             return None
         names = unapproved({action, *driver.GUARDED}, (action, *keys), driver.TOPICS)
-        return not_approved(action, names, NOBODY_TO_ASK) if names else None
+        return not_approved(action, names, NOBODY_TO_ASK, can_ask=False) if names else None
 
     async def _do(
         self, sender: str, own: messages.Lease | None, command: mesh_json.Motion
@@ -156,7 +168,7 @@ class Motion:
         if self._kept is not None and self._keeper == sender and self._kept.epoch == status.epoch:
             return self._kept
         again = self.kept_for(sender) or (0 if own is None else own.id)
-        answer = await self._gate.ask(messages.Acquire(holder_of(sender), again=again), ASK_S)
+        answer = await self._gate.ask(messages.Acquire(holder_of(sender), again=again), messages.GRANT_S)
         return answer if isinstance(answer, messages.Lease | Refused) else no_answer(answer)
 
     def _keep(self, lease: messages.Lease, sender: str, own: messages.Lease | None, for_s: float) -> None:
@@ -172,10 +184,16 @@ class Motion:
             self._context.start_soon(self._beat, lease)
 
     async def _beat(self, lease: messages.Lease) -> None:
+        """Until its time is over, somebody stops the robot, or another lease has taken its place."""
+        due_ns = 0
         while self._kept == lease and self._is_wanted():
-            self._gate.tell(messages.Beat(lease.id))
+            if (now_ns := self._context.clock.now_ns()) >= due_ns:
+                if not await self._is_of_now(lease):
+                    break
+                self._gate.tell(messages.Beat(lease.id))
+                due_ns = now_ns + round(BEAT_S * NS)
             await trio.sleep(min(BEAT_S, self._left_s()))
-        if self._until_ns or self._task().exit_reason in ("duration", "n_steps"):
+        if self._kept == lease and (self._until_ns or self._task().exit_reason in ("duration", "n_steps")):
             await self._hold(lease)
         if self._kept == lease:
             self._kept = None
@@ -185,13 +203,34 @@ class Motion:
 
     async def _hold(self, lease: messages.Lease) -> None:
         """End what was asked for, when its time is over. Such a hold needs no resume before the
-        next command from the mesh."""
+        next command from the mesh. What others have begun meanwhile is not ended."""
+        by = holder_of(self._keeper)
         try:
-            report = await self._gate.ask(messages.Stop(Reason.EXPIRED, holder_of(self._keeper)), self._stop_s)
+            status = await self._status()
+            if status is None or status.holder != by or self._kept != lease:
+                return
+            if status.epoch == lease.epoch + 1 and (status.cause == EXPIRED or status.cause.endswith(ENDED)):
+                self._shared.resumed_epoch = status.epoch  # by itself, at the same time
+            if status.epoch != lease.epoch:
+                return
+            report = await self._gate.ask(messages.Stop(Reason.EXPIRED, by), self._stop_s)
         except (AskTimeout, Unreachable):
             return  # it expires by itself, and the robot has to be resumed
         if isinstance(report, messages.StopReport) and report.epoch == lease.epoch + 1:
             self._shared.resumed_epoch = report.epoch
+
+    async def _is_of_now(self, lease: messages.Lease) -> bool:
+        """Return whether nothing has ended what is done under it, as far as the gate says in
+        time."""
+        try:
+            status = await self._status()
+        except (AskTimeout, Unreachable):
+            return True
+        return status is None or status.epoch == lease.epoch
+
+    async def _status(self) -> messages.Status | None:
+        answer = await self._gate.ask(messages.GetStatus(), ASK_S)
+        return answer if isinstance(answer, messages.Status) else None
 
     def _is_wanted(self) -> bool:
         return self._task().running if not self._until_ns else self._left_s() > 0
@@ -232,8 +271,11 @@ class Motion:
             command.n_steps,
             lease.id,
         )
+        counts = command.n_steps > 0
+        if counts:
+            where, options = IN_TIME, {"provider": where, "options": options}
         try:
-            status = await self._tasks.ask(StartTask(where, options, rollout, command.deadline_ns), START_S)
+            status = await self._tasks.ask(StartTask(where, options, rollout, command.deadline_ns, counts), START_S)
         except (AskTimeout, Unreachable) as failure:
             self._tasks.tell(StopTask())  # what was not answered in time must not begin late
             status = Refused("timeout", f"{failure}; nothing of it will begin", "try again")
@@ -247,8 +289,7 @@ class Motion:
     async def _ended(self) -> dict[str, Any]:
         while self._task().running:  # noqa: ASYNC110  # its process reports to another actor
             await trio.sleep(LOOK_S)
-        if self._kept is not None:
-            await self._free.wait()  # so that whoever hears it may go on at once
+        await self._free.wait()  # so that whoever hears it may go on at once
         return task_json(self._task())
 
     # -- a pose
@@ -292,7 +333,7 @@ class Motion:
         report = await self._gate.ask(messages.Stop(Reason.STOP, by), self._stop_s)
         if not isinstance(report, messages.StopReport) or not report.confirmed:
             return no_answer(report) if not isinstance(report, messages.StopReport) else _NOT_SAFE
-        anew = await self._gate.ask(messages.Acquire(by, again=lease.id), ASK_S)
+        anew = await self._gate.ask(messages.Acquire(by, again=lease.id), messages.GRANT_S)
         if not isinstance(anew, messages.Lease):
             return no_answer(anew)
         told = await self._simulate(anew, sender, None, "reset", {})

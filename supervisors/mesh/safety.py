@@ -31,22 +31,24 @@ from strands_actors.supervisors.root.messages import StateIs
 from strands_actors.supervisors.root.stopping import make_safe
 
 from .answers import Answers, told
-from .command_rules import Limit, Shared, read_command, read_envelope, to_be_asked
+from .command_rules import Limit, Shared, read_command, read_envelope, read_sender, to_be_asked
 from .schemas import (
     BROADCAST_KEY,
     ESTOP_ANSWER_S,
     ESTOP_KEY,
     MAX_SAFETY_BYTES,
+    MAX_TEXT,
     RESUME_KEY,
     SafetyOrder,
     is_name,
 )
-from .schemas import Stop as StopCommand
+from .stop_rules import STOPS, read_loosely
 
 STOPS_PER_S = 20
 INTERIM_S = ESTOP_ANSWER_S - 0.07
 """Then who asked is told that the robot has not confirmed yet; the final answer follows."""
 
+UNNAMED = "an unnamed sender on the mesh"
 _WAITING = 64
 _decode_order = msgspec.json.Decoder(SafetyOrder).decode
 
@@ -154,19 +156,20 @@ class Safety(Actor):
         self._stop(StopOrder(True, _by(order), *_whom(order), sent))
 
     def _on_broadcast(self, payload: bytes) -> None:
+        said = read_loosely(payload)
+        if not said.means(self._robot):
+            return
+        if said.stops:
+            self._stop(StopOrder(said.locks, said.by or said.sender or UNNAMED, said.sender, said.turn))
+            return
         envelope = read_envelope(payload, MAX_SAFETY_BYTES)
         if isinstance(envelope, tuple):
             sender, refused = envelope
             self._refuse(sender.sender_id if sender else "", sender.turn_id if sender else "", refused)
             return
-        if envelope.target_id not in ("", "*", self._robot):
-            return
-        command = read_command(envelope, ("stop",))
+        command = read_command(envelope, tuple(STOPS))
         if isinstance(command, Refused):
             self._refuse(envelope.sender_id, envelope.turn_id, command)
-        elif isinstance(command, StopCommand):
-            by = command.by or envelope.sender_id
-            self._stop(StopOrder(False, by, envelope.sender_id, envelope.turn_id))
 
     def _on_resume(self, payload: bytes) -> None:
         order = _order(payload)
@@ -258,7 +261,8 @@ def _unconfirmed(detail: str) -> dict[str, Any]:
 
 
 def _by(order: SafetyOrder) -> str:
-    return order.by or order.sender_id or "an unnamed sender on the mesh"
+    named = order.by[:MAX_TEXT] if isinstance(order.by, str) else ""
+    return named or order.sender_id or UNNAMED
 
 
 def _whom(order: SafetyOrder) -> tuple[str, str]:
@@ -273,4 +277,6 @@ def _order(payload: bytes) -> SafetyOrder:
             return _decode_order(payload)
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
             pass  # an e-stop is an e-stop, and a resume without its fields is refused
+        if (sender := read_sender(payload)) is not None:  # who can be told is told what became of it
+            return SafetyOrder(sender.sender_id, sender.turn_id)
     return SafetyOrder()

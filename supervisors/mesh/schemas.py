@@ -61,13 +61,15 @@ def schema(topic: str) -> str:
 
 
 def response_key(sender: str, robot: str, turn: str) -> str:
-    return f"{PREFIX}/{sender}/response/{robot}/{turn}"
+    """Return where a sender hears an answer. Of a stop without a turn the last part is ``-``."""
+    return f"{PREFIX}/{sender}/response/{robot}/{turn or '-'}"
 
 
 # -- commands
 
 Name = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_.-]{1,64}\Z")]
-Text = Annotated[str, msgspec.Meta(max_length=256)]
+MAX_TEXT = 256
+Text = Annotated[str, msgspec.Meta(max_length=MAX_TEXT)]
 PRIVATE = "~"
 """In the name of a sender that proves who it is, and of a turn that is answered to it alone. No name that
 somebody gives has it."""
@@ -222,6 +224,8 @@ class Reset(Motion, frozen=True):
 
 
 class Stop(Command, frozen=True):
+    """As our own programs send it; a robot obeys any form (``stop_rules.py``), of ``Estop`` too."""
+
     by: Text = ""
 
 
@@ -250,12 +254,13 @@ ACTIONS: dict[str, type[Command]] = {str(kind.__struct_config__.tag): kind for k
 
 class SafetyOrder(msgspec.Struct, frozen=True):
     """On ``strands/safety/estop`` and ``resume``. An e-stop needs none of it, and is for all unless
-    it names one robot; a resume is refused to who put it."""
+    it names one robot; a resume is refused to who put it. ``by`` may be anything: who sends what is
+    no name is answered all the same."""
 
     sender_id: str = ""
     turn_id: str = ""
     target_id: str = ""
-    by: Text = ""
+    by: Any = ""
 
 
 # -- answers

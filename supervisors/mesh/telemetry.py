@@ -20,7 +20,7 @@ from strands_actors.kernel.messages import Message
 from strands_actors.kernel.node import AskTimeout, Ref, Unreachable
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.gate.failsafe import LINKED
-from strands_actors.supervisors.gate.gate import Gate
+from strands_actors.supervisors.gate.gate import OBSERVATION_S, Gate
 from strands_actors.supervisors.gate.messages import GetStatus, Status
 from strands_actors.supervisors.root.messages import TaskStatus
 
@@ -112,10 +112,16 @@ class Telemetry(Actor):
         observation = None if status is None else status.observation
         if rate.topic == "state":
             return state_of(self._robot, self._driver, self._task(), status)
-        if observation is None or rate.sensor is None:
+        if status is None or observation is None or rate.sensor is None or not self._is_fresh(status):
             return None
         told = rate.sensor.read(observation.sensors)
-        return {"peer_id": self._robot, "t": time.time(), **told} if told else None
+        return {"peer_id": self._robot, "t": time.time() - status.age_s, **told} if told else None
+
+    def _is_fresh(self, status: Status) -> bool:
+        """Return whether its reading says how the robot is. Who hears nothing on a sensor's topic
+        knows that nothing is known; an old value would look like a new one."""
+        longest_s = max(self._driver.timing.state_ttl_s, OBSERVATION_S)
+        return status.mode in LINKED and 0.0 <= status.age_s <= longest_s
 
     def _presence(self, status: Status | None) -> dict[str, Any]:
         task = self._task()

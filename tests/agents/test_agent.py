@@ -123,7 +123,9 @@ def test_every_verb_of_the_arm(arm: RealRobot, twin: Twin) -> None:
 
     assert json_of(call(arm, {"action": "set_torque", "enabled": False}))["unconfirmed"] == []
     assert set(torque_now(twin.log).values()) == {0}
-    assert "call resume() first" in why(call(arm, moves(gripper=40.0)[1]))
+    refused = why(call(arm, moves(gripper=40.0)[1]))
+    assert refused.startswith("move: the robot is disarmed"), refused
+    assert refused.endswith("set_torque with enabled=true energises it"), "in the verbs that an agent has"
     assert json_of(call(arm, {"action": "set_torque", "enabled": True}))["armed"] is True
     json_of(call(arm, moves(gripper=40.0)[1]))
     assert json_of(call(arm, {"action": "stop", "targets": "at once"}))["safe_state"] == "limp"
@@ -160,7 +162,8 @@ def test_an_agent_does_not_lift_an_operators_lockout(arm: RealRobot, twin: Twin)
     refusal = call(arm, {"action": "set_torque", "enabled": True})
     assert "e-stopped by so101" in why(refusal)
     assert "operator" in why(refusal)
-    assert "e-stopped" in why(call(arm, moves(gripper=40.0)[1]))
+    refused = why(call(arm, moves(gripper=40.0)[1]))
+    assert "e-stopped" in refused and "a person has to resume it" in refused
     assert not twin.log.host("enable", locked_ns)
     json_of(arm.resume())
     json_of(call(arm, moves(gripper=40.0)[1]))

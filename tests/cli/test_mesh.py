@@ -70,6 +70,17 @@ def test_a_target_is_sent_once_the_script_has_given_the_lease_up(cli: Command, r
     assert done.returncode == 2 and "joint=number" in done.stderr
 
 
+def test_what_a_script_has_released_is_moved_without_a_resume(cli: Command, robot: RobotProcess) -> None:
+    """By one command after the other. It holds in between, and says why."""
+    assert robot.call("send_action", {"shoulder_pan": 2.0})["status"] == "success"
+    assert robot.call("release")["status"] == "success"
+    for target in (5, 8):
+        done = cli.run("send", "so101", f"shoulder_pan={target}", "--for", "0.2")
+        assert (done.returncode, done.stderr) == (0, "")
+    cause = robot.call("get_status")["content"][0]["json"]["cause"]
+    assert cause == "the writer gave its lease back"
+
+
 def test_an_interrupted_send_leaves_the_robot_holding(cli: Command, robot: RobotProcess) -> None:
     assert robot.call("release")["status"] == "success"
     with cli.start("send", "so101", "shoulder_pan=20", "--for", "60", "--resume") as sending:
@@ -150,6 +161,13 @@ def test_trace_shows_who_tells_whom_what(cli: Command, robot: RobotProcess) -> N
     assert "caller" in setpoint["sender"] and 0 <= setpoint["age_ms"] < 5000
     (accepted, *_) = [told for told in seen if told["type"] == "Accepted"]
     assert accepted["sender"] == "gate"
+
+
+def test_trace_of_a_robot_at_rest_says_that_it_waits(cli: Command, robot: RobotProcess) -> None:
+    assert robot.call("release")["status"] == "success"
+    done = cli.run("trace", "so101", "--seconds", "5")
+    assert (done.returncode, done.stdout) == (0, "")
+    assert done.stderr == "the actors of so101 tell each other nothing so far; waiting, Ctrl-C ends it\n"
 
 
 def test_trace_of_nobody_names_who_is_there(cli: Command, robot: RobotProcess) -> None:

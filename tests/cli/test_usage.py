@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from strands_actors.surfaces.cli import run
 from strands_actors.version import __version__
 
 from .command import Command
@@ -25,6 +26,19 @@ from .command import Command
         (["demo", "--seconds", "1"], "--seconds"),
         (["demo", "--out", "no/such/folder/demo.png"], "no/such/folder"),
         (["dance"], "dance"),
+        (["echo", "strands/so101/"], "'strands/so101/' is no key"),
+        (["hz", "strands//x", "--seconds", "1"], "'strands//x' is no key"),
+        (["echo", "strands/#"], "'strands/#' is no key"),
+        (["mesh", "keys", "keys", "--days", "99999999"], "--days"),
+        (["matrix", "-o", "no/such/page.md"], "no folder"),
+        (["calibrate", "nope", "--port", "x"], "`strands-actors list` has them all"),
+        (["calibrate", "so11", "--port", "x"], "'so11' is not known (so101?)"),
+        (["calibrate", "ur5e", "--port", "x"], "its maker calibrates it"),
+        (["drill", "nope", "--twin", "--yes"], "`strands-actors list` has them all"),
+        (["twin", "so101", "--port-file", "port", "--fault", "off:99"], "it has 1, 2, 3, 4, 5, 6"),
+        (["send", "nobody", "x=1"], "nobody is not on the mesh"),
+        (["record", "one", "-o", "a", "--dataset", "b"], "one of the two"),
+        (["estop", "one", "--all"], "one and --all are both given"),
     ],
 )
 def test_one_line_and_exit_code_2(cli: Command, tmp_path: Path, arguments: list[str], named: str) -> None:
@@ -34,6 +48,34 @@ def test_one_line_and_exit_code_2(cli: Command, tmp_path: Path, arguments: list[
     assert done.stderr.startswith("strands-actors: ")
     assert done.stderr.count("\n") == 1
     assert named in done.stderr
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["demo", "--seconds"],
+        ["echo", "one", "--timeout"],
+        ["hz", "one", "--seconds"],
+        ["trace", "one", "--seconds"],
+        ["send", "one", "x=1", "--for"],
+        ["record", "one", "-o", "run.mcap", "--seconds"],
+        ["record", "one", "--dataset", "pick", "--seconds"],
+        ["teleop", "so101", "--from", "keyboard", "--seconds"],
+        ["teleop", "so101", "--from", "keyboard", "--hz"],
+        ["teleop", "so101", "--from", "keyboard", "--max-speed"],
+    ],
+    ids=lambda arguments: f"{arguments[0]} {arguments[-1]}",
+)
+def test_what_is_no_number_is_below_no_minimum_and_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], arguments: list[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for value in ("nan", "inf"):
+        assert run([*arguments, value]) == 2
+        told = capsys.readouterr()
+        assert (told.out, told.err.count("\n")) == ("", 1)
+        assert f"'{arguments[-1]}': {value} is no finite number" in told.err
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_help_names_every_command(cli: Command) -> None:
@@ -70,7 +112,7 @@ def test_version(cli: Command) -> None:
         ["echo", "nobody"],
         ["hz", "nobody", "--seconds", "1"],
         ["trace", "nobody"],
-        ["send", "nobody", "joint"],
+        ["send", "nobody", "joint=1"],
         ["record", "nobody", "-o", "run.mcap"],
         ["replay", "no-such.mcap"],
         ["drill", "so101"],

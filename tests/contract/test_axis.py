@@ -58,6 +58,25 @@ def test_saf_014_bad_actions_are_refused_by_name(action: dict[str, object], code
     assert isinstance(refused, Refused) and refused.code == code and refused.remedy
 
 
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [
+        ("5", "joint1 is '5', a text."),
+        ("", "joint1 is '', a text."),
+        ("inf", "joint1 is 'inf', a text."),
+        ("wide", "joint1 is wide."),
+        (math.nan, "joint1 is nan."),
+        (True, "joint1 is True."),
+        ([5], "joint1 is [5]."),
+        (None, "joint1 is None, as JSON also has what is infinite or not a number."),
+    ],
+)
+def test_saf_014_what_is_no_number_is_shown_as_what_it_is(value: object, told: str) -> None:
+    refused = parse({"joint1": value})
+    assert isinstance(refused, Refused) and refused.code == "not_finite"
+    assert refused.text == f"move: {told} send a finite number"
+
+
 def test_two_axes_of_one_name_are_no_table() -> None:
     with pytest.raises(ValueError, match="joint1"):
         axes_of((Part(PartKind.ARM, ARM), Part(PartKind.ARM, ARM, "left")))

@@ -12,6 +12,7 @@ import trio
 
 from strands_actors.contract.axis import Axis, AxisMode
 from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.gate import messages
 from strands_actors.supervisors.mesh import schemas as mesh_json
 from strands_actors.supervisors.mesh.commands import COMMANDS_PER_S
 from strands_actors.surfaces.mesh import control
@@ -53,7 +54,9 @@ def test_what_is_guarded_needs_an_operator_on_the_mesh_too(monkeypatch: pytest.M
     async def test() -> None:
         hardware = FakeHardware()
         async with robot_on_mesh(hardware) as (robot, _, _), mesh() as client, control(client, robot) as arm:
-            assert code(await arm.send_action({"a": 1.0, "b": 1.0})) == "not_approved"
+            refused = await arm.send_action({"a": 1.0, "b": 1.0})
+            assert isinstance(refused, Refused) and refused.code == "not_approved"
+            assert refused.remedy == "name it in STRANDS_ACTORS_ALLOW on the robot's host"
             assert hardware.of("setpoint") == []
             await arm.send_action({"b": 1.0})
             await until(lambda: hardware.of("setpoint"), "a setpoint")
@@ -176,6 +179,25 @@ def test_a_sender_that_stops_beating_loses_a_latched_target() -> None:
                 assert (await tree.status()).mode == "armed"
             await tree.until("holding")  # given up: held before the robot moves on
             assert (await tree.status()).holder == ""
+
+    run(test)
+
+
+def test_who_gave_its_lease_back_left_the_robot_to_others() -> None:
+    """The robot's own program by ``release()``, and then one on the mesh after the other."""
+
+    async def test() -> None:
+        async with robot_on_mesh() as (robot, tree, _), mesh() as client:
+            own = await tree.gate.ask(messages.Acquire("its own program"), 1.0)
+            assert isinstance(own, messages.Lease)
+            later_ns = time.monotonic_ns() + 10**9
+            await tree.gate.ask(messages.Setpoint(own.id, own.epoch, later_ns, {"a": 1.0}, latched=True), 1.0)
+            await tree.gate.ask(messages.Release(own.id), 1.0)
+            for _ in range(2):
+                assert (await tree.until("holding")).cause == "the writer gave its lease back"
+                async with control(client, robot) as arm:
+                    assert await arm.acquire() is None
+                    assert not isinstance(await arm.send_action({"a": 2.0}), Refused)
 
     run(test)
 

@@ -39,7 +39,10 @@ def keys(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (MeshConfig(listen="tcp/127.0.0.1:7447"), "every user of this host"),
         (MeshConfig(listen="tcp/localhost:0"), "every user of this host"),
         (MeshConfig(connect="tcp/[::1]:7447"), "every user of this host"),
-        (MeshConfig(listen="tls/0.0.0.0:7447"), "needs tls="),
+        (
+            MeshConfig(listen="tls/0.0.0.0:7447"),
+            r"needs certificates: mesh=MeshConfig\(\.\.\., tls=TLS\(ca, certificate, key\)\)",
+        ),
         (MeshConfig(listen="udp/127.0.0.1:7447"), "no endpoint"),
         (MeshConfig(listen="7447"), "no endpoint"),
         (MeshConfig(listen="tls/0.0.0.0:1", tls=TLS("no.pem", "no.pem", "no.key")), "cannot be read"),
@@ -100,6 +103,27 @@ def test_a_file_says_the_same(keys: Path, monkeypatch: pytest.MonkeyPatch) -> No
         MeshConfig.from_environment()
     with pytest.raises(ValueError, match=r"nothing\.toml cannot be read"):
         MeshConfig.load(keys / "nothing.toml")
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ('listne = "x"', "`listne`. there are listen, connect, tls, access, insecure"),
+        ('[tls]\nca = "a"\ncertificate = "b"\nkey = "c"\ncert = "d"', "there are ca, certificate, key"),
+        ('[access]\nviewer = "x"', "there are viewers, operators"),
+        ('listen = "tls/0.0.0.0:1"', "needs certificates: a table [tls] with ca, certificate and key"),
+        (
+            'connect = "tcp/arm.example:1"',
+            "use tls/ and a table [tls] with ca, certificate and key, or say insecure = true",
+        ),
+    ],
+)
+def test_what_is_wrong_in_a_file_is_said_in_its_words(tmp_path: Path, text: str, told: str) -> None:
+    file = tmp_path / "mesh.toml"
+    file.write_text(text)
+    with pytest.raises(ValueError) as refused:
+        MeshConfig.load(file)
+    assert told in str(refused.value)
 
 
 def test_a_set_of_keys(keys: Path) -> None:

@@ -17,7 +17,7 @@ import zenoh
 from strands_actors.caller.nodes import open_node
 from strands_actors.caller.run_directory import notes
 from strands_actors.contract.axis import Axis, AxisMode
-from strands_actors.contract.driver import Reason
+from strands_actors.contract.driver import Reason, Service
 from strands_actors.kernel.actor import Actor
 from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh, asked_key
 from strands_actors.kernel.frames import TELL, frame
@@ -145,11 +145,42 @@ def test_what_is_guarded_needs_an_operator_from_another_host_too_and_a_zero_does
     async def test() -> None:
         async with world() as (hardware, _, one, _):
             lease = await one.acquire()
-            assert code(await one.dated(target(lease, a=1.0, b=1.0))) == "not_approved"
+            refused = await one.dated(target(lease, a=1.0, b=1.0))
+            assert code(refused) == "not_approved" and "approve=" not in refused.text
             assert hardware.of("setpoint") == []
             assert isinstance(await one.dated(target(lease, a=0.0, b=1.0)), Accepted)
             monkeypatch.setenv("STRANDS_ROS2_COMMAND_ALLOW", "/cmd_vel")
             assert isinstance(await one.dated(target(lease, a=1.0)), Accepted)
+
+    run(test)
+
+
+def test_a_guarded_service_needs_an_operator_from_another_host_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(FakeDriver, "GUARDED", ("wave",))
+    monkeypatch.setattr(FakeDriver, "SERVICES", {"wave": Service("It waves.", 1.0)})
+
+    async def test() -> None:
+        async with world() as (_, _, one, _):
+            lease = await one.acquire()
+            wave = Perform(lease.id, lease.epoch, "wave", {})
+            refused = await one.dated(wave)
+            assert code(refused) == "not_approved" and "wave" in refused.text
+            monkeypatch.setenv("STRANDS_ACTORS_ALLOW", "wave")
+            assert getattr(await one.dated(wave), "code", "") != "not_approved"
+
+    run(test)
+
+
+def test_saf_009_a_lease_that_nobody_waits_for_is_given_to_nobody() -> None:
+    async def test() -> None:
+        async with world() as (_, tree, one, two):
+            at = addresses.of(one.robot)
+            gateway: Any = tree.node.cells[at.gateway].actor
+            taken = gateway._shared.taken
+            deadline_ns = time.monotonic_ns() + 5_000 * MS
+            one.node.ref(at.gateway, Gateway).tell(Dated(one.session, deadline_ns, Acquire("me")))
+            await until(lambda: gateway._shared.taken > taken, "it has come")
+            await two.acquire()
 
     run(test)
 
@@ -262,6 +293,25 @@ def test_the_hold_with_which_a_rollout_ends_is_no_loss() -> None:
             await one.dated(Release(under.id))
             await tree.until("holding")
             await one.acquire()
+
+    run(test)
+
+
+def test_saf_002_a_release_after_a_loss_is_no_resume() -> None:
+    """Of a lease that has lapsed, of one that is held still, and of a rollout that was late."""
+
+    async def test() -> None:
+        async with world() as (_, tree, one, _):
+            for rollout in (False, True):
+                lease = await one.acquire()
+                under = await one.dated(Acquire("rollout", lease.id)) if rollout else lease
+                assert isinstance(under, Lease)
+                assert isinstance(await one.dated(target(under, 50.0, a=1.0)), Accepted)
+                assert (await tree.until("holding")).cause == "the setpoint expired"
+                for given_back in (Release(under.id), Release(lease.id), Release(lease.id)):
+                    await one.dated(given_back)
+                    assert code(await one.dated(Acquire("me"))) == "holding"
+                assert isinstance(await one.dated(Resume("me")), Resumed)
 
     run(test)
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import pytest
 import trio
 
-from strands_actors.contract.driver import Timing
+from strands_actors.contract.driver import Reason, Timing
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors import addresses
+from strands_actors.supervisors.gate.messages import Accepted, Acquire, Beat, Lease, Resume, Setpoint, Stop
 from strands_actors.supervisors.mesh.motion import Motion
+from strands_actors.surfaces.mesh import control
 from strands_actors.surfaces.mesh.client import MeshClient
 from strands_actors.surfaces.mesh.mapping_commands import send
 from strands_actors.testing import FakeHardware
@@ -85,5 +88,62 @@ def test_who_holds_the_lease_by_acquire_writes_under_it() -> None:
             assert not isinstance(await send(client, robot, POSE), Refused)
             status = await client.request(robot, {"action": "status"})
             assert not isinstance(status, Refused) and status["lease"].startswith(client.sender)
+
+    run(test)
+
+
+async def _begin(client: MeshClient, robot: str, duration_s: float) -> None:
+    assert not isinstance(await send(client, robot, {**POSE, "duration": duration_s}), Refused)
+
+
+def test_saf_006_a_stop_ends_what_a_pose_has_taken_and_what_comes_next_is_left_alone() -> None:
+    async def test() -> None:
+        async with robot_on_mesh() as (robot, tree, _), mesh() as client:
+            await _begin(client, robot, 1.5)
+            await tree.gate.ask(Stop(Reason.STOP, "the test"), 5.0)
+            await tree.until("disarmed")
+            await tree.gate.ask(Resume("the test"), 5.0)
+            await trio.sleep(0.5)  # the lease of the pose is not kept to the end of its time
+            lease = await tree.gate.ask(Acquire("local"), 1.0)
+            assert isinstance(lease, Lease), lease
+            deadline_ns = time.monotonic_ns() + 5 * 10**9
+            setpoint = Setpoint(lease.id, lease.epoch, deadline_ns, {"a": 1.0})
+            assert isinstance(await tree.gate.ask(setpoint, 1.0), Accepted)
+            for _ in range(10):
+                await trio.sleep(0.2)  # past that time
+                tree.gate.tell(Beat(lease.id))
+            status = await tree.status()
+            assert (status.mode, status.epoch, status.holder) == ("armed", lease.epoch, "local")
+
+    run(test)
+
+
+def test_who_takes_the_lease_of_its_own_pose_is_not_held_at_the_end_of_that() -> None:
+    async def test() -> None:
+        async with robot_on_mesh() as (robot, tree, _), mesh() as client:
+            await _begin(client, robot, 1.0)
+            async with control(client, robot) as arm:
+                for step in range(30):
+                    told = await arm.send_action({"a": float(step % 3)}, ttl_s=0.5)
+                    assert not isinstance(told, Refused), told
+                    await trio.sleep(0.05)
+                assert (await tree.status()).mode == "armed"
+
+    run(test)
+
+
+def test_a_pose_that_was_replaced_does_not_end_the_next() -> None:
+    async def test() -> None:
+        async with robot_on_mesh() as (robot, tree, _), mesh() as client:
+            await _begin(client, robot, 0.6)
+            await tree.gate.ask(Stop(Reason.STOP, "the test"), 5.0)
+            await tree.until("disarmed")
+            assert not isinstance(await client.resume(robot), Refused)
+            await _begin(client, robot, 1.5)
+            began = (await tree.status()).epoch
+            await trio.sleep(1.0)
+            assert ((await tree.status()).mode, (await tree.status()).epoch) == ("armed", began)
+            await tree.until("holding")
+            await _begin(client, robot, 0.3)  # its end was wanted: no resume
 
     run(test)

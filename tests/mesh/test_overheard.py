@@ -13,6 +13,7 @@ from strands_actors import Robot
 from strands_actors.caller.run_directory import notes
 from strands_actors.kernel.channels.pubsub import PubSub, Received
 from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors import addresses
 from strands_actors.supervisors.gate.messages import Accepted
 from strands_actors.supervisors.mesh import schemas as mesh_json
 from strands_actors.supervisors.mesh.gateway_messages import Synced
@@ -135,11 +136,35 @@ def test_a_question_that_cannot_be_read_is_answered_to_who_asked() -> None:
         async with robot_on_mesh() as (robot, _, _), mesh() as client:
             await until(lambda: client.is_there(robot), "it is there")
             via = client.sessions.via[robot]
-            answers: list[Received] = []
-            for payload in (b"{", b'{"sender_id": "me", "turn_id": "t", "command": {"action": "fly"}}'):
+            for payload, turn, code in (
+                (b"{", "", "malformed"),
+                (b"", "", "malformed"),
+                (b'{"sender_id": "me", "command": {"action": "ping"}}', "", "malformed"),
+                (b'{"sender_id": "me", "turn_id": "a b", "command": {"action": "ping"}}', "", "malformed"),
+                (b'{"turn_id": "t", "command": {"action": "ping"}}', "t", "malformed"),
+                (b'{"sender_id": "me", "turn_id": "t", "command": {"action": "fly"}}', "t", "unknown_action"),
+            ):
+                answers: list[Received] = []
                 via.ask(mesh_json.command_key(robot, "me"), payload, "x", answers.append)
-            await until(lambda: answers, "the second is told")
-            told = msgspec.json.decode(answers[0].payload)
-            assert (told["turn_id"], told["refused"]["code"]) == ("t", "unknown_action")
+                await until(lambda answers=answers: answers, f"{payload!r} is answered")  # type: ignore[misc]
+                told = msgspec.json.decode(answers[0].payload)
+                assert (told["turn_id"], told["refused"]["code"]) == (turn, code)
+
+    run(test)
+
+
+def test_a_flood_of_questions_is_answered_though_not_all_of_it_is_audited() -> None:
+    async def test() -> None:
+        async with robot_on_mesh() as (robot, tree, _), mesh() as client:
+            await until(lambda: client.is_there(robot), "it is there")
+            audited: list[str] = []
+            commands: Any = tree.node.cells[addresses.of(robot).commands].actor
+            commands._shared.audit = lambda *told: audited.append(told[0])
+            answers: list[Received] = []
+            for turn in range(60):
+                ask = b'{"sender_id": "me", "turn_id": "%d", "command": {"action": "fly"}}' % turn
+                client.sessions.via[robot].ask(mesh_json.command_key(robot, "me"), ask, "x", answers.append)
+            await until(lambda: len(answers) == 60, "all are answered")
+            assert 0 < len(audited) < 60
 
     run(test)

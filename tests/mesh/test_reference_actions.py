@@ -125,6 +125,8 @@ def test_a_policy_is_told_runs_for_as_long_as_was_asked_and_leaves_the_robot_fre
     assert done["steps"] > 5
     again = tell("so101", "wave", policy_provider="mock", n_steps=5)  # without a resume between them
     assert (again["exit_reason"], again["steps"]) == ("n_steps", 5), again
+    late = tell("so101", "wave", policy_provider="mock", duration=0.5, n_steps=10_000_000)
+    assert late["exit_reason"] == "duration" and late["elapsed_s"] < 2.0, late
     until(lambda: simulated.send_action({"gripper": 50.0})["status"] == "success", "it is its own program's again")
 
 
@@ -283,8 +285,13 @@ def test_who_is_there_and_asking_all() -> None:
         ]
         with pytest.raises(PermissionError, match="execute is for one robot at a time"):
             broadcast({"action": "execute", "instruction": "wave"})
-        with pytest.raises(PermissionError, match="'dance' is no action"):
+        with pytest.raises(PermissionError, match="'dance' is no action") as refused:
             broadcast("dance")
+        offered = "send status, observe, ping, state, features, describe_tool, teleop_status, stop"
+        assert str(refused.value).endswith(offered), "what all may be asked, and nothing else"
+        for nothing in (None, 5, ["ping"]):
+            with pytest.raises(PermissionError, match=r"the command is .* give an action"):
+                broadcast(nothing)  # type: ignore[arg-type]
         with pytest.raises(PermissionError, match=r"'call' is not here: .* describe_tool shows the tool"):
             broadcast({"action": "call", "function": "render"})
         with pytest.raises(PermissionError, match="nemo is not on the mesh"):

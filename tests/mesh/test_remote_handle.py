@@ -184,7 +184,7 @@ def test_a_viewer_gets_no_handle_and_who_is_not_there_is_named(hosts: Hosts) -> 
 def test_what_is_about_its_hardware_is_said_where_the_robot_is(tmp_path: Path) -> None:
     with pytest.raises(TypeError, match="port="):
         Robot("so101", mode="real", at="tcp/127.0.0.1:1", port="/dev/null", mesh=MeshConfig(insecure=True))
-    with pytest.raises(ValueError, match="needs tls="):
+    with pytest.raises(ValueError, match="needs certificates"):
         Robot("so101", mode="real", at="tls/arm.example:7447")
     with pytest.raises(ValueError, match="insecure"):
         Robot("so101", mode="real", at="tcp/192.0.2.7:7447")

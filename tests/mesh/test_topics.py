@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import time
 from collections.abc import Iterator
@@ -15,6 +16,7 @@ import zenoh
 from strands_actors.caller.run_directory import notes
 from strands_actors.contract.sensors import TOPICS_HZ, Sensor
 from strands_actors.contract.wire import Observation
+from strands_actors.testing import FakeHardware
 from strands_actors.testing.fake import FakeDriver, FakeWire
 
 from .world import robot_on_mesh, run, until
@@ -62,6 +64,11 @@ def more(seen: list[zenoh.Sample], samples: list[zenoh.Sample]) -> list[zenoh.Sa
 def told(sample: zenoh.Sample) -> dict[str, Any]:
     value: dict[str, Any] = json.loads(sample.payload.to_string())
     return value
+
+
+def sent_s(sample: zenoh.Sample) -> float:
+    assert sample.attachment is not None
+    return float(json.loads(sample.attachment.to_string())["time_ns"]) / 1e9
 
 
 def test_state_comes_ten_times_a_second_with_its_schema_number_and_time(plain: list[Plain]) -> None:
@@ -148,6 +155,39 @@ def test_only_sensors_that_a_robot_has_are_published(plain: list[Plain], monkeyp
         assert str(seen[0].encoding) == "application/json;strands.imu.v1"
 
     run(test)
+
+
+def test_saf_012_no_sensor_tells_an_old_value_as_a_new_one(
+    plain: list[Plain], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing is read of a robot that is not heard, and of one that is unplugged."""
+    read = FakeWire._observe
+
+    def with_imu(wire: FakeWire) -> Observation:
+        return msgspec.structs.replace(read(wire), sensors={"gyro_rad_s": (0.1, 0.2, 0.3)})
+
+    monkeypatch.setattr(FakeWire, "_observe", with_imu)
+    monkeypatch.setattr(FakeDriver, "SENSORS", (Sensor("imu", {"gyro": "gyro_rad_s"}),))
+
+    async def test(fault: str) -> None:
+        hardware = FakeHardware()
+        async with robot_on_mesh(hardware) as (robot, tree, _):
+            hardware.read_s = 0.06
+            imu, state = f"strands/{robot}/imu", f"strands/{robot}/state"
+            subscriber = join(plain, imu, state)
+            seen: list[zenoh.Sample] = []
+            await until(lambda: len(more(seen, subscriber.take(imu))) >= 5, "the imu")
+            late_s = max(sent_s(sample) - told(sample)["t"] for sample in seen)
+            assert late_s > 0.03, "t is when it was read"
+            setattr(hardware, fault, False)
+            await trio.sleep(1.5)
+            subscriber.take(imu), subscriber.take(state)
+            await trio.sleep(0.5)
+            assert subscriber.take(state) and not subscriber.take(imu)
+            assert (await tree.status()).observation is not None, "it would have been told"
+
+    for fault in ("answers", "plugged"):
+        run(functools.partial(test, fault))
 
 
 def test_a_robot_is_found_by_its_token_and_missed_without(plain: list[Plain]) -> None:

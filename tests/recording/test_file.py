@@ -18,13 +18,13 @@ from mcap.writer import Writer
 from strands_actors.contract.driver import Reason
 from strands_actors.contract.wire import Observation
 from strands_actors.kernel.messages import Refused
-from strands_actors.supervisors.gate.messages import LinkLost, Observed, Resume, Stop
+from strands_actors.supervisors.gate.messages import Acquire, Lease, LinkLost, Observed, Resume, Stop
 from strands_actors.supervisors.instrument import Attached, Batch, Entry, Kind, encode
 from strands_actors.supervisors.root.messages import Happened, StateIs
 from strands_actors.surfaces.recording import RecordingError
 from strands_actors.surfaces.recording.code import build_driver
 from strands_actors.surfaces.recording.file import METADATA, RecordingFile, new_info, read
-from strands_actors.surfaces.recording.rows import CHANNELS, Gap, schema
+from strands_actors.surfaces.recording.rows import CHANNELS, Command, Gap, Lifecycle, schema
 from strands_actors.surfaces.recording.views import View
 from strands_actors.testing import run_virtual
 
@@ -243,6 +243,27 @@ def test_what_the_root_says_is_shown() -> None:
         ("lifecycle", 5), ("log", 5), ("lifecycle", 6), ("log", 6), ("refusal", 6), ("log", 6),
     ]  # fmt: skip
     assert getattr(shown[4][2], "what", "") == "Junk to gate"
+
+
+def test_a_lease_that_is_given_after_a_hold_is_an_accepted_acquire() -> None:
+    view = View("wire", ("a",), WALL_NS)
+    batch = batch_of(
+        (Kind.TOOK, "gate", 5, 1, "", Acquire("writer")),
+        (Kind.DEFERRED, "gate", 0, 3, "", None),
+        (Kind.TOOK, "gate", 6, 1, "", Resume("op")),
+        (Kind.DEFERRED, "gate", 0, 4, "", None),
+        (Kind.TOOK, "gate", 9, 0, "", LinkLost("of what follows")),
+        (Kind.SETTLED, "gate", 0, 4, "", Refused("late", "resume: too late")),
+        (Kind.SETTLED, "transport", 0, 3, "", Lease(1, 1)),
+        (Kind.SETTLED, "gate", 0, 3, "", Lease(7, 2)),
+    )
+    shown = list(view.rows(msgspec.msgpack.decode(encode(batch.entries), type=list[Entry])))
+    acquired = [row for _, _, row in shown if isinstance(row, Command) and row.what == "acquire"]
+    assert [(row.outcome, row.by, row.lease, row.epoch) for row in acquired] == [
+        ("later", "writer", 0, 0), ("accepted", "", 1, 1), ("accepted", "writer", 7, 2),
+    ]  # fmt: skip
+    granted = [row.detail for _, _, row in shown if isinstance(row, Lifecycle) and row.what == "lease granted"]
+    assert granted == ["", "writer"]
 
 
 def test_what_was_never_read_is_null(tmp_path: Path) -> None:

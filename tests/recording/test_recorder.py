@@ -2,17 +2,31 @@
 
 from __future__ import annotations
 
+import itertools
+from typing import Any
+
 import msgspec
 import pytest
 import trio
 
 from strands_actors.kernel.actor import Actor
-from strands_actors.kernel.clock import VirtualClock
+from strands_actors.kernel.channels.local_mesh import LocalNetwork
+from strands_actors.kernel.clock import MonotonicClock, VirtualClock
+from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import Node
 from strands_actors.supervisors import addresses
-from strands_actors.supervisors.instrument import Acknowledge, Attach, Attached, Batch, Detach, Detached
+from strands_actors.supervisors.instrument import (
+    Acknowledge,
+    Attach,
+    Attached,
+    Batch,
+    Detach,
+    Detached,
+    InstrumentKeeper,
+)
+from strands_actors.surfaces.recording import recorder
 from strands_actors.surfaces.recording.errors import RecordingError
-from strands_actors.surfaces.recording.recorder import FIRST_S, Recorder
+from strands_actors.surfaces.recording.recorder import FIRST_S, SOURCES, Recorder
 from strands_actors.testing import run_virtual
 
 ROBOT = "so101"
@@ -56,10 +70,9 @@ def test_a_recording_is_under_way_when_wire_and_root_are_in_it_and_has_what_they
             sinks.append(Sink())
             return sinks[-1]
 
-        recorder = Recorder(ROBOT, open_sink)
         async with trio.open_nursery() as nursery:
             await nursery.start(node.run)
-            nursery.start_soon(recorder.run, node)
+            nursery.start_soon(Recorder(ROBOT, open_sink).run, node)
             await nursery.start(node.cell(addresses.of(ROBOT).instrument("wire"), Keeper).run)
             await trio.sleep(FIRST_S / 2)
             assert not sinks, "an event of the root would not be in it"
@@ -80,6 +93,59 @@ def test_who_does_not_answer_is_named() -> None:
             await nursery.start(node.cell(addresses.of(ROBOT).instrument("wire"), Keeper).run)
             with pytest.raises(RecordingError, match="its root process does not answer"):
                 await Recorder(ROBOT, lambda attached: Sink()).run(node)
+            nursery.cancel_scope.cancel()
+
+    run_virtual(run)
+
+
+def test_one_that_fails_leaves_its_place_to_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its file, or its dataset, cannot be had; the robot was asked before. Each is a process of its
+    own."""
+    processes = itertools.count(100)
+
+    class Full(Sink):
+        def flush(self) -> None:
+            raise OSError("no space")
+
+    def refuse(attached: Attached) -> Sink:
+        raise RecordingError("the dataset has another fps")
+
+    async def run() -> None:
+        network, robot = LocalNetwork(), Node("robot", MonotonicClock())
+        network.join().attach(robot)
+        kept = Attached({"robot": "fake"}, ("a",), "m")
+        async with trio.open_nursery() as nursery:
+            await nursery.start(robot.run)
+            for name in SOURCES:
+                at = addresses.of(ROBOT).instrument(name)
+                await nursery.start(robot.cell(at, lambda: InstrumentKeeper({}, kept)).run)
+            for open_sink, why in ((refuse, "another fps"), (lambda attached: Full(), "no space")) * 2:
+                process = next(processes)
+                monkeypatch.setattr(recorder.os, "getpid", lambda one=process: one)
+                node = Node(f"recorder.{process}", MonotonicClock())
+                network.join().attach(node)
+                await nursery.start(node.run)
+                with trio.fail_after(10), pytest.raises((RecordingError, OSError), match=why):
+                    await Recorder(ROBOT, open_sink).run(node)
+            nursery.cancel_scope.cancel()
+
+    trio.run(run)
+
+
+def test_a_second_recorder_is_told_once_who_records() -> None:
+    class Taken(Keeper):
+        def receive(self, message: Attach | Detach | Acknowledge) -> Any:
+            return Refused("recorded", "record: process 7 records this robot already", "end that one first")
+
+    async def run() -> None:
+        node = Node("here", VirtualClock())
+        async with trio.open_nursery() as nursery:
+            await nursery.start(node.run)
+            for name in SOURCES:
+                await nursery.start(node.cell(addresses.of(ROBOT).instrument(name), Taken).run)
+            with pytest.raises(RecordingError) as refused:
+                await Recorder(ROBOT, lambda attached: Sink()).run(node)
+            assert str(refused.value) == f"{ROBOT}: process 7 records this robot already. end that one first"
             nursery.cancel_scope.cancel()
 
     run_virtual(run)

@@ -380,7 +380,8 @@ def test_it_ends_with_the_robot(tmp_path: Path) -> None:
     seen = rows(path)
     assert [row["reason"] for row in seen["/so101/safe"] if row["what"] == "ordered"] == ["cleanup"]
     assert ("shutdown", "cleanup") in [(row["what"], row["cause"]) for row in seen["/so101/lifecycle"]]
-    assert replay(read(path)).equal
+    assert replay(str(path)).equal  # by its name, as text or as a path
+    assert replay(path) == replay(read(str(path)))
 
 
 def test_what_cannot_be_recorded_is_one_line(
@@ -392,6 +393,8 @@ def test_what_cannot_be_recorded_is_one_line(
     there.write_text("mine")
     assert cli.run(["record", "so101", "-o", str(there)]) == 2
     assert "is there already" in capsys.readouterr().err and there.read_text() == "mine"
+    assert cli.run(["record", "so101", "-o", str(tmp_path / "no" / "run.mcap")]) == 2
+    assert f"there is no folder {tmp_path / 'no'}" in capsys.readouterr().err
     with pytest.raises(RecordingError, match="no robot"), record("so101", tmp_path / "run.mcap"):
         raise AssertionError("nothing is recorded")
     assert list(tmp_path.iterdir()) == [there]

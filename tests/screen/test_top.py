@@ -130,6 +130,22 @@ def test_a_robot_appears_is_stopped_locked_resumed_and_leaves(
     on_screen(cli, monkeypatch, script)
 
 
+def test_a_question_takes_no_stop_away(cli: Command, robot: RobotProcess, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def script(app: Top, pilot: Pilot[None]) -> None:
+        await until(pilot, lambda: state(app) == "armed", "an armed robot")
+        for key, became in (("s", "disarmed"), ("space", "disarmed"), ("e", "e-stopped")):
+            await pilot.press("r")
+            await until(pilot, lambda: isinstance(app.screen, Confirm), "the question")
+            await pilot.press(key)
+            await until(pilot, lambda wanted=became: state(app) == wanted, f"the {key} beneath the question")
+            assert not isinstance(app.screen, Confirm)
+            if became == "disarmed":
+                assert (await asyncio.to_thread(robot.call, "resume"))["status"] == "success"
+                await until(pilot, lambda: state(app) == "armed", "an armed robot")
+
+    on_screen(cli, monkeypatch, script)
+
+
 def test_keys_act_on_the_selected_robot_only(
     cli: Command, robot: RobotProcess, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import math
 import os
 import signal
 import stat
@@ -210,13 +211,20 @@ def command(server: Served, line: str) -> None:
             server.unplug()
         case ["plug"]:
             server.plug()
-        case ["freeze", seconds]:
+        case ["freeze", seconds] if _is_number(seconds):
             server.freeze(float(seconds))
         case words if isinstance(server, Orderly) and server.order(words):
             pass
         case _:
             known = "fault WORD[:unit], power-cycle, unplug, plug, freeze SECONDS"
             raise ValueError(f"no control line {line!r}. use {known}")
+
+
+def _is_number(text: str) -> bool:
+    try:
+        return math.isfinite(float(text))
+    except ValueError:
+        return False
 
 
 def _is_pipe(fd: int) -> bool:

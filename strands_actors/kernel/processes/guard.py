@@ -36,7 +36,10 @@ def unapproved(
     return tuple(sorted(name for name in wanted if of.get(name) not in by_topic))
 
 
-def not_approved(verb: str, names: Iterable[str], why: str) -> Refused:
+def not_approved(verb: str, names: Iterable[str], why: str, can_ask: bool = True) -> Refused:
+    """``can_ask``: a program with ``approve=`` would be asked; on the mesh none is."""
     shown = ", ".join(names)
     reason = f"{verb}: {shown} needs an operator's approval: {why}"
-    return Refused("not_approved", reason, f"pass approve= to the robot, or name it in {ALLOW}", shown, ALLOW)
+    allow = f"name it in {ALLOW}"
+    remedy = f"pass approve= to the robot, or {allow}" if can_ask else f"{allow} on the robot's host"
+    return Refused("not_approved", reason, remedy, shown, ALLOW)

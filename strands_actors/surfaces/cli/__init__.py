@@ -15,6 +15,7 @@ import typer
 from strands_actors.contract.extras import MissingExtra
 
 from .errors import Problem
+from .options import All, Json, Kind, Mesh, What, Which, finite, one_or_all
 
 USAGE = 2
 INTERRUPTED = 130
@@ -25,21 +26,6 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
-
-Json = Annotated[bool, typer.Option("--json", help="Print JSON instead.")]
-
-
-def _running() -> list[str]:
-    """For the shell to complete."""
-    from strands_actors.caller.run_directory import notes
-
-    return [note.robot for note in notes()]
-
-
-def _known() -> list[str]:
-    from strands_actors.drivers import list_native_drivers
-
-    return list(list_native_drivers())
 
 
 def _version(wanted: bool) -> None:
@@ -59,19 +45,11 @@ def options(
     """Robots as supervised trees of actors."""
 
 
-Which = Annotated[
-    str | None,
-    typer.Argument(metavar="[ROBOT]", help="Its name, as `tree` shows it.", autocompletion=_running),
-]
-Kind = Annotated[str, typer.Argument(metavar="ROBOT", help="As `list` names it.", autocompletion=_known)]
-What = Annotated[str, typer.Argument(metavar="ROBOT|KEY", help="A robot, or a key with wildcards.")]
-Mesh = Annotated[Path | None, typer.Option("--mesh", metavar="FILE", help="How to reach robots elsewhere (TOML).")]
-All = Annotated[bool, typer.Option("--all", help="Every robot of this user.")]
-
-
 @app.command()
 def demo(
-    seconds: Annotated[float, typer.Option(min=6.0, help="Length, without the time processes need.")] = 12.0,
+    seconds: Annotated[
+        float, typer.Option(min=6.0, callback=finite, help="Length, without the time processes need.")
+    ] = 12.0,
     no_faults: Annotated[bool, typer.Option("--no-faults", help="Only run the policy.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object, nothing else.")] = False,
     out: Annotated[Path, typer.Option(help="Where the picture goes.")] = Path("demo.png"),
@@ -119,6 +97,7 @@ def stop(robot: Which = None, all_: All = False, mesh: Mesh = None, json: Json =
     """De-energise a robot."""
     from .orders import stop as run
 
+    one_or_all("stop", robot, all_)
     raise typer.Exit(run(robot, all_, mesh, as_json=json))
 
 
@@ -127,6 +106,7 @@ def estop(robot: Which = None, all_: All = False, mesh: Mesh = None, json: Json 
     """De-energise every robot, or one, and lock it until `resume`."""
     from .orders import estop as run
 
+    one_or_all("estop", robot, all_)
     raise typer.Exit(run(robot, all_, mesh, as_json=json))
 
 
@@ -135,6 +115,7 @@ def resume(robot: Which = None, all_: All = False, mesh: Mesh = None, json: Json
     """Lift a lockout and energise; starts no motion."""
     from .orders import resume as run
 
+    one_or_all("resume", robot, all_)
     raise typer.Exit(run(robot, all_, mesh, as_json=json))
 
 
@@ -144,7 +125,9 @@ def echo(
     mesh: Mesh = None,
     json: Json = False,
     count: Annotated[int | None, typer.Option(min=1, help="End after so many samples.")] = None,
-    timeout: Annotated[float | None, typer.Option(min=0.1, help="End when nothing comes for so long.")] = None,
+    timeout: Annotated[
+        float | None, typer.Option(min=0.1, callback=finite, help="End when nothing comes for so long.")
+    ] = None,
 ) -> None:
     """Show what a robot publishes."""
     from .listen import echo as run
@@ -156,7 +139,7 @@ def echo(
 def trace(
     robot: Annotated[str, typer.Argument(help="As `tree` names it.")],
     count: Annotated[int | None, typer.Option(min=1, help="End after so many messages.")] = None,
-    seconds: Annotated[float | None, typer.Option(min=0.1, help="End after so long.")] = None,
+    seconds: Annotated[float | None, typer.Option(min=0.1, callback=finite, help="End after so long.")] = None,
     json: Json = False,
 ) -> None:
     """Print what a robot's actors tell each other: who, whom, which message, how old. Of this
@@ -171,7 +154,9 @@ def hz(
     what: What,
     mesh: Mesh = None,
     json: Json = False,
-    seconds: Annotated[float | None, typer.Option(min=0.1, help="Listen so long, then end.")] = None,
+    seconds: Annotated[
+        float | None, typer.Option(min=0.1, callback=finite, help="Listen so long, then end.")
+    ] = None,
 ) -> None:
     """How often a robot publishes what."""
     from .listen import hz as run
@@ -183,7 +168,7 @@ def hz(
 def send(
     robot: Annotated[str, typer.Argument(metavar="ROBOT", help="Its name, as `mesh status` shows it.")],
     targets: Annotated[list[str], typer.Argument(metavar="JOINT=NUMBER...", help="In the robot's units.")],
-    seconds: Annotated[float, typer.Option("--for", min=0.0, help="Then the robot holds.")] = 2.0,
+    seconds: Annotated[float, typer.Option("--for", min=0.0, callback=finite, help="Then the robot holds.")] = 2.0,
     resume: Annotated[bool, typer.Option("--resume", help="Energise it first.")] = False,
     mesh: Mesh = None,
     json: Json = False,
@@ -247,10 +232,14 @@ def teleop(
     twin: Annotated[bool, typer.Option("--twin", help="Lead its twin; without a port: a simulation.")] = False,
     deadman: Annotated[str | None, typer.Option(help="`key`: the space bar; `gripper`: the leader's.")] = None,
     relative: Annotated[bool, typer.Option("--relative", help="Lead from where both are when engaged.")] = False,
-    hz: Annotated[float, typer.Option(help="Setpoints a second.")] = 100.0,
-    max_speed: Annotated[float | None, typer.Option(help="Degrees a second; quicker frames are refused.")] = None,
+    hz: Annotated[float, typer.Option(callback=finite, help="Setpoints a second.")] = 100.0,
+    max_speed: Annotated[
+        float | None, typer.Option(callback=finite, help="Degrees a second; quicker frames are refused.")
+    ] = None,
     map_: Annotated[str | None, typer.Option("--map", metavar="MODULE:FUNCTION", help="Leader to robot.")] = None,
-    seconds: Annotated[float | None, typer.Option(min=0.0, help="How long; else until a key.")] = None,
+    seconds: Annotated[
+        float | None, typer.Option(min=0.0, callback=finite, help="How long; else until a key.")
+    ] = None,
     id_: Annotated[str | None, typer.Option("--id", help="The robot's name, and its calibration's.")] = None,
     json: Json = False,
 ) -> None:
@@ -278,7 +267,7 @@ def keys(
     robot: Annotated[list[str] | None, typer.Option(help="A robot, by its name on the mesh: one each.")] = None,
     host: Annotated[list[str] | None, typer.Option(help="Under which these robots are connected to.")] = None,
     name: Annotated[list[str] | None, typer.Option(help="Of one more who watches or commands.")] = None,
-    days: Annotated[int, typer.Option(min=1, help="For which they are valid.")] = 365,
+    days: Annotated[int, typer.Option(min=1, max=36_500, help="For which they are valid.")] = 365,
     json: Json = False,
 ) -> None:
     """Make a certificate authority, and certificates for robots, operator and viewer. Again for
@@ -293,7 +282,8 @@ def record(
     robot: Annotated[str, typer.Argument(help="Its name, as `tree` shows it.")],
     out: Annotated[Path | None, typer.Option("-o", "--out", help="The file, MCAP. It must not exist yet.")] = None,
     seconds: Annotated[
-        float | None, typer.Option(min=0.0, help="How long; else until Ctrl-C. Of a dataset: each episode.")
+        float | None,
+        typer.Option(min=0.0, callback=finite, help="How long; else until Ctrl-C. Of a dataset: each episode."),
     ] = None,
     dataset: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Record episodes there, in LeRobot's format.")
@@ -313,7 +303,8 @@ def record(
 ) -> None:
     """Record all that a running robot is told, decides and does; or episodes to learn from."""
     if (out is None) == (dataset is None):
-        raise Problem("record: give -o FILE, or --dataset DIR")
+        which = "-o FILE, or --dataset DIR" if out is None else "-o FILE or --dataset DIR: one of the two"
+        raise Problem(f"record: give {which}")
     if dataset is not None:
         from strands_actors.surfaces.dataset.session import Order
 
@@ -496,4 +487,5 @@ def _ended(error: BaseException) -> int:
 
 
 def _line(text: str) -> str:
-    return " ".join(text.split())
+    """Return it in one line, for who types commands."""
+    return " ".join(text.split()).replace("strands_actors.list_robots()", "`strands-actors list`")

@@ -15,8 +15,16 @@ import trio
 
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.loading import load
+from strands_actors.contract.shown import closest, shown
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers import canonical_name, get_native_driver_class, leader_name, list_leaders
+from strands_actors.drivers import (
+    canonical_name,
+    get_native_driver_class,
+    leader_name,
+    list_driver_coverage,
+    list_leaders,
+    list_native_drivers,
+)
 from strands_actors.kernel.clock import MonotonicClock
 
 from .errors import Problem
@@ -133,6 +141,10 @@ def _of_servos(robot: str, verb: str) -> tuple[str, Any]:
     """Return the name and the class of a robot, or leader, of servos."""
     leader = leader_name(robot)
     driver_class = get_native_driver_class(robot) if leader is None else list_leaders()[leader]
+    if driver_class is None and canonical_name(robot) not in list_driver_coverage():
+        close = closest(robot, [*list_native_drivers(), *list_leaders()])
+        hint = f" ({close[0]}?)" if close else ""
+        raise Problem(f"{verb}: {shown(robot)} is not known{hint}. `strands-actors list` has them all")
     if driver_class is None or not issubclass(driver_class, Driver) or not hasattr(driver_class, "SETUP"):
         raise Problem(f"{verb}: {robot} is no robot of Feetech or Dynamixel servos: its maker calibrates it")
     return leader or canonical_name(robot), driver_class

@@ -12,8 +12,10 @@ from typing import Any
 
 import msgspec
 import trio
+import zenoh
 
 from strands_actors.kernel.channels.pubsub import Received, Stamp
+from strands_actors.kernel.channels.zenoh_session import short
 from strands_actors.supervisors.mesh.schemas import TELEMETRY, key
 from strands_actors.surfaces.mesh.client import MeshClient, open_mesh
 
@@ -107,7 +109,11 @@ def _line(rate: dict[str, Any]) -> str:
 async def _subscribe(client: MeshClient, what: str, on_sample: Callable[[Received], None]) -> None:
     """``what``: a robot, or a key with its wildcards."""
     if "/" in what:
-        keys = [what]
+        try:
+            keys = [str(zenoh.KeyExpr(what))]
+        except zenoh.ZError as error:
+            like = "give one like strands/so101/state, or strands/**"
+            raise Problem(f"{what!r} is no key: {short(error)}. {like}") from None
     else:
         await client.settle()
         if not client.is_there(what):

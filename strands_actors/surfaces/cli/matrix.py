@@ -3,6 +3,7 @@ wires show."""
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 
@@ -60,8 +61,13 @@ def run(
 
 def _kept(out: Path) -> Columns:
     """Return the columns of the page that is there; those that are measured take the place of
-    theirs."""
+    theirs. Where the page cannot be written is said now, not when hours have been measured."""
     path = out.with_suffix(".json")
+    folder = out.absolute().parent
+    if not folder.is_dir():
+        raise Problem(f"matrix: there is no folder {folder} for the page")
+    if out.is_dir() or not all(os.access(each if each.exists() else folder, os.W_OK) for each in (out, path)):
+        raise Problem(f"matrix: {out} cannot be written. name another page")
     if path == out:
         raise Problem(f"matrix: {out}: the page is Markdown, with its figures in a .json beside it. name it *.md")
     try:

@@ -73,11 +73,14 @@ def serve_twin(
         )
     if wrong := [text for text in options if "=" not in text]:
         raise Problem(f"twin: {wrong[0]!r} is not KEY=VALUE")
+    name = leader or canonical_name(robot)
+    if fault is not None:
+        _check_fault(driver_class, name, fault)
     serve = load(driver_class.TWIN)
     given = {"options": dict(text.split("=", 1) for text in options)} if options else {}
     try:
         serve(
-            leader or canonical_name(robot),
+            name,
             port_file=str(port_file),
             log=None if log is None else str(log),
             fault=fault,
@@ -87,3 +90,14 @@ def serve_twin(
         )
     except ValueError as refusal:
         raise Problem(f"twin: {refusal}") from refusal
+
+
+def _check_fault(driver_class: type[Driver], name: str, fault: str) -> None:
+    """Refuse a fault of a servo that is not there: it would be nobody's."""
+    unit = fault.partition(":")[2]
+    if not hasattr(driver_class, "SETUP") or not unit.isdecimal():
+        return
+    servos = sorted(driver_class(name, "", driver_class.resolve(name, {})).ids)
+    if int(unit) not in servos:
+        there = ", ".join(map(str, servos))
+        raise Problem(f"twin: {name} has no servo {unit}. it has {there}; without a number all have the fault")

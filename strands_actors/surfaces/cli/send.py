@@ -55,7 +55,9 @@ async def _send(
             finally:
                 with trio.move_on_after(RELEASE_S, shield=True):
                     await tree.release()  # it holds; its own program may have it again
-    except (ConnectionError, NotConnected, AskTimeout, Unreachable) as failure:
+    except ConnectionError as failure:  # nobody was asked
+        raise Problem(str(failure)) from failure
+    except (NotConnected, AskTimeout, Unreachable) as failure:
         return _refuse(robot, str(failure), as_json)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 import time
 from collections import OrderedDict
 
@@ -17,6 +18,8 @@ from strands_actors.supervisors.permissions import shown
 
 from .errors import Problem
 
+SILENT_S = 3.0
+"""Then it is said that nothing is to be heard: a robot at rest tells its script nothing."""
 _ASKS = 1024
 """Remembered until they are answered."""
 _ARROWS = {"tell": "->", "ask": "->", "answer": "=>", "watch": "->", "down": "->"}
@@ -91,25 +94,33 @@ def _note_of(robot: str) -> Note:
 
 
 async def _trace(note: Note, as_json: bool, count: int | None, seconds: float | None) -> None:
-    reader, done, left = Reader(note.robot), trio.Event(), count
+    reader, done, left, heard = Reader(note.robot), trio.Event(), count, False
 
     def on_sample(received: Received) -> None:
-        nonlocal left
+        nonlocal left, heard
         age_ms = round(1e3 * (time.time() - received.sent_s), 2) if received.sent_s else None
         told = None if done.is_set() else reader.read(received.payload, age_ms)
         if told is None:
             return
+        heard = True
         print(json.dumps(msgspec.to_builtins(told)) if as_json else line(told), flush=True)
         if left is not None:
             left -= 1
             if left <= 0:
                 done.set()
 
+    async def say_that_it_waits() -> None:
+        await trio.sleep(SILENT_S)
+        if not heard:
+            line = f"the actors of {note.robot} tell each other nothing so far; waiting, Ctrl-C ends it"
+            print(line, file=sys.stderr, flush=True)
+
     session = await PubSub.open(connect=note.endpoints)
     try:
         async with trio.open_nursery() as nursery:
             await nursery.start(session.run)
             session.subscribe(shown(note.robot), on_sample, keep=4096)
+            nursery.start_soon(say_that_it_waits)
             with trio.move_on_after(float("inf") if seconds is None else seconds):
                 await done.wait()
             nursery.cancel_scope.cancel()

@@ -32,6 +32,7 @@ from strands_actors.supervisors.mesh.schemas import ESTOP_ANSWER_S, Command, Res
 from .config import MeshConfig
 from .outcome import Outcome, outcome_of, result_of
 from .sessions import EVERYBODY, LOOK_S, Sessions
+from .signing import patience_s, signed
 
 AWAY_S = 0.004
 """For an e-stop to be on the wires of this host. Who waits for its outcomes before that takes a
@@ -125,7 +126,7 @@ class MeshClient:
 
     async def stop(self, robot: str, by: str = "", within_s: float = STOP_S) -> Outcome:
         """Make one robot safe. Not by its command key: that may be flooded."""
-        body = {"command": mesh_json.Stop(by=by)}
+        body = {"command": mesh_json.Stop(by=signed(by))}
         answer = await self._ask(robot, mesh_json.BROADCAST_KEY, body, within_s)
         if isinstance(answer, Refused):
             return Outcome(robot, "unreachable", answer.text)
@@ -138,7 +139,7 @@ class MeshClient:
             return clock
         deadline_ns = clock.deadline(self.now_ns() + round(ANSWER_S * NS))
         return await self.request(
-            robot, mesh_json.Resume(clock=clock.name, deadline_ns=deadline_ns, by=by), within_s
+            robot, mesh_json.Resume(clock=clock.name, deadline_ns=deadline_ns, by=signed(by)), within_s
         )
 
     async def post(self, robot: str, command: Command) -> None:
@@ -257,18 +258,21 @@ class MeshClient:
 
     async def estop(self, by: str = "", within_s: float = ESTOP_ANSWER_S, robot: str = "*") -> list[Outcome]:
         """Every robot on the mesh, or only ``robot``, goes safe and is locked until it is resumed.
-        A report on each that is known, within ``within_s``; one that does not answer is
-        unreachable, and counts as moving. No report at all: there is nobody."""
+        A report on each that is known, within ``within_s`` (0.25 s at least: as long as it may take
+        until all have heard); one that does not answer is unreachable, and counts as moving. No
+        report at all: there is nobody. Neither a wrong ``within_s`` nor a wrong ``by`` keeps the
+        order from leaving."""
         pressed = self.press(by, robot)
         try:
             await trio.sleep(AWAY_S)
-            return await self.outcomes(pressed, within_s - AWAY_S)
+            return await self.outcomes(pressed, within_s)
         finally:
             self._waiting.pop(pressed.turn, None)  # cancelled before it was waited for
 
     def press(self, by: str = "", robot: str = "*") -> Pressed:
         """Send the order of an ``estop``, from any thread: it leaves in this call, whatever the
         loop does. After ``AWAY_S`` its ``outcomes`` are to be waited for."""
+        by = signed(by)
         turn, answers = self._open_turn()
         return Pressed(turn, by, robot, answers, *self._order_estop(turn, by, robot))
 
@@ -283,12 +287,13 @@ class MeshClient:
         return appeared, sessions
 
     async def outcomes(self, pressed: Pressed, within_s: float = ESTOP_ANSWER_S) -> list[Outcome]:
-        """Return what became of the robots that were meant, as of ``estop``."""
+        """Return what became of the robots that were meant, as of ``estop``: ``within_s`` of when it
+        was pressed."""
         found: dict[str, Outcome] = {}
         turn, by, robot, answers, appeared, sessions = pressed
         settled_at = self.sessions.opened_at + LOOK_S
         try:
-            with trio.move_on_after(within_s):
+            with trio.move_on_after(patience_s(within_s) - AWAY_S):
                 while True:
                     await self.sessions.look()
                     if self.sessions.all == sessions:

@@ -18,7 +18,7 @@ import ipaddress
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 
@@ -52,6 +52,17 @@ class Access(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     operators: Names = ("operator",)
 
 
+class _Words(NamedTuple):
+    """How to say what is missing, where it was said."""
+
+    tls: str
+    insecure: str
+
+
+_IN_PYTHON = _Words("mesh=MeshConfig(..., tls=TLS(ca, certificate, key))", "insecure=True there")
+_IN_TOML = _Words("a table [tls] with ca, certificate and key", "insecure = true")
+
+
 class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """``listen``, ``connect``: zenoh endpoints, one or several. ``insecure``: no TLS, on the user's
     own word: whoever reaches the port commands, on this host alone (127.0.0.1) every user of it."""
@@ -71,7 +82,8 @@ class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         except OSError as error:
             raise ValueError(f"mesh: {path} cannot be read: {error.strerror}") from error
         except (msgspec.MsgspecError, UnicodeDecodeError) as error:
-            raise ValueError(f"mesh: {path}: {error}") from error
+            raise ValueError(f"mesh: {path}: {error}{_keys_there(error)}") from error
+        config._check_endpoints(_IN_TOML)  # here, in the file's words
         if config.tls is not None:
             ours = {name: str(file.parent / value) for name, value in msgspec.structs.asdict(config.tls).items()}
             config = msgspec.structs.replace(config, tls=TLS(**ours))
@@ -93,8 +105,7 @@ class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def check(self) -> None:
         """Raise ``ValueError`` with what would be accepted."""
-        for endpoint in (*self.listens, *self.connects):
-            self._check_endpoint(endpoint)
+        self._check_endpoints(_IN_PYTHON)
         if self.tls is None:
             return
         for what, path in msgspec.structs.asdict(self.tls).items():
@@ -110,14 +121,18 @@ class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise ValueError(f"mesh: {error}") from error
         _check_access(_list(self.access.viewers), _list(self.access.operators))
 
-    def _check_endpoint(self, endpoint: str) -> None:
+    def _check_endpoints(self, words: _Words) -> None:
+        for endpoint in (*self.listens, *self.connects):
+            self._check_endpoint(endpoint, words)
+
+    def _check_endpoint(self, endpoint: str, words: _Words) -> None:
         protocol, _, address = endpoint.partition("/")
         if protocol not in PROTOCOLS or not address:
             raise ValueError(f"mesh: {endpoint!r} is no endpoint. give one like tls/0.0.0.0:7447")
         if protocol == "tls" and self.tls is None:
-            raise ValueError(f"mesh: {endpoint} needs tls=TLS(ca, certificate, key)")
+            raise ValueError(f"mesh: {endpoint} needs certificates: {words.tls}")
         if protocol == "tcp" and self.tls is not None:
-            raise ValueError(f"mesh: {endpoint} beside tls= would be a way around it. use tls/ for all endpoints")
+            raise ValueError(f"mesh: {endpoint} beside TLS would be a way around it. use tls/ for all endpoints")
         if protocol == "tcp" and not self.insecure:
             whom = (
                 "is open to every user of this host, who"
@@ -125,7 +140,7 @@ class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 else "leaves this host, and anybody there"
             )
             raise ValueError(
-                f"mesh: {endpoint} {whom} could move the robot. use tls/ and tls=TLS(...), or say insecure=True"
+                f"mesh: {endpoint} {whom} could move the robot. use tls/ and {words.tls}, or say {words.insecure}"
             )
 
     @property
@@ -171,6 +186,15 @@ class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             return {"access_control": access_control(anybody=self.insecure)}
         rules = access_control(_list(self.access.viewers), _list(self.access.operators))
         return {**self.settings(), "access_control": rules}
+
+
+def _keys_there(error: Exception) -> str:
+    """Return which keys there are, for who wrote another one."""
+    text = str(error)
+    if "unknown field" not in text:
+        return ""
+    kind = TLS if "$.tls" in text else Access if "$.access" in text else MeshConfig
+    return f". there are {', '.join(kind.__struct_fields__)}"
 
 
 def _check_key(path: str) -> None:

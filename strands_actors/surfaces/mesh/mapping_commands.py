@@ -4,12 +4,13 @@ all."""
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import msgspec
 import trio
 
+from strands_actors.contract.shown import shown
 from strands_actors.kernel.channels.pubsub import Received
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.mesh import schemas as mesh_json
@@ -50,13 +51,13 @@ async def send(mesh: MeshClient, robot: str, command: Command) -> dict[str, Any]
 async def send_to_all(mesh: MeshClient, command: Command) -> dict[str, dict[str, Any] | Refused] | Refused:
     """Ask all robots for a reading, or stop all; their answers by robot. What moves a robot is for
     one at a time."""
-    given, kind = _read(command)
+    known = [name for name, each in mesh_json.ACTIONS.items() if each in TO_ALL]
+    given, kind = _read(command, known)
     if isinstance(kind, Refused):
         return kind
     if kind not in TO_ALL:
-        known = ", ".join(name for name, each in mesh_json.ACTIONS.items() if each in TO_ALL)
         why = f"broadcast: {given['action']} is for one robot at a time"
-        return Refused("one_robot", why, f"to all send {known}; what moves one, send to that one")
+        return Refused("one_robot", why, f"to all send {', '.join(known)}; what moves one, send to that one")
     answers: dict[str, dict[str, Any] | Refused] = {}
 
     async def ask(robot: str) -> None:
@@ -92,16 +93,22 @@ async def peers(mesh: MeshClient, within_s: float = PRESENCE_S) -> list[dict[str
     return rows
 
 
-def _read(command: Command) -> tuple[dict[str, Any], type[mesh_json.Command] | Refused]:
-    """Return the command with its action, and what kind that is."""
+def _read(
+    command: Command, offered: Sequence[str] = tuple(mesh_json.ACTIONS)
+) -> tuple[dict[str, Any], type[mesh_json.Command] | Refused]:
+    """Return the command with its action, and what kind that is. ``offered``: what may be sent."""
+    said: object = command  # of a program that nobody has checked
+    if not isinstance(said, Mapping | str):
+        why = f"the command is {shown(said)}"
+        return {}, Refused("malformed", why, f'give an action, or {{"action": ...}}: {", ".join(offered)}')
     given = {"action": command} if isinstance(command, str) else {"action": "status", **command}
     action = str(given["action"])
     kind = mesh_json.ACTIONS.get(action)
-    return given, kind or no_action(action)
+    return given, kind or no_action(action, offered)
 
 
-def _by(given: Mapping[str, Any]) -> str:
-    return str(given.get("by", ""))
+def _by(given: Mapping[str, Any]) -> Any:
+    return given.get("by")
 
 
 def _told_of(outcomes: list[Outcome], robot: str) -> dict[str, Any] | Refused:

@@ -7,6 +7,7 @@ from typing import Any
 
 import msgspec
 
+from strands_actors.contract.axis import finite
 from strands_actors.contract.shown import harmless
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.mesh.schemas import Response
@@ -36,7 +37,9 @@ def result_of(response: Response) -> dict[str, Any] | Refused:
 
 
 def outcome_of(robot: str, result: Mapping[str, Any]) -> Outcome:
-    motors = tuple(motor for motor in result.get("motors", ()) if isinstance(motor, dict))
+    """Whatever it answers: one that answers nonsense keeps nobody from hearing of the others."""
+    listed = result.get("motors")
+    motors = tuple(motor for motor in listed if isinstance(motor, dict)) if isinstance(listed, list | tuple) else ()
     detail = str(result.get("detail", ""))
     says_safe = result.get("outcome") == "safe"
     # A robot that had nothing to do names its safe state, and no motor.
@@ -55,7 +58,7 @@ def outcome_of(robot: str, result: Mapping[str, Any]) -> Outcome:
         harmless(str(result.get("safe_state", ""))),
         harmless(str(result.get("path", ""))),
         bool(result.get("locked")),
-        float(result.get("took_ms", 0.0)),
+        finite(result.get("took_ms")) or 0.0,
         motors,
         harmless(str(result.get("note", ""))),
     )

@@ -22,8 +22,9 @@ from .outcome import Outcome
 
 def estop(*, mesh: MeshConfig | None = None, by: str = "", within_s: float = ESTOP_ANSWER_S) -> list[Outcome]:
     """Every robot on the mesh goes safe, and is locked until it is resumed. What became of each
-    that is known, within ``within_s``: safe, unconfirmed or unreachable. Call it from any
-    thread."""
+    that is known, within ``within_s`` (0.25 s at least): safe, unconfirmed or unreachable. ``by``: who
+    is told to have stopped them; else this program. Neither, whatever it is, keeps the order from
+    leaving. Call it from any thread."""
 
     async def run() -> list[Outcome]:
         async with open_mesh(mesh) as client:
@@ -58,7 +59,7 @@ def estop_button(*, mesh: MeshConfig | None = None, by: str = "") -> Iterator[Ca
             raise RuntimeError("the button's block has been left. Press it inside, or call estop()")
         pressed = client.press(by)
         time.sleep(AWAY_S)
-        return portal().call(client.outcomes, pressed, ESTOP_ANSWER_S - AWAY_S)
+        return portal().call(client.outcomes, pressed)
 
     try:
         yield press

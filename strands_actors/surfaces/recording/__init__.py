@@ -4,7 +4,7 @@ their replay.
 with record(robot, "run.mcap"):
     robot.send_action({"shoulder_pan": 10.0})
 
-outcome = replay(read(Path("run.mcap")))
+outcome = replay("run.mcap")
 """
 
 from __future__ import annotations

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import struct
 import time
 from collections import Counter
@@ -124,9 +125,10 @@ def new_info(robot: str, code: str, attached: Attached) -> Info:
     return Info(FORMAT, __version__, robot, code, time.time_ns() - time.monotonic_ns(), attached)
 
 
-def read(path: Path) -> Recording:
+def read(path: str | os.PathLike[str]) -> Recording:
     """Raise ``RecordingError`` for a file that is damaged, or none of ours; ``OSError`` when it
     cannot be read."""
+    path = Path(path)
     with path.open("rb") as stream:
         try:
             return _read(path, stream)

@@ -8,6 +8,7 @@ is equal but the same.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Coroutine
 from typing import Any
 
@@ -27,7 +28,7 @@ from strands_actors.supervisors.wire.watchdog import Watchdog, WatchdogMemory
 
 from .code import build_driver
 from .errors import RecordingError
-from .file import Recording, entries_of
+from .file import Recording, entries_of, read
 from .phrases import in_words
 from .replay_context import Effect, ReplayContext, ReplayDeferred, answer_effect
 from .rows import Gap
@@ -256,9 +257,11 @@ def effect_in_words(effect: Effect) -> str:
             return said
 
 
-def replay(recording: Recording, driver: Driver | None = None) -> Outcome:
-    """Once through. Raise ``RecordingError`` when its driver is not here, or it is of another
-    version."""
+def replay(recording: Recording | str | os.PathLike[str], driver: Driver | None = None) -> Outcome:
+    """Once through a recording, or the file of one. Raise ``RecordingError`` when its driver is not
+    here, or it is of another version, and what ``read`` raises."""
+    if not isinstance(recording, Recording):
+        recording = read(recording)
     try:
         return Replay(recording, driver).run()
     except msgspec.MsgspecError as error:

@@ -45,6 +45,8 @@ RETRY_S = 0.02
 GONE_S = 2.0
 """A robot none of whose processes has answered for so long has ended."""
 DETACH_S = 1.0
+LEAVE_S = 0.3
+"""For the same after a failure: of what is left nothing is wanted."""
 FLUSH_S = 1.0
 
 
@@ -207,7 +209,8 @@ class Recorder(Generic[SomeSink]):
                 with trio.move_on_after(float("inf") if seconds is None else seconds):
                     await self._over.wait()
                 self.end(f"{seconds} s are over")
-                if self._failure is None:
+                # Also when it has failed: the next recorder would be told that this one is there.
+                with trio.move_on_after(float("inf") if self._failure is None else LEAVE_S):
                     async with trio.open_nursery() as leaving:
                         for source in self._sources:
                             leaving.start_soon(source.detach)
@@ -245,7 +248,7 @@ class Recorder(Generic[SomeSink]):
     def _attached(self, name: str, answer: Attached | Refused) -> None:
         if isinstance(answer, Refused):
             if self._sink is None:
-                self.fail(RecordingError(f"{self._robot}: {answer.text}"))
+                self.fail(RecordingError(f"{self._robot}: {answer.text.removeprefix('record: ')}"))
         elif self._sink is None and self._failure is None:
             self._present[name] = answer
             if len(self._present) == len(SOURCES):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 from collections.abc import Callable
 from pathlib import Path
@@ -61,8 +62,14 @@ async def record_until_told(
 
 
 def _require_free(path: Path) -> None:
+    """Before the robot is asked, which records for one at a time."""
     if path.exists():
         raise RecordingError(f"{path} is there already. give another name, or remove it")
+    folder = path.absolute().parent
+    if not folder.is_dir():
+        raise RecordingError(f"there is no folder {folder} for {path.name}")
+    if not os.access(folder, os.W_OK):
+        raise RecordingError(f"{folder} cannot be written to. name another folder")
 
 
 def _fingerprint(attached: Attached) -> str:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import contextlib
 import time
 from collections import deque
+from collections.abc import Callable
 from typing import ClassVar
 
 from rich.console import Group
@@ -34,17 +35,21 @@ EMPTY = Text.assemble(
 
 
 class Confirm(ModalScreen[bool]):
-    """Energising is asked for twice. Stopping never is."""
+    """Energising is asked for twice. Stopping never is, and a question that is open takes no stop
+    away. ``stop``: does one to the robot it is about."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("y,enter", "answer(True)", "energise"),
         Binding("n,escape,q", "answer(False)", "leave it"),
+        Binding("s,space", "instead('stop')", "stop"),
+        Binding("e", "instead('e-stop')", "e-stop (locks)"),
     ]
 
-    def __init__(self, robot: str, locked_by: str) -> None:
+    def __init__(self, robot: str, locked_by: str, stop: Callable[[str], None]) -> None:
         super().__init__()
         self._robot = robot
         self._locked_by = locked_by
+        self._stop = stop
 
     def compose(self) -> ComposeResult:
         lift = f"Lift the e-stop by {self._locked_by}, and energise " if self._locked_by else "Energise "
@@ -55,12 +60,20 @@ class Confirm(ModalScreen[bool]):
             ("y", "bold"),
             " energise    ",
             ("n", "bold"),
-            " leave it",
+            " leave it    ",
+            ("s", "bold"),
+            " stop    ",
+            ("e", "bold"),
+            " e-stop",
         )
         yield Static(question, id="question")
 
     def action_answer(self, yes: bool) -> None:
         self.dismiss(yes)
+
+    def action_instead(self, verb: str) -> None:
+        self._stop(verb)  # before anything of the screen
+        self.dismiss(False)
 
 
 class Top(App[None]):
@@ -226,4 +239,5 @@ class Top(App[None]):
             if yes:
                 self._feed.ask("resume", robot)
 
-        self.push_screen(Confirm(robot, status.locked_by if status else ""), go_on)
+        locked_by = status.locked_by if status else ""
+        self.push_screen(Confirm(robot, locked_by, lambda verb: self._feed.ask(verb, robot)), go_on)

@@ -1,0 +1,115 @@
+"""An e-stop leaves, and is answered, whatever a program says with it."""
+
+from __future__ import annotations
+
+import json
+import os
+from typing import Any
+
+import pytest
+import trio
+
+from strands_actors import estop
+from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.mesh import schemas as mesh_json
+from strands_actors.surfaces.mesh import estop_button
+from strands_actors.surfaces.mesh.outcome import outcome_of
+from strands_actors.surfaces.mesh.signing import patience_s, program, signed
+
+from .world import Samples, mesh, raw, robot_on_mesh, run
+
+NAN = float("nan")
+LONG = "x" * 300
+
+
+class Mute:
+    def __str__(self) -> str:
+        raise RuntimeError("no words")
+
+
+def test_saf_007_an_estop_leaves_whatever_is_said_with_it() -> None:
+    slips: list[dict[str, Any]] = [{"within_s": value} for value in (0, 0.001, -1, NAN, None, "x", 10**400)]
+    slips += [{"by": value} for value in (None, 5, LONG, b"raw", "\udc80", Mute())]
+
+    async def test() -> None:
+        async with robot_on_mesh() as (robot, tree, _):
+            for slip in slips:
+                (outcome,) = await trio.to_thread.run_sync(lambda given=slip: estop(**given))
+                assert (outcome.robot, outcome.outcome, outcome.locked) == (robot, "safe", True), slip
+                assert (await tree.status()).locked_by, slip
+                async with mesh() as client:
+                    assert not isinstance(await client.resume(robot, LONG), Refused)
+
+    run(test)
+
+
+@pytest.mark.parametrize("by", [LONG, 5, None])
+def test_saf_007_the_button_leaves_whoever_presses(by: Any) -> None:
+    def press() -> list[Any]:
+        with estop_button(by=by) as button:
+            return button()
+
+    async def test() -> None:
+        async with robot_on_mesh() as (robot, tree, _):
+            (outcome,) = await trio.to_thread.run_sync(press)
+            assert (outcome.robot, outcome.outcome, outcome.locked) == (robot, "safe", True)
+            assert (await tree.status()).locked_by == (
+                program() if by is None else LONG[:256] if by == LONG else "5"
+            )
+
+    run(test)
+
+
+@pytest.mark.parametrize("order", [{"by": LONG}, {"by": 7}, {"by": None}, {"target_id": 3}], ids=str)
+def test_saf_007_the_robot_answers_whoever_can_be_answered(order: dict[str, Any]) -> None:
+    """A program of others that says what our own would not."""
+
+    async def test() -> None:
+        async with robot_on_mesh() as (robot, tree, _), mesh() as client:
+            answers = Samples(client, f"strands/their-button/response/{robot}/*")
+            await trio.sleep(0.1)
+            envelope = {"sender_id": "their-button", "turn_id": "1", **order}
+            await raw(client, robot, json.dumps(envelope).encode(), mesh_json.ESTOP_KEY)
+            (told, *_) = await answers.wait()
+            assert told["result"]["outcome"] == "safe"
+            assert (await tree.status()).locked_by == (LONG[:256] if order.get("by") == LONG else "their-button")
+
+    run(test)
+
+
+def test_an_estop_for_one_robot_leaves_the_others_whoever_it_is_by() -> None:
+    async def test() -> None:
+        async with robot_on_mesh() as (robot, tree, _), mesh() as client:
+            envelope = {"sender_id": "their-button", "turn_id": "1", "target_id": "another", "by": LONG}
+            await raw(client, robot, json.dumps(envelope).encode(), mesh_json.ESTOP_KEY)
+            await trio.sleep(0.3)
+            assert (await tree.status()).mode == "armed"
+
+    run(test)
+
+
+@pytest.mark.parametrize(
+    ("given", "waited_s"), [(0, 0.25), (-1.0, 0.25), (NAN, 0.25), (None, 0.25), ("x", 0.25), (3, 3.0), ("2", 2.0)]
+)
+def test_who_asks_is_told_in_its_time_and_no_sooner_than_all_have_heard(given: Any, waited_s: float) -> None:
+    assert patience_s(given) == waited_s
+
+
+@pytest.mark.parametrize(
+    ("argument", "name"),
+    [
+        ("/home/me/wave.py", "wave.py"),
+        ("/x/strands_demo/__main__.py", "strands_demo"),
+        ("-c", "python"),
+        ("", "python"),
+    ],
+)
+def test_a_program_is_named_as_people_know_it(argument: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.argv", [argument])
+    assert signed(None) == signed("") == f"a program ({name}, process {os.getpid()})"
+    assert signed("the button\n") == "the button\\n"
+
+
+@pytest.mark.parametrize("answer", [{"motors": 3}, {"took_ms": "soon"}, {"outcome": "safe", "took_ms": NAN}])
+def test_an_answer_that_makes_no_sense_is_not_safe(answer: dict[str, Any]) -> None:
+    assert outcome_of("so101", answer).outcome == "unconfirmed"

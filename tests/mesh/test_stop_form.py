@@ -1,0 +1,96 @@
+"""A stop is refused for nothing: neither its form, nor another name in it."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from strands_actors.kernel.channels.pubsub import Received
+from strands_actors.supervisors.mesh import schemas as mesh_json
+from strands_actors.supervisors.mesh.stop_rules import Said, read_loosely
+
+from .world import Samples, mesh, raw, robot_on_mesh, run, until
+
+NAMED = {"sender_id": "dash", "turn_id": "1"}
+FORMS: list[tuple[dict[str, Any], bool, str]] = [
+    ({**NAMED, "command": {"action": "stop", "reason": "collision"}}, False, "dash"),
+    ({**NAMED, "command": {"action": "stop", "by": None}}, False, "dash"),
+    ({**NAMED, "command": {"action": " STOP ", "by": {"name": "me"}}}, False, "dash"),
+    ({"sender_id": "dash", "command": {"action": "stop"}}, False, "dash"),
+    ({**NAMED, "turn_id": 7, "command": {"action": "stop"}}, False, "dash"),
+    ({**NAMED, "command": {"action": "estop"}}, True, "dash"),
+    ({**NAMED, "command": {"action": "EStop", "reason": "collision", "by": "me"}}, True, "dash"),
+    ({**NAMED, "command": "stop"}, False, "dash"),
+    ({**NAMED, "target_id": None, "action": "stop"}, False, "dash"),
+    ({"command": {"action": "estop"}}, True, ""),
+    ({**NAMED, "padding": "x" * 20_000, "command": {"action": "stop"}}, False, "dash"),
+]
+
+
+@pytest.mark.parametrize(("said", "locks", "told"), FORMS, ids=lambda value: str(value)[:60])
+@pytest.mark.parametrize("key", [mesh_json.BROADCAST_KEY, "cmd"])
+def test_saf_006_a_stop_is_obeyed_whatever_its_form(key: str, said: Any, locks: bool, told: str) -> None:
+    async def test() -> None:
+        async with robot_on_mesh() as (robot, tree, _), mesh() as client:
+            answers = Samples(client, f"strands/dash/response/{robot}/*")
+            await raw(client, robot, json.dumps(said).encode(), key)
+            status = await tree.until("disarmed")
+            assert bool(status.locked_by) is locks
+            if told:
+                answer = (await answers.wait())[-1]
+                named = said.get("turn_id") == "1"
+                assert (answer["result"]["locked"], answer["turn_id"]) == (locks, "1" if named else "")
+
+    run(test)
+
+
+def test_a_broadcast_for_another_robot_stops_that_one_alone() -> None:
+    async def test() -> None:
+        async with robot_on_mesh() as (_, tree, _), robot_on_mesh() as (robot, other, _), mesh() as client:
+            said = {"sender_id": "dash", "target_id": robot, "command": {"action": "stop", "reason": "x"}}
+            for via in client.sessions.all:
+                via.put(mesh_json.BROADCAST_KEY, json.dumps(said).encode(), "x")
+            await other.until("disarmed")
+            assert (await tree.status()).mode == "armed"
+
+    run(test)
+
+
+def test_saf_006_whoever_reaches_a_robots_key_stops_that_robot_and_moves_no_other() -> None:
+    async def test() -> None:
+        async with robot_on_mesh() as (robot, tree, _), mesh() as client:
+            await until(lambda: client.is_there(robot), "it is there")
+            via, answers = client.sessions.via[robot], list[Received]()
+            said = {**NAMED, "target_id": "so100_left"}
+            for action in ("ping", "estop"):
+                ask = json.dumps({**said, "command": {"action": action}}).encode()
+                via.ask(mesh_json.command_key(robot, "me"), ask, "x", answers.append)
+                await until(lambda action=action: len(answers) > (action == "estop"), "it is answered")  # type: ignore[misc]
+            refused, stopped = (msgspec.json.decode(answer.payload) for answer in answers[:2])
+            assert refused["refused"]["code"] == "target" and "so100_left" in refused["error"]
+            assert stopped["result"]["locked"] is True
+            assert (await tree.status()).locked_by == "me"
+
+    run(test)
+
+
+@given(st.binary(max_size=200) | st.text().map(str.encode))
+def test_no_bytes_raise(payload: bytes) -> None:
+    read_loosely(payload)
+    read_loosely(b'{"command": ' + payload + b"}")
+
+
+@pytest.mark.parametrize("payload", [b"", b"null", b"[]", b"[" * 5000, b'{"command": {"action": ["stop"]}}'])
+def test_what_says_nothing_is_no_stop(payload: bytes) -> None:
+    assert read_loosely(payload) == Said()
+
+
+def test_what_is_wrong_with_one_field_spoils_no_other() -> None:
+    said = read_loosely(b'{"sender_id": "a/b", "turn_id": "1", "command": {"action": "stop", "by": "\xff"}}')
+    assert said == Said(turn="1", action="stop")
+    assert len(read_loosely(json.dumps({"command": {"action": "stop", "by": "x" * 999}}).encode()).by) == 256
