@@ -59,17 +59,18 @@ class RoverCamera:
     def __init__(self, client: HttpClient, view: str) -> None:
         self._client = client
         self._view = view
-        self._stamp_s = math.nan
+        self._stamp_s: float | None = None  # None: none was told yet
 
     async def read(self) -> contract.Picture:
         """A picture that is not the last one. It was taken when it was asked for, or before: the
-        rover's clock is not ours."""
+        rover's clock is not ours. The first shows nothing: a service that has stopped gives its last
+        one for ever, and who opens it anew would take that for a new one."""
         with trio.move_on_after(PICTURE_S):
             while True:
                 asked_ns = time.monotonic_ns()
                 told = await _ask(self._client, self._view)
-                if told.stamp_s != self._stamp_s or math.isnan(told.stamp_s):
-                    self._stamp_s = told.stamp_s
+                before_s, self._stamp_s = self._stamp_s, told.stamp_s
+                if math.isnan(told.stamp_s) or (before_s is not None and told.stamp_s != before_s):
                     return contract.Picture(await trio.to_thread.run_sync(_pixels, told.jpeg), asked_ns)
                 await trio.sleep(AGAIN_S)
         raise WireDown(f"picture: the {self._view} camera gives the same one again. Look at the SDK process")

@@ -45,27 +45,37 @@ def services_for(timeout_s: float) -> dict[str, Service]:
     def moves(about: str, within_s: float, arguments: Mapping[str, Any] | None = None) -> Service:
         return Service(about, within_s, dict(arguments or {}), in_motion=True, moves=True)
 
+    def powers(about: str, within_s: float = ask_s, arguments: Mapping[str, Any] | None = None) -> Service:
+        return Service(about, within_s, dict(arguments or {}), in_motion=True, powers=True)
+
     return {
-        "enable": Service("hand the duck to its policy: it stands up and balances", rise_s, in_motion=True),
-        "disable": asks("take it back from its policy: it holds its pose, and nothing balances it"),
+        "enable": powers("hand the duck to its policy: it stands up and balances", rise_s),
+        "disable": powers("take it back from its policy: it holds its pose, and nothing balances it"),
         "do": moves("run a skill that the robot has, by name", ask_s, {"skill": ""}),
         "sit": moves("sit down, if it stands", ask_s),
         "stand": moves("stand up, if it sits", ask_s),
         "look_at": moves("turn the head towards a point", ask_s, {"x": 0.0, "y": 0.0, "z": 0.0, "neck_pitch": 0.0}),
-        "relax": asks("take the torque away: an unheld duck collapses", {CONFIRM: False}),
-        "init": asks("power the joints and move all of them to the home pose", {CONFIRM: False}),
-        "reboot_motors": asks("restart servos; torque goes off on all of them", {"ids": "", CONFIRM: False}),
+        "relax": powers("take the torque away: an unheld duck collapses", arguments={CONFIRM: False}),
+        "init": powers("power the joints and move all of them to the home pose", arguments={CONFIRM: False}),
+        "reboot_motors": powers(
+            "restart servos; torque goes off on all of them", arguments={"ids": "", CONFIRM: False}
+        ),
         "skills": asks("tell the skills that the robot has"),
         "sounds": asks("tell the sounds that it can play"),
         "play_sound": asks("play a sound of its voice", {"tag": "chirp"}),
-        "theremin": asks("play by the depth sensor, the mouth moves along; or end that", {"active": True}),
-        "mode": asks("tell the drive mode"),
-        "set_mode": asks("change the drive mode: it goes home, loads other policies, drives again", {"mode": ""}),
-        "policies": asks("tell what each policy slot runs"),
-        "load_policy": asks(
-            "put a file of the robot's into a policy slot; no path: back to its own", {"slot": "", "path": ""}
+        "theremin": powers(
+            "play by the depth sensor, the mouth moves along; or end that", arguments={"active": True}
         ),
-        "reload_policies": asks("read all policy slots again"),
+        "mode": asks("tell the drive mode"),
+        "set_mode": powers(
+            "change the drive mode: it goes home, loads other policies, drives again", arguments={"mode": ""}
+        ),
+        "policies": asks("tell what each policy slot runs"),
+        "load_policy": powers(
+            "put a file of the robot's into a policy slot; no path: back to its own",
+            arguments={"slot": "", "path": ""},
+        ),
+        "reload_policies": powers("read all policy slots again"),
         "health": asks("tell what robotd says of itself"),
         "version": asks("tell the versions of robotd and of its protocol"),
         "model": asks("tell the geometry of the robot"),

@@ -53,6 +53,7 @@ SERVICES: Mapping[str, Service] = {
         2.0,
         {"mode": "enabled"},
         in_motion=True,
+        powers=True,
     ),
     "say": Service("say a text by the speaker", 30.0, {"text": ""}, in_motion=True),
     "play_sound": Service("play a sound file of the robot's", 5.0, {"file": ""}, in_motion=True),

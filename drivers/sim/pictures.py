@@ -39,8 +39,8 @@ class ScenePictures:
         self._scene = -1
 
     async def read(self) -> Picture:
+        captured_ns = time.monotonic_ns()  # before it is asked: an answer that was long on its way is old
         pose = await self._client.call(p.GetPose(0), p.Pose, POSE_S)
-        captured_ns = time.monotonic_ns()
         if pose.scene != self._scene:
             await self._take_scene()
             return await self.read()

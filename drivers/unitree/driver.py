@@ -219,6 +219,7 @@ class Go2Driver(_Legs):
             within_s=ATTEMPTS * RELEASE_S + 1.0,
             arguments={"attempts": ATTEMPTS},
             counts={"attempts": ATTEMPTS},
+            powers=True,
         )
     }
     BEFORE_MOTION: ClassVar[str] = "release_sport_mode"

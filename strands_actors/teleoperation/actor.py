@@ -7,8 +7,10 @@ dead, frozen or without a leader it sends none, and the robot holds.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
+import termios
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -55,6 +57,9 @@ from .sources import Arm, Asked, Operator, Reading, Source, made_of
 ASK_S = 0.1
 LIFETIME_NS = 100_000_000
 """Of a setpoint, from when the leader was measured."""
+GONE = (WireDown, OSError, termios.error)
+"""A leader is unplugged: of lerobot's objects that is a ConnectionError, or what pyserial lets
+through."""
 LOOK_S = 0.02
 REPORT_S = 0.1
 ROBOT_S = 0.5
@@ -151,18 +156,23 @@ class Teleoperation(Actor):
         raise ValueError(f"teleoperation: no source {told['type']!r}")
 
     async def _lead(self) -> None:
-        """Read for ever. A leader that is gone is tried again: to go on takes a new press."""
+        """Read for ever. A leader that is gone is tried again: to go on takes a new press. An object
+        that never was connected is not: its words may tell what to do (calibrate it)."""
+        opened = False
         try:
             source = self._source()
             while self._ended is None:
                 try:
                     await source.open()
-                    self._leader = "connected"
+                    opened, self._leader = True, "connected"
                     await self._read(source)
-                except WireDown as down:
-                    source.close()
-                    self._leader = str(down)
-                    await self._leave(f"the leader is gone: {down}")
+                except GONE as gone:
+                    if not opened and not isinstance(gone, WireDown):
+                        raise
+                    with contextlib.suppress(Exception):  # code of others, that has lost its device
+                        source.close()
+                    self._leader = why = str(gone) if isinstance(gone, WireDown) else describe(gone)
+                    await self._leave(f"the leader is gone: {why}")
                     await trio.sleep(AGAIN_S)
         except Exception as error:  # code of others: a leader's object, a map_fn
             await self._end("policy", describe(error))

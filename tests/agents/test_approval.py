@@ -7,16 +7,28 @@ import pty
 import threading
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 import trio
 
 from strands_actors import Robot
+from strands_actors.caller import envelopes as answers
+from strands_actors.contract.driver import Driver
+from strands_actors.drivers.crazyflie.driver import Crazyflie
+from strands_actors.drivers.feetech.driver import Feetech
+from strands_actors.drivers.microduck.driver import Microduck
+from strands_actors.drivers.robotiq.driver import Robotiq
+from strands_actors.drivers.sim.driver import SimDriver
+from strands_actors.drivers.spot.driver import Spot
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.processes.guard import ALLOW
 from strands_actors.surfaces.agents import approval as gate
-from strands_actors.surfaces.agents.approval import Approval, Approve, Request
+from strands_actors.surfaces.agents.approval import Approval, Approve, Request, approval_of
+from strands_actors.surfaces.agents.calls import Call, read
+from strands_actors.surfaces.agents.use import _in_its_verbs, use
+from tests.answers import why
 
 MOVE = Request("so101", "move_to", {"targets": {"gripper": 3}})
 
@@ -58,7 +70,7 @@ def test_a_guarded_verb_and_a_guarded_key_are_asked_about() -> None:
 
 
 @pytest.mark.parametrize(
-    ("approve", "why"),
+    ("approve", "told"),
     [
         (None, "there is nobody to ask"),
         (lambda request: False, "it was not given"),
@@ -68,18 +80,77 @@ def test_a_guarded_verb_and_a_guarded_key_are_asked_about() -> None:
         (raises, "asking failed with PermissionError: not on my watch"),
     ],
 )
-def test_only_true_is_a_yes(approve: Any, why: str) -> None:
+def test_only_true_is_a_yes(approve: Any, told: str) -> None:
     refusal = ask(guarded(approve))
     assert refusal is not None
     assert (refusal.code, refusal.offered) == ("not_approved", "move_to")
-    assert why in refusal.text
+    assert told in refusal.text
     assert ALLOW in refusal.remedy
 
 
-@pytest.mark.parametrize("keywords", [{"guarded": "move_to"}, {"guarded": ("stop",)}, {"approve": True}])
+@pytest.mark.parametrize(
+    "keywords", [{"guarded": "move_to"}, {"guarded": ("stop",)}, {"guarded": 5}, {"approve": True}]
+)
 def test_what_would_guard_nothing_is_refused(keywords: dict[str, Any]) -> None:
     with pytest.raises((TypeError, ValueError), match=r"guarded|approve"):
         Robot("so101", mode="real", port="/dev/nowhere", **keywords)
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("set_torqu", "(do you mean set_torque?)"),
+        ("send_action", "(do you mean move_to?)"),
+        ("move", "(do you mean move_to?)"),
+        ("resume", "(do you mean set_torque?)"),
+        ("status", "there are move_to, set_torque"),
+        ("Gripper", "(do you mean gripper?)"),
+    ],
+)
+def test_a_name_that_guards_nothing_is_refused_with_those_there_are(name: str, told: str) -> None:
+    with pytest.raises(ValueError, match=f"guarded names '{name}', which guards nothing") as refusal:
+        Robot("so101", mode="real", port="/dev/nowhere", guarded=("move_to", name))
+    assert told in str(refusal.value)
+
+
+def test_verbs_axes_and_services_can_be_guarded() -> None:
+    arm = approval_of(Feetech, ("set_torque", "gripper.pos"), never, 1.0)
+    assert arm.guarded == {"set_torque", "gripper"}
+    assert approval_of(Crazyflie, ("takeoff",), never, 1.0).guarded >= {"takeoff"}
+    assert "stand" in approval_of(Spot, ("stand",), never, 1.0).guarded
+    with pytest.raises(ValueError, match="land, which is a stop"):
+        approval_of(Crazyflie, ("land",), never, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("driver_class", "robot", "given"),
+    [
+        (Spot, "spot", {"action": "stand"}),
+        (Microduck, "microduck", {"action": "disable"}),
+        (Microduck, "microduck", {"action": "reboot_motors", "confirm": True}),
+    ],
+)
+def test_an_operator_is_asked_before_motors_get_or_lose_power(
+    driver_class: type[Driver], robot: str, given: dict[str, Any]
+) -> None:
+    tree: Any = SimpleNamespace(robot=robot, driver=driver_class(robot, "", driver_class.resolve(robot, {})))
+    call = read(tree.driver, given)
+    assert isinstance(call, Call)
+    asked: list[Request] = []
+    approval = approval_of(driver_class, (given["action"],), lambda request: bool(asked.append(request)), 5.0)
+    assert "needs an operator's approval" in why(trio.run(use, tree, call, approval, "agent"))
+    assert [request.verb for request in asked] == [given["action"]]
+    assert "motion is not allowed here" in why(trio.run(use, tree, call, Approval(), "mcp", "ask"))
+
+
+def test_of_a_robot_that_is_known_later_no_motion_is_allowed_until_the_names_are_right() -> None:
+    """A simulation's verbs are those of its robot, which its class does not know."""
+
+    mistaken = approval_of(SimDriver, ("set_torqu",), never, 1.0)
+    tree: Any = SimpleNamespace(robot="so101", driver=Feetech("so101", "", Feetech.resolve("so101", {})))
+    call = read(tree.driver, {"action": "move_to", "targets": {"gripper": 1.0}})
+    assert isinstance(call, Call)
+    assert "move_to: guarded names 'set_torqu'" in why(trio.run(use, tree, call, mistaken, "agent"))
 
 
 def test_no_answer_in_time_is_a_no() -> None:
@@ -140,3 +211,9 @@ def test_without_a_terminal_it_is_a_no(monkeypatch: pytest.MonkeyPatch) -> None:
     refusal = ask(guarded(gate.ask_on_terminal))
     assert refusal is not None
     assert "asking failed with FileNotFoundError" in refusal.text
+
+
+def test_a_tool_without_a_verb_for_it_says_that_a_person_has_to_resume() -> None:
+    refused = answers.refused(Refused("disarmed", "move: the robot is disarmed", "call resume() first"))
+    gripper = Robotiq("robotiq_2f85", "", Robotiq.resolve("robotiq_2f85", {}))
+    assert why(_in_its_verbs(refused, gripper)).endswith("a person has to resume it: no verb of this tool does")

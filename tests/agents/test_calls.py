@@ -92,6 +92,34 @@ def test_what_a_call_comes_to(given: dict[str, Any], kind: str) -> None:
     assert called(ARM, given).kind == kind
 
 
+SAYS_OR_TELLS = {
+    "reachy_mini": {
+        "list_moves", "say", "play_sound", "volume", "set_volume", "tracking_status", "camera", "record_audio",
+        "turn_to_sound_status",
+    },
+    "microduck": {
+        "skills", "sounds", "play_sound", "mode", "policies", "health", "version", "model", "odometry", "monitor",
+        "tof",
+    },
+    "earthrover": {"speak"},
+}  # fmt: skip
+"""Services of which nobody needs leave. A new one is motion, or is put here."""
+
+
+@pytest.mark.parametrize("robot", sorted(list_native_drivers()))
+def test_what_gives_or_takes_power_is_motion(robot: str) -> None:
+    made = driver(robot)
+    read = {verb.name for verb in made.TOOL_VERBS if verb.does == "service" and kind_of(made, verb) == "read"}
+    assert read == SAYS_OR_TELLS.get(made.robot, set())
+
+
+def kind_of(of: Driver, verb: ToolVerb) -> str:
+    values: dict[str, Any] = {"string": "x", "number": 1.0, "boolean": True, "object": {}}
+    return called(
+        of, {"action": verb.name, **{name: values[verb.inputs[name]["type"]] for name in verb.required}}
+    ).kind
+
+
 @pytest.mark.parametrize("given", [{}, {"action": None}, {"action": None, "targets": None}])
 def test_an_empty_input_asks_how_the_robot_is(given: dict[str, Any]) -> None:
     for driver in (ARM, GRIPPER):

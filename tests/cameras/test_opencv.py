@@ -115,6 +115,16 @@ def test_the_devices_own_time_counts_where_it_is_on_our_clock(behind_ms: float, 
     assert (picture.captured_ns < before_ns) == counts
 
 
+def test_a_device_that_was_believed_once_is_believed_when_its_picture_is_old() -> None:
+    """It waited in the device's buffer while nobody took it."""
+    behind_ms = {1: 40.0, 2: 10_000.0, 3: 20.0}
+    cv2 = StandIn(kernel_ms=lambda count: time.monotonic_ns() / 1e6 - behind_ms.get(count, 0.0))
+    source = open_with(settings(), cv2)
+    ages_s = [(time.monotonic_ns() - trio.run(source.read).captured_ns) / 1e9 for _ in range(3)]
+    assert ages_s[0] < 1.0 and ages_s[2] < 1.0
+    assert ages_s[1] > 9.9, "it is stale, and is said to be"
+
+
 def test_what_is_not_there_is_told_with_what_is() -> None:
     cv2 = StandIn(is_there=False)
     with pytest.raises(WireDown, match=r"/dev/video7 cannot be opened\. there (is no|are) /dev/video"):

@@ -73,6 +73,20 @@ def test_a_refused_request_is_recorded_beside_what_stays_in_force() -> None:
     assert row.action == (5.0, 0.5) and row.requested == (400.0, 0.5)
 
 
+def test_what_is_accepted_counts_though_its_lease_was_not_seen() -> None:
+    """The journal has a gap where it was given: the robot moves on command all the same."""
+    robot = Robot()
+    robot.sees(890, 0.0)
+    robot.assembler.hear([("command", ms(891), Command("acquire", "x", "accepted", 1))])
+    robot.moves(895, 5.0, accepted=5.0)
+    robot.assembler.hear([("gap", ms(950), Gap("wire", 12, "the recorder was slower"))])
+    robot.sees(990, 1.0)
+    robot.moves(995, 7.0, accepted=7.0, lease=2)
+    robot.moves(996, 50.0, lease=1)  # the last writer's, refused
+    (row,) = robot.rows(1000)
+    assert row.action == (7.0, 0.5) and row.requested == (7.0, 0.5)
+
+
 def test_without_a_target_the_action_is_to_stay() -> None:
     robot = Robot()
     robot.sees(990, 1.0, v=0.3)

@@ -114,6 +114,7 @@ def test_a_script_records_episodes_and_what_was_asked_stands_beside_what_was_don
         assert [one["episode"] for one in recording.saved] == [0, 1]
     assert check(root) == 2 and info_of(root)["robot_type"] == "strands_so101"
     assert info_of(root)["features"]["action"]["names"] == [f"{axis}.pos" for axis in AXES]
+    assert info_of(root)["features"]["action"]["units"] == ["deg"] * 5 + ["percent"]
     rows = rows_of(root)
     assert len({tuple(row["action"]) for row in rows}) > 5
     last = rows[-1]

@@ -7,6 +7,7 @@ import json
 import os
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -312,6 +313,42 @@ def test_another_kind_of_episode_is_refused(root: Path, other: Layout, told: str
     add_episode(dataset, 3)
     with pytest.raises(DatasetError, match=told):
         dataset.require(other)
+
+
+IN_DEGREES = ("deg", "deg", "percent")
+
+
+def test_the_units_stand_beside_the_names_and_another_unit_is_refused(root: Path) -> None:
+    """Of one robot the same names may count in radians, degrees, or shares of a range."""
+    layout = msgspec.structs.replace(LAYOUT, units=IN_DEGREES)
+    dataset = Dataset(root)
+    episode = begin(dataset, layout=layout)
+    fill(episode, [row(number) for number in range(3)])
+    episode.finish()
+    dataset.commit(episode.folder)
+    dataset.close()
+    features = info_of(root)["features"]
+    for vector in ("action", "requested_action", "observation.state"):
+        assert features[vector]["units"] == list(IN_DEGREES)
+    assert "units" not in features["age_ms"]
+    again = Dataset(root)
+    assert again.require(layout) == layout
+    with pytest.raises(DatasetError, match="action is in deg, deg, percent, not in rad, rad, percent"):
+        again.require(msgspec.structs.replace(LAYOUT, units=("rad", "rad", "percent")))
+
+
+def test_a_dataset_without_units_goes_on_and_has_them_from_then_on(root: Path) -> None:
+    dataset = Dataset(root)
+    add_episode(dataset, 3)
+    dataset.close()
+    assert "units" not in info_of(root)["features"]["action"]
+    dataset = Dataset(root)
+    episode = begin(dataset, layout=dataset.require(msgspec.structs.replace(LAYOUT, units=IN_DEGREES)))
+    fill(episode, [row(number) for number in range(3)])
+    episode.finish()
+    dataset.commit(episode.folder)
+    assert info_of(root)["features"]["action"]["units"] == list(IN_DEGREES)
+    assert check(root) == 2
 
 
 @pytest.mark.parametrize(

@@ -59,6 +59,21 @@ def test_of_several_readings_the_tightest_counts_and_ages() -> None:
     assert late.highest_ns - late.lowest_ns > soon.highest_ns - soon.lowest_ns
 
 
+def test_saf_001_what_a_newer_reading_excludes_is_dropped() -> None:
+    """The robot's computer slept for five seconds: by the older readings every deadline would be so
+    much too late."""
+    clock, ahead_ns = RobotClock(), 1000 * SECOND
+    for at_ms in (0, 100, 2_200, 4_200):
+        clock.read(at_ms * MS + ahead_ns + 2 * MS, at_ms * MS, at_ms * MS + 4 * MS)
+    ahead_ns -= 5 * SECOND
+    for at_ms in (11_200, 13_200):
+        clock.read(at_ms * MS + ahead_ns + 2 * MS, at_ms * MS, at_ms * MS + 4 * MS)
+        bounds = clock.bounds(at_ms * MS + 4 * MS)
+        assert bounds is not None and bounds.lowest_ns <= ahead_ns <= bounds.highest_ns
+        deadline_ns = clock.deadline(at_ms * MS + 100 * MS, at_ms * MS + 4 * MS)
+        assert deadline_ns is not None and deadline_ns <= at_ms * MS + 100 * MS + ahead_ns
+
+
 def test_what_is_forgotten_is_not_known() -> None:
     clock = RobotClock()
     clock.read(0, 0, 1)

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import socket
 import stat
+import subprocess
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import resources
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -152,3 +155,47 @@ def test_a_port_that_is_taken_is_told(pair: Pair) -> None:
     assert f"no page at {where}" in ended["exit_detail"]
     with pytest.raises(ValueError, match="give an address of this host"):
         Teleoperator("page", listen="127.0.0.1:http")
+
+
+@pytest.mark.parametrize("at_ms", [1e308, -1e308, -1.0, 1e15])
+def test_a_page_with_an_impossible_clock_is_none_of_ours(pair: Pair, at_ms: float) -> None:
+    with operated(pair) as (address, socket):
+        socket.send(json.dumps({"held": False, "rates": {}, "at_ms": at_ms}))
+        with pytest.raises(ConnectionClosed):
+            for _ in range(100):
+                socket.recv(timeout=10.0)
+        with operator(address) as again:
+            say(again, False)
+            assert json.loads(again.recv(timeout=10.0))["state"], "it is served on"
+
+
+PADS = """
+const html = require("fs").readFileSync(process.argv[1], "utf-8")
+const start = html.indexOf("const DEAD_ZONE"), end = html.indexOf("let socket, open")
+let focused = true
+const document = {hasFocus: () => focused}
+const element = () => ({textContent: ""}), told = {axes: ["a", "b"]}, buttons = {start() {}, discard() {}}
+const pad = {connected: true, id: "pad", index: 0, axes: [1, 0, 0, 0], buttons: Array(16).fill({pressed: false})}
+const shoulder = pressed => { pad.buttons[4] = {pressed} }
+const navigator = {getGamepads: () => [null, pad]}
+const pads = new Function("document", "element", "told", "buttons", "navigator",
+  html.slice(start, end) + "; return pads")(document, element, told, buttons, navigator)
+const seen = []
+for (const [focus, held] of [[true, true], [false, true], [true, true], [true, false], [true, true]]) {
+  focused = focus
+  shoulder(held)
+  seen.push(pads())
+}
+console.log(JSON.stringify(seen))
+"""
+
+
+def test_a_gamepad_counts_only_while_its_page_has_the_focus() -> None:
+    """Elsewhere a browser may tell for ever how it was last: with the dead-man held."""
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("no node")
+    page = resources.files("strands_actors.teleoperation.page").joinpath("page.html")
+    told = subprocess.run([node, "-e", PADS, str(page)], capture_output=True, text=True, timeout=30.0, check=True)
+    held = {"a": 1, "b": 0}
+    assert json.loads(told.stdout) == [held, None, None, None, held], "back again, only a new press counts"

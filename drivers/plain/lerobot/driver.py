@@ -14,19 +14,22 @@ from typing import Any, ClassVar
 
 import msgspec
 
-from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason
+from strands_actors.contract.driver import HOLDING_REASONS, Candidate, Driver, GateCheck, GateState, Reason
 from strands_actors.contract.loading import load
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import StopChannel
 from strands_actors.kernel.clock import Clock
+from strands_actors.kernel.messages import Refused
 
 from ..config import Deadlines
 from ..driver import LEAVING, PlainDriver
 from ..members import Declared
+from .follower import LIMP
 from .types import TYPES, Type
 
 ARM_S = 2.0
 """To write the goals and energise: a few frames a motor."""
+REMEDY = "take the load off, then call stop() and resume() to energise it again"
 OWN_STOP_S = 2.5
 """Of a stop by our own codec, where the wire's own may wait for a call that is under way."""
 
@@ -45,6 +48,7 @@ class LeRobotDriver(PlainDriver):
             self._own = load(self.kind.wire)(robot, port, options["own"])
             self.timing = msgspec.structs.replace(self.timing, arm_s=ARM_S, safe_s=OWN_STOP_S)
         if self.kind.holds:
+            self.gates = (*self.gates, _has_torque(self.axes))
             self.fallbacks = {reason: _safe_state(reason) for reason in Reason}
         self.firmware_watchdog = (
             "not known: LeRobot's class does not say" if self._own is None else self._own.firmware_watchdog
@@ -75,6 +79,18 @@ class LeRobotDriver(PlainDriver):
         if self._own is None:
             return super().stop_channel(descriptors, clock)
         return self._own.stop_channel(descriptors, clock)
+
+
+def _has_torque(axes: Sequence[str]) -> GateCheck:
+    def has_torque(candidate: Candidate, state: GateState) -> Refused | None:
+        """Refuse to move a motor that has lost its torque: a goal may give it back, with a jump."""
+        faults = state.observation.faults
+        limp = next((axes[at] for at in candidate.named if faults.get(axes[at]) == LIMP), "")
+        if not limp:
+            return None
+        return Refused("limp", f"move: {limp} is limp", REMEDY, LIMP, "torque")
+
+    return has_torque
 
 
 def _safe_state(reason: Reason) -> str:

@@ -12,7 +12,7 @@ import dataclasses
 import functools
 import importlib
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from inspect import signature
 from typing import Any, ClassVar
 
@@ -22,6 +22,11 @@ GOAL, PRESENT, TORQUE = "Goal_Position", "Present_Position", "Torque_Enable"
 """LeRobot's names of the registers."""
 LOOKS, LOOK_S = 4, 0.03
 """How often the torque is read back, and how long answers have to be late in between."""
+TORQUE_EVERY = 3
+"""Readings of the positions to one of the torque: a tenth of a second at 30 a second. A servo that
+resets or is overloaded is limp for longer; asked each time, it would cost a third of the bus."""
+LIMP = "limp"
+"""What is said of a motor that has lost its torque."""
 TRIES = 2
 """Of one that answers badly; a deadline is behind them all."""
 
@@ -43,6 +48,9 @@ class Follower:
         self._fields = {"id": tool_name, **fields, **({kind.port: port} if port is not None else {})}
         self._robot = self._make()
         self._energised = False
+        self._readings = 0
+        self.limp: frozenset[str] = frozenset()
+        """Motors that were energised, and had no torque when they were asked last."""
 
     def _make(self) -> Any:
         import draccus  # LeRobot's own; what it reads its command line with
@@ -93,28 +101,56 @@ class Follower:
 
     def _energise(self) -> None:
         for bus in self._buses():
-            self._hold(bus)  # a goal of an earlier time would be a jump
+            motors = self._goals(bus)
+            bus.sync_write(GOAL, _read(bus, PRESENT, motors), normalize=False)  # an earlier goal would be a jump
             bus.enable_torque(num_retry=TRIES)
-        self._energised = True
+        self._energised, self._readings, self.limp = True, 0, frozenset()
 
     def get_observation(self) -> Mapping[str, Any]:
         observed: Mapping[str, Any] = self._robot.get_observation()
+        if self._energised and self._kind.holds:
+            self._readings += 1
+            if self._readings % TORQUE_EVERY == 0:
+                self.limp = frozenset(name for path in self._kind.buses for name in self._without_torque(path))
         return observed
 
     def send_action(self, action: Mapping[str, float]) -> None:
+        """Raise ``RuntimeError`` for one that moves a motor without torque: on an STS3215 a goal
+        turns it on."""
+        if limp := self.limp_of(action):
+            raise RuntimeError(f"{', '.join(limp)} has no torque")
         self._robot.send_action(dict(action))
 
-    def hold(self) -> str:
-        """Make the present positions the goals. Return what went wrong."""
-        return self._each([functools.partial(self._hold, bus) for bus in self._buses()])
+    def limp_of(self, action: Collection[str]) -> list[str]:
+        """Return which motors without torque an action would move: those that it names, and those
+        that are no key of the robot's (wheels), which any may."""
+        known = self.action_features if self.limp else ()
+        return sorted(name for name in self.limp if f"{name}.pos" in action or f"{name}.pos" not in known)
 
-    def _hold(self, bus: Any) -> None:
-        motors = getattr(self._robot, self._kind.goals) if self._kind.goals else None
-        bus.sync_write(GOAL, _read(bus, PRESENT, motors), normalize=False)
+    def hold(self) -> str:
+        """Make the present positions the goals of those that have torque; ``limp`` are the others.
+        Return what else went wrong."""
+        self.limp = frozenset()
+        return self._each([functools.partial(self._hold, path) for path in self._kind.buses])
+
+    def _hold(self, path: str) -> None:
+        bus, prefix = _at(self._robot, path), _prefix(path)
+        limp = self._without_torque(path)
+        self.limp |= limp
+        if motors := [motor for motor in self._goals(bus) if prefix + motor not in limp]:
+            bus.sync_write(GOAL, _read(bus, PRESENT, motors), normalize=False)
+
+    def _goals(self, bus: Any) -> list[str]:
+        """Return the motors of a bus that have goals."""
+        return list(getattr(self._robot, self._kind.goals) if self._kind.goals else bus.motors)
+
+    def _without_torque(self, path: str) -> frozenset[str]:
+        torque = _read(_at(self._robot, path), TORQUE)
+        return frozenset(_prefix(path) + motor for motor, value in torque.items() if not value)
 
     def stop(self) -> Mapping[str, Any] | None:
         """Do all that the type is stopped by, whatever fails of it, and read the torque back."""
-        self._energised = False
+        self._energised, self.limp = False, frozenset()
         if not self._robot.is_connected:
             return None
         calls = [functools.partial(self._called, path) for path in self._kind.stops]
@@ -209,6 +245,12 @@ def _limp(bus: Any, agreeing: int = 1) -> None:
         if seen == agreeing:
             return
     raise ConnectionError(why)
+
+
+def _prefix(path: str) -> str:
+    """Return what the robot's keys have before the motors of one of its buses: ``left_arm.bus``."""
+    side, arm, _ = path.partition("_arm.")
+    return f"{side}_" if arm else ""
 
 
 def _at(thing: Any, path: str) -> Any:

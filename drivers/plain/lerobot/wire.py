@@ -6,10 +6,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from msgspec.structs import replace
+
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.contract.wire import MotorReport, ProcessSpent
+from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, ProcessSpent
 
 from ..wire import PlainWire, reports
+from .follower import LIMP
 from .types import TYPES
 
 
@@ -27,7 +30,30 @@ class LeRobotWire(PlainWire):
             failure = await self._call("hold", self._within.stop_s, self._instance.hold)
         except ProcessSpent as spent:
             return reports(self._config, str(spent), written=False)
-        return reports(self._config, failure)
+        limp = self._limp()
+        held = reports(self._config, failure)
+        return tuple(replace(one, safe=False, detail=failure or LIMP) if one.axis in limp else one for one in held)
+
+    async def write(self, values: tuple[float, ...], permit: Permit) -> None:
+        """A motor that lost its torque since the gate looked is no reason to stop the others."""
+        made, count = self._instance.made, len(self._config.axes)
+        named = [key for at, key in enumerate(self._config.declared.keys) if values[count + at]]
+        if made is not None and made.limp_of(named):
+            raise PermitDenied("a motor that it would move has no torque")
+        await super().write(values, permit)
+
+    def _limp(self) -> frozenset[str]:
+        """Return the axes without torque; all, where a motor has none that is no axis of its own."""
+        made = self._instance.made
+        limp = frozenset[str]() if made is None else made.limp
+        axes = self._config.axes
+        return limp if limp.issubset(axes) else limp.union(axes)
+
+    def _observation(self, trouble: str = "") -> Observation:
+        seen = super()._observation(trouble)
+        if not (limp := self._limp()):
+            return seen
+        return replace(seen, faults={**seen.faults, **dict.fromkeys(sorted(limp), LIMP)})
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
         """By the stop channel, where it is our own: it needs no object."""

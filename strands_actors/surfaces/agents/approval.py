@@ -19,9 +19,11 @@ from typing import Any
 import trio
 
 from strands_actors.contract.driver import Driver
-from strands_actors.contract.shown import harmless, shown
+from strands_actors.contract.shown import closest, harmless, shown
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.processes.guard import not_approved, unapproved
+
+from .calls import is_motion
 
 MOST_SHOWN = 64
 """Keys of an action that an operator is shown; no robot has more axes."""
@@ -29,6 +31,11 @@ APPROVE_S = 30.0
 """How long an operator may think."""
 
 TERMINAL = Path("/dev/tty")
+
+_MEANT = {"send_action": "action", "action": "action", "move": "action", "resume": "torque", "arm": "torque"}
+"""What the robot's own program calls what an agent asks for by another name. They are refused, not
+taken for it: which verbs an action comes by differs from robot to robot, and who names one should
+know what is guarded."""
 
 
 @dataclass(frozen=True)
@@ -59,9 +66,36 @@ Approve = Callable[[Request], bool]
 def approval_of(
     driver_class: type[Driver], guarded: Collection[str], approve: Approve | None, within_s: float
 ) -> Approval:
-    """With what the driver guards by itself."""
+    """With what the driver guards by itself. Raise as ``Approval``, and ``ValueError`` for a name
+    that would guard nothing, where that can be known before the robot is: else an agent's motion is
+    refused for it."""
     own = Approval(guarded, approve, within_s)
+    drivers = _drivers(driver_class) if own.guarded else []
+    if drivers and (why := own.guards_nothing(*drivers)):
+        raise ValueError(why)
     return Approval(own.guarded | set(driver_class.GUARDED), approve, within_s, driver_class.TOPICS)
+
+
+def _drivers(driver_class: type[Driver]) -> list[Driver]:
+    """Return one for each robot it is for; none where they cannot be made without their options."""
+    try:
+        return [driver_class(robot, "", driver_class.resolve(robot, {})) for robot in driver_class.SUPPORTED_ROBOTS]
+    except (ValueError, TypeError):
+        return []
+
+
+def _guardable(driver: Driver) -> tuple[str, ...]:
+    """Return what an operator can be asked about: verbs that move the robot or give and take its
+    power, its axes and its own services. Nobody is asked before what only reads, or stops."""
+    services = {name: is_motion(service) for name, service in driver.SERVICES.items()}
+    verbs = {verb.name: verb.does for verb in driver.TOOL_VERBS}
+    moving = [
+        name
+        for name, does in verbs.items()
+        if does in ("action", "torque") or (services.get(name) and does == "service")
+    ]
+    others = [name for name in services if name not in verbs]
+    return tuple(dict.fromkeys((*moving, *driver.GUARDED, *others, *driver.axes)))
 
 
 class Approval:
@@ -79,16 +113,35 @@ class Approval:
         be."""
         if isinstance(guarded, str):
             raise TypeError(f"guarded is {guarded!r}. give a tuple of verbs and action keys: ({guarded!r},)")
+        if not isinstance(guarded, Collection) or not all(isinstance(name, str) for name in guarded):
+            raise TypeError(f"guarded is {shown(guarded)}. give a tuple of verbs and action keys: ('move_to',)")
         if "stop" in guarded:
             raise ValueError("guarded names stop. a stop is never asked about")
         if approve is not None and not callable(approve):
             raise TypeError(
                 f"approve is {approve!r}. give a function that takes a request and returns True or False"
             )
-        self.guarded = frozenset(guarded)
+        self.guarded = frozenset(name.removesuffix(".pos") for name in guarded)
         self._topics = dict(topics or {})
         self._approve = approve
         self._within_s = within_s
+
+    def guards_nothing(self, *drivers: Driver) -> str:
+        """Return which name is none of what one of these robots can be asked for, and what is;
+        empty: all are."""
+        of_each = [_guardable(driver) for driver in drivers]
+        known = list(dict.fromkeys(name for names in of_each for name in names))
+        wrong = sorted(self.guarded.difference(known))
+        if not wrong:
+            return ""
+        name, verbs = wrong[0], [verb for driver in drivers for verb in driver.TOOL_VERBS]
+        if any(verb.name == name and verb.does == "stop" for verb in verbs):
+            return f"guarded names {name}, which is a stop. a stop is never asked about"
+        meant = {verb.name for verb in verbs if verb.does == _MEANT.get(name)} or closest(name, known)
+        hint = f" (do you mean {' or '.join(sorted(meant))}?)" if meant else ""
+        common = [each for each in known if all(each in names for names in of_each)]
+        there = ", ".join(common) + (", and the axes of the robot" if len(common) < len(known) else "")
+        return f"guarded names {shown(name)}, which guards nothing here{hint}. there are {there or 'none'}"
 
     async def refuse(self, request: Request, keys: Iterable[str] = ()) -> Refused | None:
         """None: go on. ``keys``: of the action it would come to."""

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from strands_actors.contract.driver import Driver
+from strands_actors.contract.driver import Driver, Service
 from strands_actors.contract.plain_numbers import as_python
 from strands_actors.contract.shown import closest, shown
 from strands_actors.contract.tool_spec import tool_spec
@@ -33,7 +33,7 @@ class Call:
 
     verb: ToolVerb
     inputs: Mapping[str, Any] = field(default_factory=dict)
-    moves: bool = False  # of a service: it moves the robot
+    moves: bool = False  # of a service: it comes to motion
 
     @property
     def kind(self) -> Kind:
@@ -77,7 +77,13 @@ def read(driver: Driver, given: object) -> Call | Refused:
         return Call(verb)
     inputs = {name: as_python(value) for name, value in given.items() if name != "action" and value is not None}
     service = driver.SERVICES.get(verb.name) if verb.does == "service" else None
-    return _refuse_inputs(verb, inputs) or Call(verb, inputs, service is not None and service.moves)
+    return _refuse_inputs(verb, inputs) or Call(verb, inputs, service is not None and is_motion(service))
+
+
+def is_motion(service: Service) -> bool:
+    """Return whether others than the robot's own program need leave for it: it moves the robot, or
+    gives and takes its motors' power."""
+    return service.moves or service.powers or service.acts
 
 
 def _refuse_inputs(verb: ToolVerb, inputs: Mapping[str, Any]) -> Refused | None:
@@ -99,4 +105,4 @@ def _refuse_inputs(verb: ToolVerb, inputs: Mapping[str, Any]) -> Refused | None:
     return None
 
 
-__all__ = ["Call", "Kind", "read", "tool_spec"]
+__all__ = ["Call", "Kind", "is_motion", "read", "tool_spec"]

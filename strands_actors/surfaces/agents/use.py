@@ -7,21 +7,48 @@ from strands_actors.caller import envelopes as answers
 from strands_actors.caller import verbs
 from strands_actors.caller.envelopes import Answer
 from strands_actors.caller.tree import RobotTree
+from strands_actors.contract.driver import Driver
 from strands_actors.kernel.messages import Refused
 
 from .approval import Approval, Request
 from .calls import Call
 
+RESUME = "call resume() first"
+LIFT = "resume() lifts the lockout"
+"""Remedies that the gate has for the robot's own program."""
+
 
 async def use(tree: RobotTree, call: Call, approval: Approval, by: str, motion: str = "") -> Answer:
     """``motion``: how to allow motion, where it is not; empty: it is. A stop is neither asked about
-    nor held up."""
+    nor held up. What the robot's own program is told to call is told in the tool's verbs."""
+    return _in_its_verbs(await _use(tree, call, approval, by, motion), tree.driver)
+
+
+def _in_its_verbs(answer: Answer, driver: Driver) -> Answer:
+    if answer["status"] != "error":
+        return answer
+    block = answer["content"][0]
+    why, to_resume, _ = block["text"].partition(RESUME)
+    if to_resume:
+        torque = next((verb.name for verb in driver.TOOL_VERBS if verb.does == "torque"), "")
+        nobody = "a person has to resume it: no verb of this tool does"
+        block["text"] = why + (f"{torque} with enabled=true energises it" if torque else nobody)
+    elif block["text"].endswith(LIFT):
+        block["text"] = (
+            f"{block['text'].removesuffix(LIFT)}a person has to resume it: no verb of this tool lifts that"
+        )
+    return answer
+
+
+async def _use(tree: RobotTree, call: Call, approval: Approval, by: str, motion: str) -> Answer:
     verb = call.verb
     if call.kind == "stop":
         return await verbs.stop(tree)
     if call.kind == "motion":
         if motion:
             return answers.refused(Refused("no_motion", f"{verb.name}: motion is not allowed here", motion))
+        if wrong := approval.guards_nothing(tree.driver):  # an operator believes to be asked
+            return answers.refused(Refused("guard", f"{verb.name}: {wrong}", "mend guarded= of the robot"))
         request = Request(tree.robot, verb.name, call.inputs, by)
         keys = tree.driver.to_approve(call.action) if verb.does == "action" else ()
         refusal = await approval.refuse(request, keys)

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 TRUSTED_NS = 1_000_000_000
-"""A device's own time of a picture counts when it is no older than this."""
+"""A device's own time of a picture counts once it was no older than this: it is on our clock then,
+and a picture that is older has waited in its buffer."""
 _MS = 1_000_000
 
 
@@ -36,6 +37,7 @@ class OpenCVSource:
         self._capture = capture
         self._cv2 = cv2
         self._place = place
+        self._is_on_our_clock = False
         self.paced = not _is_file(place)  # a file gives all it has at once
 
     async def read(self) -> Picture:
@@ -57,7 +59,9 @@ class OpenCVSource:
     def _device_ns(self, grabbed_ns: int) -> int:
         """When V4L2 says that the picture was taken, if that is on our clock; else when we had it."""
         device_ns = round(self._capture.get(self._cv2.CAP_PROP_POS_MSEC) * _MS)
-        return device_ns if 0 <= grabbed_ns - device_ns <= TRUSTED_NS else grabbed_ns
+        age_ns = grabbed_ns - device_ns
+        self._is_on_our_clock = self._is_on_our_clock or 0 <= age_ns <= TRUSTED_NS
+        return device_ns if self._is_on_our_clock and age_ns >= 0 else grabbed_ns
 
 
 async def open_camera(settings: CameraSettings) -> OpenCVSource:

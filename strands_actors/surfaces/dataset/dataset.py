@@ -183,7 +183,7 @@ class Dataset:
                 raise DatasetError(f"{self.root} has {what} {there}, this would be {here}. use another folder")
         if difference := difference_of(layout.features(), ours.features()):
             raise DatasetError(f"{self.root} has other features: {difference}. use another folder")
-        return ours
+        return ours if ours.units else msgspec.structs.replace(ours, units=layout.units)
 
     def close(self) -> None:
         """Let others write. What is empty goes."""

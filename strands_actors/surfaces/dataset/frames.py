@@ -31,10 +31,12 @@ MOVING = ("armed",)
 
 
 class Axes(msgspec.Struct, frozen=True):
-    """The robot's axes, in order. ``velocities``: those whose number is a speed."""
+    """The robot's axes, in order. ``velocities``: those whose number is a speed; ``units``: of each,
+    where its driver says them."""
 
     keys: tuple[str, ...]
     velocities: frozenset[str] = frozenset()
+    units: tuple[str, ...] = ()
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -128,7 +130,10 @@ class Assembler:
     def _command(self, at_ns: int, row: Command) -> None:
         if row.what == "acquire" and row.outcome == "accepted":
             self._lease = row.lease
-        if row.what != "setpoint" or (self._lease and row.lease != self._lease):
+        if row.what != "setpoint":
+            return
+        # What was accepted moves the robot, though the journal may have a gap where its lease was given.
+        if row.outcome != "accepted" and self._lease and row.lease != self._lease:
             return
         before = self._wanted[-1][1] if self._wanted else _STAYS
         asked = {key.removesuffix(".pos"): float(value) for key, value in row.action.items() if _is_number(value)}

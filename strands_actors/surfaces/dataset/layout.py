@@ -26,6 +26,7 @@ STATE = "observation.state"
 ACTION = "action"
 REQUESTED = "requested_action"
 AGE = "age_ms"
+UNITS = "units"
 COUNTERS = ("frame_index", "episode_index", "index", "task_index")
 VECTORS = (STATE, AGE, ACTION, REQUESTED)
 
@@ -49,13 +50,14 @@ class CameraShape(msgspec.Struct, frozen=True):
 
 class Layout(msgspec.Struct, frozen=True):
     """What every frame of a dataset has. ``joints``: the names of an action and of a state, as
-    LeRobot spells them (``shoulder_pan.pos``)."""
+    LeRobot spells them (``shoulder_pan.pos``); ``units``: theirs, one each, where they are known."""
 
     robot_type: str
     fps: int
     joints: tuple[str, ...]
     cameras: tuple[CameraShape, ...] = ()
     codec: str = "av1"
+    units: tuple[str, ...] = ()
 
     @property
     def sources(self) -> tuple[str, ...]:
@@ -71,6 +73,8 @@ class Layout(msgspec.Struct, frozen=True):
         for vector in (ACTION, REQUESTED, STATE, AGE):
             names = self.sources if vector == AGE else self.joints
             found[vector] = {"dtype": "float32", "shape": [len(names)], "names": list(names)}
+            if self.units and vector != AGE:
+                found[vector][UNITS] = list(self.units)  # LeRobot keeps it, and does not look at it
         for camera in self.cameras:
             found[camera.key] = {
                 "dtype": "video",
@@ -160,7 +164,9 @@ def layout_of(info: dict[str, Any]) -> Layout:
     )
     codecs = {feature["info"]["video.codec"] for feature in features.values() if feature["dtype"] == "video"}
     joints = tuple(features.get(ACTION, {}).get("names") or ())
-    layout = Layout(info.get("robot_type") or "", int(info["fps"]), joints, cameras, *sorted(codecs)[:1])
+    units = tuple(features.get(ACTION, {}).get(UNITS) or ())
+    codec = min(codecs, default="av1")
+    layout = Layout(info.get("robot_type") or "", int(info["fps"]), joints, cameras, codec, units)
     if difference := difference_of(layout.features(), features):
         raise DatasetError(f"its features are not those of a recording: {difference}")
     return layout
@@ -172,6 +178,10 @@ def difference_of(ours: dict[str, Any], theirs: dict[str, Any]) -> str:
         here, there = (_essence(features.get(key)) for features in (ours, theirs))
         if here != there:
             return f"{key} is {there}, not {here}"
+        units = [features[key].get(UNITS) for features in (ours, theirs)]
+        if all(units) and units[0] != units[1]:  # what is older has none: then they are the robot's
+            here, there = (", ".join(unit or "no unit" for unit in each) for each in units)
+            return f"{key} is in {there}, not in {here}"
     return ""
 
 

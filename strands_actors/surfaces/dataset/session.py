@@ -152,7 +152,12 @@ class Session:
     def open_sink(self, attached: Attached) -> Session:
         axes = axes_of(attached)
         layout = Layout(
-            f"strands_{attached.driver['robot']}", self._order.fps, axes.joints, self._shapes, self._order.codec
+            f"strands_{attached.driver['robot']}",
+            self._order.fps,
+            axes.joints,
+            self._shapes,
+            self._order.codec,
+            axes.units,
         )
         self._layout = self._dataset.require(layout)
         self._view = View("wire", attached.axes, 0)
@@ -413,12 +418,18 @@ class Session:
 
 
 def axes_of(attached: Attached) -> Axes:
-    """Which of the robot's axes are speeds: its driver says so, where it is known here."""
+    """Which of the robot's axes are speeds, and what they count in: its driver says so, where it is
+    known here."""
     try:
         table = getattr(driver_from(attached), "table", ())
     except RecordingError:
         table = ()
-    return Axes(attached.axes, frozenset(axis.key for axis in table if axis.mode is AxisMode.VELOCITY))
+    units = {axis.key: axis.unit for axis in table}
+    return Axes(
+        attached.axes,
+        frozenset(axis.key for axis in table if axis.mode is AxisMode.VELOCITY),
+        tuple(units[key] for key in attached.axes) if units.keys() >= set(attached.axes) else (),
+    )
 
 
 def give_way() -> None:

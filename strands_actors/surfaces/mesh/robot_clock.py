@@ -4,6 +4,7 @@ never later than meant. Pure: no clock, no I/O."""
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Collection
 from typing import NamedTuple
 
 from strands_actors.kernel.clock import NS
@@ -28,7 +29,8 @@ class _Reading(NamedTuple):
 
 
 class RobotClock:
-    """Read it often: of several readings the tightest counts."""
+    """Read it often: of several readings the tightest counts. Those that a newer one excludes are
+    dropped: one of the two computers slept meanwhile, and its clock stood still."""
 
     def __init__(self) -> None:
         self._readings: deque[_Reading] = deque(maxlen=_KEPT)
@@ -36,6 +38,8 @@ class RobotClock:
     def read(self, robot_ns: int, asked_ns: int, answered_ns: int) -> None:
         """It said ``robot_ns`` at some time between ``asked_ns`` and ``answered_ns`` of ours."""
         self._readings.append(_Reading(Bounds(robot_ns - answered_ns, robot_ns - asked_ns), answered_ns))
+        while (both := _bounds(self._readings, answered_ns)).lowest_ns > both.highest_ns:
+            self._readings.popleft()  # one alone contradicts nothing
 
     def forget(self) -> None:
         """It is another robot's now, or the robot was started anew."""
@@ -46,13 +50,19 @@ class RobotClock:
         good = [reading for reading in self._readings if now_ns - reading.at_ns < GOOD_NS]
         if not good:
             return None
-        drifts = [round(DRIFT * (now_ns - reading.at_ns)) for reading in good]
-        return Bounds(
-            max(reading.bounds.lowest_ns - drift for reading, drift in zip(good, drifts, strict=True)),
-            min(reading.bounds.highest_ns + drift for reading, drift in zip(good, drifts, strict=True)),
-        )
+        return _bounds(good, now_ns)
 
     def deadline(self, at_ns: int, now_ns: int) -> int | None:
         """Return a time of ours as one of the robot's, never later than meant."""
         bounds = self.bounds(now_ns)
         return None if bounds is None else at_ns + bounds.lowest_ns
+
+
+def _bounds(readings: Collection[_Reading], now_ns: int) -> Bounds:
+    """Return what all of these allow; the lowest is above the highest when they exclude each
+    other."""
+    drifts = [round(DRIFT * max(0, now_ns - reading.at_ns)) for reading in readings]
+    return Bounds(
+        max(reading.bounds.lowest_ns - drift for reading, drift in zip(readings, drifts, strict=True)),
+        min(reading.bounds.highest_ns + drift for reading, drift in zip(readings, drifts, strict=True)),
+    )

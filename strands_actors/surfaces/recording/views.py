@@ -74,9 +74,12 @@ class View:
         self._at_ns = 0
         self._asked = ""  # what was taken up last
         self._command: Command | None = None  # the same, while its outcome is to be added
+        self._waiting: dict[tuple[str, int], str] = {}  # whose acquire is answered later: by actor and number
 
     def rows(self, entries: Iterable[Entry]) -> Iterator[Row]:
         for entry in entries:
+            if entry.kind == Kind.DEFERRED and self._command is not None and self._command.what == "acquire":
+                self._waiting[entry.actor, entry.number] = self._command.by
             if entry.kind in (Kind.TOOK, Kind.DEFERRED, Kind.GAP):
                 yield from self._timed(self._end_command())
             if entry.at_ns:
@@ -117,8 +120,8 @@ class View:
             yield "refusal", _refusal(f"{entry.to} to {entry.actor}", message)
         elif kind == Kind.NOTED:
             yield from self._noted(message)
-        elif kind == Kind.SETTLED and isinstance(message, Refused):
-            yield "refusal", _refusal("resume", message)
+        elif kind == Kind.SETTLED:
+            yield from self._settled(entry, message)
 
     # -- commands, with what came of them
 
@@ -182,6 +185,14 @@ class View:
         yield from self._end_command()
         if isinstance(answer, Refused):
             yield "refusal", _refusal(self._asked, answer)
+
+    def _settled(self, entry: Entry, answer: Message) -> Iterator[tuple[str, msgspec.Struct]]:
+        holder = self._waiting.pop((entry.actor, entry.number), "")  # empty also where the journal has a gap
+        if isinstance(answer, Lease):
+            yield "command", Command("acquire", holder, "accepted", answer.id, answer.epoch)
+            yield "lifecycle", Lifecycle("lease granted", epoch=answer.epoch, detail=holder)
+        elif isinstance(answer, Refused):
+            yield "refusal", _refusal("resume", answer)
 
     def _ask(self, command: Command) -> None:
         self._asked, self._command = command.what, command

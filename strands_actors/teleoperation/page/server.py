@@ -9,7 +9,7 @@ import secrets
 from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 import trio
@@ -27,6 +27,8 @@ SEND_S = 1.0
 TELL_S = 0.1
 MAX_MESSAGE = 4096
 MOST_CLIENTS = 16
+LONGEST_MS = 1e12
+"""A page is open for less than thirty years."""
 REASONS = {400: "Bad Request", 403: "Forbidden", 404: "Not Found", 405: "Method Not Allowed", 409: "Conflict",
            421: "Misdirected Request"}  # fmt: skip
 
@@ -36,7 +38,7 @@ class Told(msgspec.Struct):
     recorder's, pressed now."""
 
     held: bool
-    at_ms: float
+    at_ms: Annotated[float, msgspec.Meta(ge=0.0, le=LONGEST_MS)]
     rates: dict[str, float] = {}
     episode: Literal["", "start", "finish", "discard", "again"] = ""
 

@@ -9,7 +9,9 @@ from typing import Any
 
 import pytest
 import requests  # type: ignore[import-untyped]
+import trio
 
+from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.http_messages import Request
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.earthrover import cameras
@@ -89,6 +91,34 @@ def test_both_cameras_have_pictures(twin: Twin) -> None:
         assert seen.jpeg.startswith(b"\xff\xd8") and seen.stamp_s >= 0
     with pytest.raises(ValueError, match=r"no camera 'left'\. Use front or rear"):
         cameras.take_picture(twin.port, "left")
+
+
+def test_a_picture_that_never_changes_is_not_shown_however_often_it_is_opened(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The SDK process has stopped, and gives its last picture for ever."""
+    told_s = 1234.5
+
+    async def ask(client: Any, view: str) -> p.Picture:
+        return p.Picture(b"", told_s)
+
+    monkeypatch.setattr(cameras, "_ask", ask)
+    monkeypatch.setattr(cameras, "_pixels", lambda jpeg: None)
+    monkeypatch.setattr(cameras, "PICTURE_S", 0.1)
+    client: Any = None
+
+    async def read() -> None:
+        nonlocal told_s
+        for _ in range(2):
+            opened = cameras.RoverCamera(client, "front")
+            with pytest.raises(WireDown, match="gives the same one again"):
+                await opened.read()
+        told_s += 0.1
+        await opened.read()
+        with pytest.raises(WireDown):
+            await opened.read()
+
+    trio.run(read)
 
 
 def test_a_rover_without_a_rear_camera_says_so() -> None:

@@ -227,6 +227,101 @@ def test_a_bus_that_cannot_be_asked_at_once_is_asked_motor_by_motor() -> None:
         follower._limp(Bus())
 
 
+def test_saf_019_neither_a_hold_nor_an_action_energises_a_limp_servo(twin: Twin, arm: Any) -> None:
+    """On an STS3215 a goal turns the torque on."""
+    json_of(arm.send_action({"shoulder_pan": arm.get_observation()["shoulder_pan"] + 5.0}))
+    twin.power_cycle()
+    until(lambda: len(status(arm)["faults"]) == len(MOTORS), "their torque is looked at")
+    assert set(status(arm)["faults"].values()) == {"limp"} and state(arm) == "armed"
+    begun_ns = time.monotonic_ns()
+    assert "shoulder_lift is limp" in why(arm.send_action({"shoulder_lift": 0.0}))
+    arm.release()
+    until(lambda: state(arm) != "armed", "it was to be held")
+    time.sleep(0.3)
+    twin.log.silent_after(begun_ns, "setpoint")
+    twin.log.silent_after(begun_ns, "enable")
+    json_of(arm.stop())
+    json_of(arm.resume())
+    assert status(arm)["faults"] == {}
+    json_of(arm.send_action({"shoulder_lift": arm.get_observation()["shoulder_lift"]}))
+
+
+class Half:
+    """An arm of LeRobot's of which one motor has no torque."""
+
+    action_features: ClassVar[dict[str, type]] = dict.fromkeys(("pan.pos", "lift.pos"), float)
+    is_connected = True
+
+    def __init__(self, motors: tuple[str, ...] = ("pan", "lift")) -> None:
+        self.bus, self.motors = self, motors
+        self.torque = dict.fromkeys(motors, 1)
+        self.goals: dict[str, int] = {}
+
+    def sync_read(
+        self, register: str, motors: list[str] | None, *, num_retry: int, normalize: bool
+    ) -> dict[str, int]:
+        known = self.torque if register == follower.TORQUE else dict.fromkeys(self.motors, 2048)
+        return {motor: known[motor] for motor in motors or self.motors}
+
+    def sync_write(self, register: str, values: dict[str, int], *, normalize: bool) -> None:
+        assert register == follower.GOAL
+        self.goals |= values
+
+    def enable_torque(self, num_retry: int) -> None:
+        self.torque = dict.fromkeys(self.motors, 1)
+
+    def get_observation(self) -> dict[str, float]:
+        return dict.fromkeys(self.action_features, 0.0)
+
+    def send_action(self, action: dict[str, float]) -> None:
+        self.goals |= dict.fromkeys(action, 1)
+
+
+def followed(robot: Half, kind: str = "so101") -> follower.Follower:
+    made: follower.Follower = object.__new__(class_of(kind))
+    made._kind, made._robot = load(LEROBOT)[kind], robot
+    made._energise()
+    robot.goals.clear()
+    return made
+
+
+def test_saf_019_a_hold_is_of_the_motors_that_have_torque() -> None:
+    robot = Half()
+    made = followed(robot)
+    robot.torque["lift"] = 0
+    assert made.hold() == ""
+    assert robot.goals == {"pan": 2048} and made.limp == {"lift"}
+    robot.torque["pan"] = 0
+    robot.goals.clear()
+    made.hold()
+    assert robot.goals == {} and made.limp == {"pan", "lift"}
+
+
+def test_saf_019_an_action_for_a_motor_without_torque_is_refused() -> None:
+    robot = Half()
+    made = followed(robot)
+    robot.torque["lift"] = 0
+    for _ in range(follower.TORQUE_EVERY):
+        made.get_observation()
+    with pytest.raises(RuntimeError, match="lift has no torque"):
+        made.send_action({"lift.pos": 1.0, "pan.pos": 1.0})
+    assert robot.goals == {}
+    made.send_action({"pan.pos": 1.0})
+    assert robot.goals == {"pan.pos": 1}
+    made._energise()
+    assert made.limp == set()
+
+
+def test_a_limp_motor_is_named_as_the_robots_keys_name_it() -> None:
+    """Two arms have the same motors; a wheel has no key of its own, and any action may turn it."""
+    assert follower._prefix("left_arm.bus") == "left_" and follower._prefix("bus") == ""
+    robot = Half(motors=("pan", "lift", "wheel"))
+    made = followed(robot)
+    robot.torque["wheel"] = 0
+    made.hold()
+    assert made.limp_of({"pan.pos": 1.0}) == ["wheel"]
+
+
 class Late:
     """A bus on which answers to earlier questions come in, that read like "no torque"."""
 
