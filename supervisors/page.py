@@ -59,12 +59,14 @@ class Owed:
     def stopped_ns(self, at_ns: int) -> None:
         self._stopped.set(at_ns)
 
-    def order(self, safe_state: str) -> SafeState:
-        """Note an order to make safe. Return where to bring the robot: there, or to a more severe
-        state that was ordered before and not confirmed since. An e-stop whose link is lost, or whose
-        wire is frozen, is not answered by the milder state that such a fault leads to."""
+    def order(self, safe_state: str, lasts: bool = True) -> SafeState:
+        """Note an order to make safe, if it ``lasts`` until it is confirmed. Return where to bring the
+        robot: there, or to a more severe state that was ordered before and not confirmed since. An
+        e-stop whose link is lost, or whose wire is frozen, is not answered by the milder state that
+        such a fault leads to."""
         severity = max(SafeState(safe_state).severity, self._ordered.get())
-        self._ordered.set(severity)
+        if lasts:
+            self._ordered.set(severity)
         return MILDEST_FIRST[severity]
 
     def confirm(self, safe_state: str) -> None:

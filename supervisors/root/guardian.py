@@ -481,7 +481,10 @@ class Guardian(Actor):
         self._drop_stop_channel()  # it would keep the next wire from the port, which is locked while it is open
         if self._standby is not None:
             await self._standby.let_go()
+        began_s = trio.current_time()
         while not fenced:  # two processes at one port would be worse than none
+            if self._leaving and trio.current_time() > began_s + LINGER_S:
+                break  # there will be no other
             fenced = await self._fenced(guarded)
         while self._waiting:  # who asked meanwhile
             await self._make_safe(epoch)

@@ -223,7 +223,9 @@ class Transport(Actor):
         self._last = None
         if self._performing is not None:
             self._performing.cancel()
-        safe_state = self._owed.order(message.safe_state)
+        # The end of a script is no order to a robot that it had not energised.
+        lasts = self._owed.safe_state or message.reason in ORDERED
+        safe_state = self._owed.order(message.safe_state, lasts)
         holds = message.reason in HOLDING_REASONS and self._driver.energised(safe_state)
         began_ns = self.context.clock.now_ns()
         motors: tuple[MotorReport, ...] | None = ()
