@@ -535,7 +535,7 @@ class Guardian(Actor):
     def _wanted(self) -> SafeState:
         """Return where to bring the robot: what was ordered stands on the page, and here, since a wire
         that is about to end may still confirm it, and clear the page."""
-        severity = max(self._owed.order(self._usual).severity, self._ordered)
+        severity = max(self._owed.order(self._usual, lasts=False).severity, self._ordered)
         return MILDEST_FIRST[severity]
 
     async def _make_safe(self, epoch: int) -> None:
