@@ -15,12 +15,14 @@ import trio
 from strands_actors.contract.axis import parse_action
 from strands_actors.contract.driver import Candidate, Driver, GateState, Reason
 from strands_actors.contract.loading import load
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, WireDown
 from strands_actors.kernel.channels.permissions import Channel
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.gate import failsafe
 from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.gate.messages import Stop
+from strands_actors.supervisors.page import Owed
 from strands_actors.supervisors.root import process
 from strands_actors.supervisors.root.lock_keeper import Kept, LockKeeper
 from strands_actors.supervisors.root.tasks import Tasks
@@ -38,6 +40,11 @@ def a_stop_writes_nothing_on_a_lost_link(patch: pytest.MonkeyPatch) -> None:
         return ()
 
     patch.setattr(Transport, "_reach", reach)
+
+
+def a_fault_takes_the_place_of_an_estop(patch: pytest.MonkeyPatch) -> None:
+    """Nobody remembers what was ordered."""
+    patch.setattr(Owed, "order", lambda self, safe_state, lasts=True: SafeState(safe_state))
 
 
 def a_resume_is_obeyed_while_the_tree_ends(patch: pytest.MonkeyPatch) -> None:

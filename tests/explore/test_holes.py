@@ -26,6 +26,7 @@ FOUND: dict[tuple[Callable[[pytest.MonkeyPatch], None], str], tuple[int, str]] =
     (holes.a_policy_can_be_the_gate, "so101"): (213, "SAF-008 nothing is energised without a resume"),
     (holes.a_policy_can_be_the_gate, "fake_base"): (44, "SAF-008 nothing is energised without a resume"),
     (holes.a_velocity_goes_on_that_nobody_names, "fake_base"): (80, "SAF-014 what is not named rests"),
+    (holes.a_fault_takes_the_place_of_an_estop, "fake_drone"): (662, "SAF-007 an e-stop is carried out as ordered"),
     (holes.nobody_looks_at_the_robot_itself, "fake_drone"): (56, "SAF-003 a condition is obeyed"),
     (holes.a_lock_ends_with_the_script, "fake_http"): (302, "SAF-018 a lock is obeyed"),
     (holes.a_stop_of_a_controller_is_not_read_back, "xarm7"): (1, "SAF-005 what is confirmed is so"),

@@ -11,7 +11,8 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 from strands_actors.contract.driver import HOLDING_REASONS, Reason
-from strands_actors.supervisors.gate.messages import Resume, Setpoint, Stop, StopReport
+from strands_actors.contract.safe_state import SafeState
+from strands_actors.supervisors.gate.messages import Resume, Resumed, Setpoint, Stop, StopReport
 from strands_actors.supervisors.root.messages import Fence, StartTask
 
 from .conversation import Asked
@@ -239,6 +240,31 @@ def nothing_stays_energised(seen: Evidence) -> Found:
         yield seen.end_s, f"motors {sorted(seen.energised_at(float('inf')))} have torque, {left} is left"
 
 
+def an_estop_is_carried_out_as_ordered(seen: Evidence) -> Found:
+    """By whoever does it, and however late: a fault that leads to a milder state does not take its
+    place. Until it is confirmed, somebody resumes, or another tree begins."""
+    wanted = SafeState(next(iter(seen.safe_states(Reason.ESTOP))))
+    resumes = [asked.answered_s for asked in seen.asked if isinstance(asked.answer, Resumed)]
+    roots = [process.began_s for process in seen.world.processes if process.role == "root"]
+    for asked in seen.asked:
+        report = asked.answer
+        if not isinstance(asked.message, Stop | Fence) or asked.message.reason is not Reason.ESTOP:
+            continue
+        if not isinstance(report, StopReport):
+            continue
+        state: str | None = report.safe_state
+        if not report.confirmed:
+            until_s = min((t_s for t_s in (*resumes, *roots) if t_s > asked.answered_s), default=float("inf"))
+            safe = (
+                frame.safe_state
+                for frame in seen.frames
+                if frame.safe_state and asked.answered_s < frame.left_s < until_s and seen.counts(frame)
+            )
+            state = next(safe, None)
+        if state is not None and not SafeState(state).at_least(wanted):
+            yield asked.answered_s, f"an e-stop to {wanted} is carried out as {state}"
+
+
 def a_tree_ends(seen: Evidence) -> Found:
     if left := seen.alive():
         yield seen.end_s, f"{', '.join(left)} still runs after its caller"
@@ -252,6 +278,7 @@ INVARIANTS: dict[str, Callable[[Evidence], Found]] = {
     "SAF-003 no process fails by itself": no_process_fails_by_itself,
     "SAF-004 no writer outlives its lease": no_writer_outlives_its_lease,
     "SAF-005 what is confirmed is so": what_is_confirmed_is_so,
+    "SAF-007 an e-stop is carried out as ordered": an_estop_is_carried_out_as_ordered,
     "SAF-008 nothing is energised without a resume": nothing_is_energised_without_a_resume,
     "SAF-010 nothing is executed that was refused": nothing_is_executed_that_was_refused,
     "SAF-010 no task begins that failed to start": no_task_begins_that_failed_to_start,
