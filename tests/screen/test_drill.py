@@ -125,9 +125,9 @@ def test_it_fails_when_one_line_of_the_safety_wiring_is_changed(cli: Command, tm
     copy = tmp_path / "changed"
     shutil.copytree(package, copy / "strands_actors", ignore=shutil.ignore_patterns("__pycache__"))
     guardian = copy / "strands_actors" / "supervisors" / "root" / "guardian.py"
-    line = "safe_state = self._driver.fallbacks[Reason.WIRE]"
+    line = "return SafeState(self._driver.fallbacks[Reason.WIRE])"
     assert guardian.read_text().count(line) == 1
-    guardian.write_text(guardian.read_text().replace(line, "safe_state = self._driver.fallbacks[Reason.EXPIRED]"))
+    guardian.write_text(guardian.read_text().replace(line, line.replace("WIRE", "EXPIRED")))
     cli.environment["PYTHONPATH"] = str(copy)
     done = cli.run("drill", "so101", "--twin", "--json", cwd=tmp_path)
     assert done.returncode == 1, done.stderr
