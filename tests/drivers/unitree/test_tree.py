@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import socket
 import time
@@ -430,9 +431,10 @@ def test_nobody_there(tmp_path: Path) -> None:
 def test_saf_017_a_stranger_who_knows_the_robots_name_ends_nothing_and_hears_nothing(tmp_path: Path) -> None:
     """One datagram with the robot's GUID and a sequence number far ahead made every true state an
     old one: the robot was let go. And who listed the robot's address among its own was a peer."""
-    with legs(tmp_path) as g1:
+    with legs(tmp_path) as g1, contextlib.ExitStack() as stack:
         knee = g1.robot.get_observation()["left_knee"]
         stranger = Participant(0, "127.0.0.77", (g1.twin.port,), False)
+        stack.callback(stranger.close)
         stolen: list[bytes] = []
         stranger.reader(p.COMMAND_TOPIC, p.command_type("hg"), lambda payload, *_: stolen.append(bytes(payload)))
         states = stranger.reader(p.STATE_TOPIC, p.state_type("hg"), lambda *_: None)
@@ -464,4 +466,3 @@ def test_saf_017_a_stranger_who_knows_the_robots_name_ends_nothing_and_hears_not
             time.sleep(0.05)
         assert g1.robot.send_action({"left_knee": knee})["status"] == "success"
         assert not stolen
-        stranger.close()

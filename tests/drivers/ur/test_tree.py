@@ -148,10 +148,20 @@ def test_a_policy_runs_at_125_hz_and_ends_in_a_hold(arm: RealRobot, twin: Twin) 
 def test_a_hold_from_high_speed_loses_the_program_to_the_watchdog_and_says_so(arm: RealRobot, twin: Twin) -> None:
     """Nobody can feed it while servoStop brakes: the arm stands all the same, and nothing goes on
     by itself."""
-    start = arm.get_observation()[PAN]
-    steps = iter(range(1, 1000))
-    json_of(arm.run_policy(lambda observation: {PAN: start + 0.018 * next(steps)}, duration=60.0))
-    until(lambda: arm.get_observation()[PAN] - start > 1.0, "it is fast")
+    start, fast = 0.0, False
+
+    def is_fast() -> bool:
+        return bool(arm.get_observation()[PAN] - start > 1.0)
+
+    for _ in range(5):  # a busy machine may end a rollout before
+        start, steps = arm.get_observation()[PAN], iter(range(1, 1000))
+        json_of(
+            arm.run_policy(lambda _, start=start, steps=steps: {PAN: start + 0.018 * next(steps)}, duration=60.0)
+        )
+        until(lambda: is_fast() or not json_of(arm.get_task_status())["running"], "it is fast")
+        if fast := is_fast():
+            break
+    assert fast, json_of(arm.get_task_status())
     arm.stop_task()
     until(lambda: [entry for entry in twin.log.entries() if entry.kind == "watchdog"], "the watchdog ends it")
     until(lambda: "control script is not running" in why(nudge(arm)), "it is refused by name")
