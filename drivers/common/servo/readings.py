@@ -20,6 +20,9 @@ SET_OFF_NS = 50_000_000
 """Until then after a new goal the speed that a servo tells is not the one it will have [assumed: it
 is up to speed by then]."""
 
+STANDING = 20.0
+"""Counts a second: a joint that is no faster stands, 2 degrees a second."""
+
 _NAN = math.nan
 
 
@@ -50,6 +53,7 @@ class Readings(ABC, Generic[PacketT]):
         self._words: dict[int, str] = {}
         self._asked_ns: dict[int, int] = {}
         self._speed: dict[int, float] = {}
+        self._stands_since_ns: dict[int, int] = {}  # when it was first asked of those readings that say so
         self.counts: dict[int, int] = {}
         """Last measured position by id, however old."""
         self.limp: set[int] = set()
@@ -78,6 +82,10 @@ class Readings(ABC, Generic[PacketT]):
             self.counts[axis.id] = sample.position
             self._asked_ns[axis.id] = asked_ns
             self._speed[axis.id] = sample.velocity
+            if abs(sample.velocity) > STANDING or sample.energised is False:
+                self._stands_since_ns.pop(axis.id, None)
+            else:
+                self._stands_since_ns.setdefault(axis.id, asked_ns)
             self._stamp_ns[at] = now_ns
             self._position[at] = axis.value(sample.position)
             self._velocity[at] = sample.velocity / axis.scale
@@ -90,14 +98,19 @@ class Readings(ABC, Generic[PacketT]):
     def known(self, since_ns: int, now_ns: int, goals: Mapping[int, int], aimed_ns: int) -> dict[int, int]:
         """Return positions by id of those that have torque, were asked since then, and cannot have
         gone far meanwhile. ``goals``: what they were last told, at ``aimed_ns``: who was asked
-        before it had set off is on its way now."""
+        before it had set off is on its way now. So is who has just begun to stand far from its goal:
+        a servo that was reset, and is energised again by a goal that was re-sent. One that is blocked
+        stands for longer."""
         return {
             motor: count
             for motor, count in self.counts.items()
             if (asked_ns := self._asked_ns[motor]) >= since_ns
             and motor not in self.limp
             and abs(self._speed[motor]) * (now_ns - asked_ns) <= STILL_COUNTS * NS
-            and not (asked_ns < aimed_ns + SET_OFF_NS and abs(goals.get(motor, count) - count) > STILL_COUNTS)
+            and not (
+                asked_ns < max(aimed_ns, self._stands_since_ns.get(motor, 0)) + SET_OFF_NS
+                and abs(goals.get(motor, count) - count) > STILL_COUNTS
+            )
         }
 
     def energised(self) -> None:
