@@ -285,12 +285,18 @@ class Gate(Actor):
         )
         if isinstance(answer, Refused):
             return answer
-        lease, last = Lease(answer, self._state.epoch), self._last_stop
-        if self._state.mode is not Mode.HOLDING or (last is not None and last.epoch >= lease.epoch):
+        lease = Lease(answer, self._state.epoch)
+        if not self._is_being_held:
             return lease
         deferred = self.context.defer()
         self._grants.append((lease, deferred))
         return deferred
+
+    @property
+    def _is_being_held(self) -> bool:
+        """Return whether a hold is being carried out, and not reported yet."""
+        last = self._last_stop
+        return self._state.mode is Mode.HOLDING and (last is None or last.epoch < self._state.epoch)
 
     def _release(self, message: Release) -> Deferred | None:
         """Answered when what wrote under another lease has been held."""
@@ -366,7 +372,12 @@ class Gate(Actor):
             self._stops.append(Waiting(self._state.epoch, deferred, message.lock))
             return deferred
         self._tell_decided(message.by, what, "nothing to do")
-        # Nothing to do: already holding, or nothing energised to hold.
+        if self._is_being_held or self._state.mode in (Mode.STOPPING, Mode.ENDING):
+            self._stops.append(Waiting(self._state.epoch, deferred, message.lock))
+            return deferred
+        if self._last_stop is not None and self._state.mode in (Mode.HOLDING, Mode.UNCONFIRMED, Mode.LOST):
+            return self._last_stop  # what became of what was ordered before, confirmed or not
+        # Nothing to do: nothing is energised.
         safe_state = self._driver.fallbacks[message.reason]
         return StopReport(message.reason, safe_state, self._state.epoch, True, ())
 
