@@ -15,8 +15,7 @@ from strands_actors.kernel.health.heartbeat import Word, private_page
 ROOT, WIRE, STANDBY = range(3)
 """Places of heartbeats."""
 _OWED, _SILENT, _ORDERED, _STOPPED = 3, 4, 5, 6
-MILDEST_FIRST = tuple(SafeState)
-"""By severity."""
+_BY_SEVERITY = tuple(SafeState)
 
 
 class Owed:
@@ -64,10 +63,10 @@ class Owed:
         robot: there, or to a more severe state that was ordered before and not confirmed since. An
         e-stop whose link is lost, or whose wire is frozen, is not answered by the milder state that
         such a fault leads to."""
-        severity = max(SafeState(safe_state).severity, self._ordered.get())
+        wanted = SafeState(safe_state).or_more(_BY_SEVERITY[self._ordered.get()])
         if lasts:
-            self._ordered.set(severity)
-        return MILDEST_FIRST[severity]
+            self._ordered.set(wanted.severity)
+        return wanted
 
     def confirm(self, safe_state: str) -> None:
         """Note that every motor has confirmed it."""

@@ -52,6 +52,10 @@ class Reason(enum.StrEnum):
 HOLDING_REASONS = frozenset({Reason.EXPIRED, Reason.LEASE, Reason.POLICY})
 """Reasons after which a position robot stays energised (DESIGN: which reason does what)."""
 
+ORDERED = frozenset({Reason.STOP, Reason.ESTOP})
+"""Somebody wants it stopped, whatever is known of it; the other reasons are for what the tree itself
+sees."""
+
 
 class Timing(msgspec.Struct, frozen=True):
     """The clocks of one wire. The lifetime (what the writer promised) and the keepalive (what the

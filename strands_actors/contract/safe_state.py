@@ -33,6 +33,10 @@ class SafeState(enum.StrEnum):
         """Return whether this state gives up no less than ``other``."""
         return self.severity >= other.severity
 
+    def or_more(self, other: SafeState) -> SafeState:
+        """Return the more severe of the two."""
+        return self if self.at_least(other) else other
+
 
 _ORDER = {state: at for at, state in enumerate(SafeState)}
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import msgspec
 
-from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason
+from strands_actors.contract.driver import HOLDING_REASONS, ORDERED, Driver, Reason
 from strands_actors.contract.wire import Observation
 from strands_actors.kernel.actor import Actor, Deferred
 from strands_actors.kernel.clock import NS
@@ -57,9 +57,6 @@ from .memory import GateMemory, Waiting
 _STOP_AGAIN_NS = round(0.5 * NS)
 """At least so long after a stop that could not be confirmed."""
 
-
-ORDERS = frozenset({Reason.STOP, Reason.ESTOP})
-"""Why a person stops a robot; the other reasons are for what the tree itself sees."""
 OBSERVATION_S = 1.0
 """A reading is shown for so long at least: on a busy machine the next may be late."""
 
@@ -357,10 +354,9 @@ class Gate(Actor):
     # -- stop, resume
 
     def _stop(self, message: Stop) -> StopReport | Deferred | None:
-        if message.channel and message.reason not in ORDERS:
-            # A policy, or who only visits: another reason would end the tree, or hold under a lock.
-            message = msgspec.structs.replace(message, reason=Reason.ESTOP if message.lock else Reason.STOP)
-        if message.reason in ORDERS:
+        if message.channel:  # a policy, or who only visits
+            message = message.as_ordered()
+        if message.reason in ORDERED:
             self._stopped_ns = self.context.received_ns
         deferred = self.context.defer()
         by = f"{message.reason} by {message.by}" if message.by else str(message.reason)

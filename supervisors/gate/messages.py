@@ -10,7 +10,7 @@ from typing import Any
 
 import msgspec
 
-from strands_actors.contract.driver import Reason
+from strands_actors.contract.driver import ORDERED, Reason
 from strands_actors.contract.wire import MotorReport, Observation
 from strands_actors.kernel.messages import Message, Refused
 
@@ -107,6 +107,13 @@ class Stop(Message, frozen=True):
     by: str = ""
     lock: bool = False
     channel: str = ""
+
+    def as_ordered(self) -> Stop:
+        """Return it as somebody may order it who is not the tree itself: another reason would end the
+        tree, or hold under a lock."""
+        if self.reason in ORDERED:
+            return self
+        return msgspec.structs.replace(self, reason=Reason.ESTOP if self.lock else Reason.STOP)
 
 
 class StopReport(Message, frozen=True):

@@ -307,12 +307,7 @@ class GatewayStop(Actor):
         return deferred
 
     async def _stop(self, message: Stop, deferred: Deferred) -> None:
-        if message.reason not in _STOPS:  # another one would end the tree, or hold only
-            message = msgspec.structs.replace(message, reason=Reason.ESTOP if message.lock else Reason.STOP)
-        deferred.send(await make_safe(self._gate, self._guardian, message, self._deadlines))
-
-
-_STOPS = (Reason.STOP, Reason.ESTOP)
+        deferred.send(await make_safe(self._gate, self._guardian, message.as_ordered(), self._deadlines))
 
 
 __all__ = ["Datable", "FromOutside", "Gateway", "GatewayStop"]

@@ -31,7 +31,7 @@ from strands_actors.kernel.node import Ref
 from strands_actors.kernel.processes.child import report_failure
 from strands_actors.supervisors.gate.failsafe import Mode, State
 from strands_actors.supervisors.gate.messages import LockKept, StandbyIs, Stopped, StopReport
-from strands_actors.supervisors.page import MILDEST_FIRST, Owed
+from strands_actors.supervisors.page import Owed
 from strands_actors.supervisors.root.messages import (
     Decided,
     Fence,
@@ -129,7 +129,7 @@ class Guardian(Actor):
         self.reported.set()
         self._again = trio.Event()
         self._waiting: list[Deferred] = []
-        self._ordered = 0  # severity of what was ordered since the present wire was started
+        self._ordered = SafeState.HOLD  # the most severe since the present wire was started
         self._begins_locked = False  # the present wire knows of a lock since its start
         self._alone = trio.Lock()  # between two wires: who makes safe, or starts the next one
         self._attempting: trio.CancelScope | None = None
@@ -322,7 +322,7 @@ class Guardian(Actor):
 
     def _fence(self, message: Fence) -> Deferred:
         usual, ordered = self._usual, SafeState(self._driver.fallbacks[message.reason])
-        self._ordered = max(self._ordered, self._owed.order(ordered).severity)
+        self._ordered = self._ordered.or_more(self._owed.order(ordered))
         self._owed.stopped_ns = self.context.received_ns
         lock = (message.by or "an operator") if message.lock else self.state.locked_by
         self.state = StateIs(self.state.mode, self.state.epoch, lock, self.state.cause)
@@ -432,7 +432,7 @@ class Guardian(Actor):
         self.reported = trio.Event()
         self._silent_until_ns = 0
         self._stopped_looks = 0
-        self._ordered = 0
+        self._ordered = SafeState.HOLD
         locked_by = self.state.locked_by
         self._begins_locked = bool(locked_by)
         start = State(Mode.DOWN if self._confirmed else Mode.LOST, self.state.epoch + 1, locked_by)
@@ -535,8 +535,7 @@ class Guardian(Actor):
     def _wanted(self) -> SafeState:
         """Return where to bring the robot: what was ordered stands on the page, and here, since a wire
         that is about to end may still confirm it, and clear the page."""
-        severity = max(self._owed.order(self._usual, lasts=False).severity, self._ordered)
-        return MILDEST_FIRST[severity]
+        return self._owed.order(self._usual.or_more(self._ordered), lasts=False)
 
     async def _make_safe(self, epoch: int) -> None:
         reason, why = self._why
@@ -561,7 +560,7 @@ class Guardian(Actor):
             self._owed.safe_state = False
             if motors:
                 self._owed.confirm(safe_state)
-                self._ordered = 0
+                self._ordered = SafeState.HOLD
         now_ns = self.context.clock.now_ns()
         took_ms = (now_ns - began_ns) / 1e6
         epoch = max(epoch, self.state.epoch) + 1

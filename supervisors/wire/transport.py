@@ -19,7 +19,7 @@ from typing import Any
 
 import trio
 
-from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason
+from strands_actors.contract.driver import HOLDING_REASONS, ORDERED, Driver, Reason
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, PermitDenied, ProcessSpent, Wire, WireDown
 from strands_actors.kernel.actor import Actor
@@ -38,7 +38,7 @@ from strands_actors.supervisors.gate.messages import (
 )
 from strands_actors.supervisors.page import Owed
 from strands_actors.supervisors.root.messages import Handover, Renew, SilentUntil
-from strands_actors.supervisors.root.stop_channel import attempt_anew
+from strands_actors.supervisors.root.stop_channel import attempt_anew, not_reached
 from strands_actors.supervisors.wire.messages import Arm, CarryOut, Cycle, Cycled, HandOverAgain, MakeSafe, Write
 
 from .serving import Serving
@@ -47,10 +47,6 @@ ROOT_AGAIN_S = 0.01
 REACH_MARGIN_S = 0.25
 """Of ``Timing.safe_s``: what is left when ``Wire.reach`` is given up."""
 BACKOFF_S = (0.1, 0.2, 0.5, 1.0, 2.0)
-
-ORDERED = frozenset({Reason.STOP, Reason.ESTOP})
-"""Somebody wants it stopped, whatever is known of it: written to a robot that has never been
-connected, too."""
 
 SLOW = frozenset({SafeState.LAND, SafeState.SETTLE})
 """Safe states that take seconds to reach. An e-stop that comes meanwhile is not held up by them."""
@@ -239,7 +235,7 @@ class Transport(Actor):
             if not holds and not any(motor.written or motor.safe for motor in motors):
                 if self._wire is not None:
                     self._lose(WireDown(next((motor.detail for motor in motors), "nothing can be written")))
-                if self._owed.safe_state or message.reason in ORDERED:
+                if lasts:  # an order is written to a robot that has never been connected, too
                     reached: list[tuple[MotorReport, ...]] = []
                     with self._cut_by_a_stop(safe_state in SLOW):
                         reached.append(await self._reach(safe_state, began_ns))
@@ -291,7 +287,7 @@ class Transport(Actor):
     ) -> None:
         now_ns = self.context.clock.now_ns()
         took_ms = (now_ns - began_ns) / 1e6
-        motors = motors or _not_reached(self._driver)
+        motors = motors or not_reached(self._driver, "no link")
         report = StopReport(reason, safe_state, epoch, _all_safe(motors), motors, took_ms=took_ms, at_ns=now_ns)
         self._gate.tell(SafeDone(report, hold_failed, seen))
 
@@ -503,10 +499,3 @@ class Transport(Actor):
 
 def _all_safe(motors: tuple[MotorReport, ...]) -> bool:
     return bool(motors) and all(motor.safe for motor in motors)
-
-
-def _not_reached(driver: Driver) -> tuple[MotorReport, ...]:
-    return tuple(
-        MotorReport(axis, motor_id, False, False, False, "no link")
-        for axis, motor_id in zip(driver.axes, driver.ids, strict=True)
-    )
