@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import contextlib
 import inspect
-import math
 import os
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -20,7 +19,6 @@ from typing import Any
 import msgspec
 import trio
 
-from strands_actors.contract.loading import load
 from strands_actors.contract.positions import Positions
 from strands_actors.contract.wire import Observation
 from strands_actors.kernel.actor import Actor, describe
@@ -149,12 +147,9 @@ class Policy(Actor):
         report: Callable[[TaskStatus], None],
         gate: ActorRef | None = None,
         ask_s: float = ASK_S,
-        in_time: bool = False,
     ) -> None:
-        """``gate``: of a robot on another host. ``ask_s``: how long it may take to answer.
-        ``in_time``: the duration ends it before its steps are done, too."""
+        """``gate``: of a robot on another host. ``ask_s``: how long it may take to answer."""
         self._rollout = rollout
-        self._duration_ns = rollout.duration_s * NS if in_time or not rollout.n_steps else math.inf
         self._gate_given = gate
         self._ask_s = ask_s
         self._make = make
@@ -194,7 +189,7 @@ class Policy(Actor):
         rollout = self._rollout
         if self._ended is not None:
             return
-        if now_ns - self._began_ns >= self._duration_ns:
+        if now_ns - self._began_ns >= rollout.duration_s * NS:
             await self._end("duration", f"{rollout.duration_s:g} s are over")
         elif self._buffer and self._lease is not None:
             await self._send(self._buffer.next(), now_ns)
@@ -350,12 +345,3 @@ class Policy(Actor):
         elapsed_s = (self.context.clock.now_ns() - self._began_ns) / NS
         hz = self._steps / elapsed_s if elapsed_s > 0 else 0.0
         return TaskStatus(True, self._steps, elapsed_s, instruction=self._rollout.instruction, hz=hz)
-
-
-def in_time(
-    rollout: Rollout, report: Callable[[TaskStatus], None], provider: str, options: dict[str, Any]
-) -> Policy:
-    """Return a rollout that is over with its steps or its duration, whichever ends first. A caller
-    that counts steps is there to stop them; who told a robot over the mesh may have left, and has
-    been answered by when it ends."""
-    return Policy(rollout, lambda: load(provider)(**options), report, in_time=True)

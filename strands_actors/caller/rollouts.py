@@ -7,6 +7,7 @@ One at a time. It writes under the caller's lease; its status is the same wherev
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -40,6 +41,8 @@ class Rollouts:
         self._has_process = False
         self._scope: trio.CancelScope | None = None
         """Of a policy of this process."""
+        self.no_operator: Refused | None = None
+        """Why an operator has no say in the present teleoperation; None: it has."""
 
     async def run_policy(
         self, policy: Any, instruction: str, duration_s: float, n_steps: int, hz: float | None
@@ -140,7 +143,8 @@ class Rollouts:
         lifetime_s = self._processes.plan.lifetime_s or driver.timing.stream_ttl_s
         ttl_s = max(lifetime_s, 2 * period_s)
         robot = self._processes.robot
-        return Rollout(robot, driver.axes, instruction, period_s, ttl_s, duration_s, n_steps, over)
+        longest_s = math.inf if n_steps else duration_s  # a caller that counts steps is there to stop them
+        return Rollout(robot, driver.axes, instruction, period_s, ttl_s, longest_s, n_steps, over)
 
     async def task(self) -> TaskStatus:
         """Return the present task's status, or the last one's."""
@@ -159,6 +163,8 @@ class Rollouts:
         tasks = self._processes.tasks
         if tasks is None or not self._has_process or not self._task.running:
             return Refused("no_teleop", "operate: no teleoperation runs", "call attach_teleop() first")
+        if self.no_operator is not None:
+            return self.no_operator
         tasks.tell(told)
         return None
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import weakref
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -31,9 +30,6 @@ NOT_THE_DEADMAN = Refused(
     "operate: the dead-man of this teleoperation is the leader's gripper",
     'squeeze it twice, or begin again: attach_teleop(leader, deadman="key")',
 )
-
-_by_gripper: weakref.WeakSet[RobotTree] = weakref.WeakSet()
-"""Whose last teleoperation has the leader's gripper as its dead-man."""
 
 
 def attach(
@@ -84,7 +80,7 @@ def attach(
         )
         if isinstance(begun, Refused):
             return answers.refused(begun)
-        (_by_gripper.add if chosen == GRIPPER else _by_gripper.discard)(tree)
+        tree.rollouts.no_operator = NOT_THE_DEADMAN if chosen == GRIPPER else None
         return answers.success(answers.task(begun))
 
     return run
@@ -115,8 +111,6 @@ def operate(held: bool, rates: Mapping[str, float]) -> Verb:
     async def run(tree: RobotTree) -> Answer:
         told = Operate(tree.clock.now_ns(), bool(held), {key: float(rate) for key, rate in rates.items()})
         refused = tree.rollouts.operate(told)
-        if refused is None and tree in _by_gripper:
-            refused = NOT_THE_DEADMAN
         return answers.success({"held": told.held}) if refused is None else answers.refused(refused)
 
     return run

@@ -37,7 +37,6 @@ from .policy_choice import choose
 ASK_S = 0.1
 START_S = 2.0
 """For a policy's process to be started."""
-IN_TIME = "strands_actors.supervisors.policy:in_time"
 BEAT_S = 0.05
 """Within this time of a stop the robot is free for others, too."""
 LOOK_S = 0.02
@@ -271,11 +270,8 @@ class Motion:
             command.n_steps,
             lease.id,
         )
-        counts = command.n_steps > 0
-        if counts:
-            where, options = IN_TIME, {"provider": where, "options": options}
         try:
-            status = await self._tasks.ask(StartTask(where, options, rollout, command.deadline_ns, counts), START_S)
+            status = await self._tasks.ask(StartTask(where, options, rollout, command.deadline_ns), START_S)
         except (AskTimeout, Unreachable) as failure:
             self._tasks.tell(StopTask())  # what was not answered in time must not begin late
             status = Refused("timeout", f"{failure}; nothing of it will begin", "try again")

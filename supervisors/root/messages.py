@@ -84,14 +84,15 @@ class Shutdown(Message, frozen=True):
 
 
 class Rollout(Message, frozen=True):
-    """What a policy actor needs to run. ``over``: the caller's lease it writes under."""
+    """What a policy actor needs to run: until its steps are done or its duration is over, whichever
+    comes first. ``over``: the caller's lease it writes under."""
 
     robot: str
     axes: tuple[str, ...]
     instruction: str
     period_s: float
     ttl_s: float
-    duration_s: float
+    duration_s: float  # infinite: until the steps are done
     n_steps: int = 0  # 0: until the duration ends
     over: int = 0
 

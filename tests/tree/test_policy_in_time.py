@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import pytest
@@ -9,7 +10,7 @@ import trio
 import trio.testing
 
 from strands_actors.supervisors import addresses
-from strands_actors.supervisors.policy import Policy, in_time
+from strands_actors.supervisors.policy import Policy
 from strands_actors.supervisors.root.messages import Rollout, TaskStatus
 from strands_actors.testing import open_inline_tree
 
@@ -39,14 +40,9 @@ def test_a_rollout_that_is_told_over_the_mesh_is_over_in_time(limited: bool, n_s
                     over.set()
 
             robot = tree.gate.address.split("/")[1]
-            rollout = Rollout(robot, ("a", "b"), "", 0.01, 0.1, 0.5, n_steps=n_steps, over=caller.lease.id)
-
-            def make() -> Policy:
-                if limited:
-                    return in_time(rollout, report, f"{__name__}:Still", {})
-                return Policy(rollout, Still, report)
-
-            cell = tree.node.cell(addresses.of(robot).path("policy"), make)
+            longest_s = 0.5 if limited else math.inf
+            rollout = Rollout(robot, ("a", "b"), "", 0.01, 0.1, longest_s, n_steps=n_steps, over=caller.lease.id)
+            cell = tree.node.cell(addresses.of(robot).path("policy"), lambda: Policy(rollout, Still, report))
             async with trio.open_nursery() as nursery:
                 nursery.start_soon(cell.run)
                 with trio.fail_after(3.0):
