@@ -17,7 +17,7 @@ from strands_actors import Robot
 from strands_actors.caller.robot import RealRobot
 from strands_actors.testing import Twin, WireLog
 from strands_actors.testing.wirelog import Entry
-from tests.answers import PATIENCE_S, json_of, state, task, task_ended, until, why
+from tests.answers import PATIENCE_S, json_of, state, status, task, task_ended, until, why
 
 Step = Callable[[Mapping[str, float]], dict[str, float]]
 """A policy that is a function: from an observation to an action."""
@@ -46,6 +46,22 @@ def connected(robot: RealRobot) -> RealRobot:
     while (problem := robot.connect_eagerly()) is not None:
         assert time.monotonic() < deadline_s, f"it does not connect: {problem}"
     return robot
+
+
+def is_lost_while_stuck(robot: RealRobot, twin: Twin, action: Mapping[str, float], said: str) -> None:
+    """Nothing but its reports stands still: every connection is open, and every call is answered.
+    ``said``: of why ``action`` is refused."""
+    twin.fault("stuck")
+    until(lambda: state(robot) == "lost", "it is noticed")
+    lost_ns = time.monotonic_ns()
+    assert said in why(robot.send_action(dict(action)))
+    time.sleep(1.0)
+    assert twin.log.host("setpoint", lost_ns) == []
+    assert twin.log.host("safe", lost_ns), "it is told to be safe"
+    assert not status(robot)["connected"], "nor is it connected anew"
+    twin.fault("ok")
+    until(lambda: state(robot) == "disarmed", "it is back, disarmed")
+    assert twin.log.host("setpoint", lost_ns) == []
 
 
 @contextlib.contextmanager

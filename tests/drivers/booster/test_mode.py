@@ -160,16 +160,11 @@ def test_saf_012_a_hold_ends_when_the_mode_becomes_custom() -> None:
 
 
 def test_saf_012_a_robot_that_answers_with_errors_is_stopped(robot: T1) -> None:
-    robot.enable()
-    over = threading.Event()
-    writer = steadily(lambda: robot.robot.send_action({"left_elbow_pitch": 0.1}), over)
-    until(lambda: robot.log.host("setpoint"), "it is commanded")
-    began_ns = time.monotonic_ns()
-    robot.twin.command("answer GET_MODE 500")
-    safe = first_safe(robot.log, began_ns, "stop")
-    until(lambda: state(robot.robot) == "disarmed", "it is disarmed")
-    over.set()
-    writer.join()
+    with robot.commanded():
+        began_ns = time.monotonic_ns()
+        robot.twin.command("answer GET_MODE 500")
+        safe = first_safe(robot.log, began_ns, "stop")
+        until(lambda: state(robot.robot) == "disarmed", "it is disarmed")
     robot.log.no_setpoint_after_safe(safe.t_ns)
     assert "does not tell its mode" in status(robot.robot)["cause"]
     assert robot.events("upper_body") == ["host", "back"]

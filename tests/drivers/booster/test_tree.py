@@ -50,6 +50,19 @@ class T1:
     def elbow(self, rad: float) -> None:
         json_of(self.robot.send_action({"left_elbow_pitch": rad}))
 
+    @contextlib.contextmanager
+    def commanded(self) -> Iterator[None]:
+        """Its elbow is told again and again where to be."""
+        self.enable()
+        over = threading.Event()
+        writer = steadily(lambda: self.robot.send_action({"left_elbow_pitch": 0.1}), over)
+        try:
+            until(lambda: self.log.host("setpoint"), "it is commanded")
+            yield
+        finally:
+            over.set()
+            writer.join()
+
     def busy(self) -> int:
         """An arm on its way and the base walking; when that was ordered."""
         self.enable()
@@ -380,15 +393,10 @@ def test_saf_020_a_lost_link_is_made_safe_when_it_is_back(robot: T1) -> None:
 
 
 def test_saf_012_a_fall_gives_it_its_arms_back(robot: T1) -> None:
-    robot.enable()
-    over = threading.Event()
-    writer = steadily(lambda: robot.robot.send_action({"left_elbow_pitch": 0.1}), over)
-    until(lambda: robot.log.host("setpoint"), "it is commanded")
-    began_ns = time.monotonic_ns()
-    robot.twin.command("fall")
-    safe = first_safe(robot.log, began_ns, "stop")
-    over.set()
-    writer.join()
+    with robot.commanded():
+        began_ns = time.monotonic_ns()
+        robot.twin.command("fall")
+        safe = first_safe(robot.log, began_ns, "stop")
     first = robot.log.first_safe(began_ns)
     assert first is not None and first.t_ns <= safe.t_ns
     robot.log.no_setpoint_after_safe(first.t_ns)

@@ -26,7 +26,7 @@ from strands_actors.surfaces.mesh import estop
 from strands_actors.testing import Twin
 from strands_actors.testing.wirelog import Entry
 from tests.answers import json_of, pids, state, status, until, why
-from tests.trees import armed, first_safe, robot_on
+from tests.trees import armed, first_safe, is_lost_while_stuck, robot_on
 
 SLACK_S = 0.4
 """For a machine that runs other tests meanwhile."""
@@ -407,14 +407,4 @@ def test_saf_012_a_robot_that_says_the_same_again_and_again_is_lost_and_told_to_
 ) -> None:
     """Every connection is open, and every call is answered."""
     walk(spot, twin, vx=0.2)
-    twin.fault("stuck")
-    until(lambda: state(spot) == "lost", "it is noticed")
-    lost_ns = time.monotonic_ns()
-    assert "what it reports stands still" in why(spot.send_action({"vx": 0.2}))
-    time.sleep(1.0)
-    assert twin.log.host("setpoint", lost_ns) == []
-    assert twin.log.host("safe", lost_ns), "it is told to sit"
-    assert not status(spot)["connected"], "nor is it connected anew"
-    twin.fault("ok")
-    until(lambda: state(spot) == "disarmed", "it is back, disarmed")
-    assert twin.log.host("setpoint", lost_ns) == []
+    is_lost_while_stuck(spot, twin, {"vx": 0.2}, "what it reports stands still")

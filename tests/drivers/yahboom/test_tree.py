@@ -22,7 +22,7 @@ from strands_actors.kernel.processes.guard import ALLOW, ALLOW_TOPICS
 from strands_actors.testing import Twin
 from strands_actors.testing.wirelog import Entry
 from tests.answers import json_of, pids, state, status, until, why
-from tests.trees import armed, first_safe, robot_on
+from tests.trees import armed, first_safe, is_lost_while_stuck, robot_on
 
 SLACK_S = 0.4
 """For a machine that runs other tests meanwhile."""
@@ -195,17 +195,7 @@ def test_saf_012_a_base_that_says_the_same_again_and_again_is_lost_and_told_noth
 ) -> None:
     """Every socket is open, and every answer comes."""
     drive(m3, twin, linear_x=0.2)
-    twin.fault("stuck")
-    until(lambda: state(m3) == "lost", "it is noticed")
-    lost_ns = time.monotonic_ns()
-    assert "not changed its stamp" in why(m3.send_action({"linear.x": 0.2}))
-    time.sleep(1.0)
-    assert twin.log.host("setpoint", lost_ns) == []
-    assert twin.log.host("safe", lost_ns), "and zero is said again"
-    assert not status(m3)["connected"], "nor is it connected anew"
-    twin.fault("ok")
-    until(lambda: state(m3) == "disarmed", "it is back, disarmed")
-    assert twin.log.host("setpoint", lost_ns) == []
+    is_lost_while_stuck(m3, twin, {"linear.x": 0.2}, "not changed its stamp")
 
 
 @pytest.mark.parametrize("fault", ["garbage", "intermittent", "delayed", "slow"])
