@@ -12,16 +12,15 @@ there is no next one, because the tree ends, for ``LINGER_S``.
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 
 import msgspec
 import trio
 
 from strands_actors.contract.driver import Driver, Reason
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.contract.wire import MotorReport, StopChannel, WireDown
-from strands_actors.kernel.actor import Actor, Deferred, describe
+from strands_actors.contract.wire import MotorReport
+from strands_actors.kernel.actor import Actor, Deferred
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.health.failure_detector import FailureDetector
 from strands_actors.kernel.health.heartbeat import Heartbeat
@@ -45,6 +44,7 @@ from strands_actors.supervisors.root.messages import (
 from strands_actors.supervisors.wire.messages import HandOverAgain
 from strands_actors.supervisors.wire.watchdog import Tick
 
+from .channel_keeper import ChannelKeeper
 from .guarded import GuardedStandby, GuardedWire
 from .lock_keeper import Kept, LockKeeper
 from .stop_channel import INSIST_S, LINGER_S, all_safe, attempt, attempt_anew, pauses_s
@@ -101,13 +101,11 @@ class Guardian(Actor):
         self._writers = writers
         self._on_report = on_report
         self._on_dying = on_dying
-        self._standby = standby
         self._transport_address = transport
         self._owed = owed or Owed()
         self._lives: dict[int, Life] = {}  # of the writers, when they were last looked at
         self.stopped_detector = StoppedDetector(lambda pid: self._lives[pid].stopped)
-        self._stop_channel: StopChannel | None = None
-        self._stop_channel_scope = trio.CancelScope()
+        self.channels = ChannelKeeper(driver, standby, lambda why: self._break(Reason.WIRE, why))
         self._keeper = keeper
         self._on_decided = on_decided
         self.state = StateIs(Mode.DOWN, 0, "" if keeper is None else keeper.found_by, "")
@@ -138,6 +136,7 @@ class Guardian(Actor):
     async def started(self) -> None:
         self._gate: Ref = self.context.ref(self._gate_address)
         self._transport: Ref = self.context.ref(self._transport_address)
+        self.channels.begin(self.context, self._gate)
         self.context.every(self._driver.timing.tick_s, Tick)
 
     def receive(
@@ -167,7 +166,7 @@ class Guardian(Actor):
                 self._on_decided(message)
             case Handover():
                 self._failure_detector.heard(self.context.received_ns)
-                return self._take(message)
+                return self.channels.take(message)
             case Fence():
                 return self._fence(message)
         return None
@@ -217,69 +216,7 @@ class Guardian(Actor):
             self._why = reason, why
             self._broken.set()
 
-    # -- the stop channel
-
-    def _take(self, message: Handover) -> Deferred | Refused:
-        """Answered when the path could be used at once, and the standby's too."""
-        if message.again:
-            deferred = self.context.defer()
-            self.context.start_soon(self._answer_guarded, deferred, message.descriptors)
-            return deferred
-        try:
-            spare = () if self._standby is None else _duplicates(message.descriptors)
-        except OSError as error:
-            for fd in message.descriptors:
-                os.close(fd)
-            return Refused("no_descriptor", f"the standby cannot be given the port: {error}", "ulimit -n 1024")
-        self._drop_stop_channel()
-        self._stop_channel = path = self._driver.stop_channel(message.descriptors, self.context.clock)
-        self._stop_channel_scope = trio.CancelScope()
-        deferred = self.context.defer()
-        self.context.start_soon(self._keep_stop_channel, path, self._stop_channel_scope, deferred, spare)
-        return deferred
-
-    async def _keep_stop_channel(
-        self, path: StopChannel, scope: trio.CancelScope, deferred: Deferred, spare: tuple[int, ...]
-    ) -> None:
-        """``spare``: descriptors for the standby."""
-        ready = False
-        guarded = trio.Event()
-        refusal: Refused | None = None
-
-        async def guard() -> None:
-            nonlocal refusal
-            refusal = await self._guard(spare)
-            guarded.set()
-
-        with scope:
-            try:
-                async with trio.open_nursery() as nursery:
-                    nursery.start_soon(guard)
-                    await nursery.start(path.serve)
-                    ready = True
-                    await guarded.wait()
-                    deferred.send(refusal or HandedOver())
-            except* WireDown as down:
-                why = describe(down).partition(": ")[2]
-                if ready:
-                    self._break(Reason.WIRE, f"the root has lost its way to the hardware: {why}")
-                else:
-                    deferred.send(Refused("no_stop_channel", why))  # the wire tries again by itself
-
-    async def _answer_guarded(self, deferred: Deferred, descriptors: tuple[int, ...]) -> None:
-        deferred.send(await self._guard(descriptors) or HandedOver())
-
-    async def _guard(self, descriptors: tuple[int, ...]) -> Refused | None:
-        """Have the standby guard the hardware, and tell the gate. Closes the descriptors."""
-        try:
-            if self._standby is None:
-                return None
-            refusal = await self._standby.guard(descriptors)
-        finally:
-            for fd in descriptors:
-                os.close(fd)
-        self._gate.tell(StandbyIs("" if refusal is None else f"it has no way to the hardware: {refusal.reason}"))
-        return refusal
+    # -- the standby, and the lock of an e-stop
 
     def lose_standby(self, why: str) -> None:
         """What moves goes on: root and wire are both there. Nothing is armed before there is
@@ -291,14 +228,8 @@ class Guardian(Actor):
     def begin_standby(self) -> None:
         """A new one has begun. The wire that is open hands over again; one that is not does when it
         opens."""
-        if self._guarded is not None and self._stop_channel is not None:
+        if self._guarded is not None and self.channels.own is not None:
             self._transport.tell(HandOverAgain())
-
-    def _drop_stop_channel(self) -> None:
-        if self._stop_channel is not None:
-            self._stop_channel_scope.cancel()
-            self._stop_channel.close()
-            self._stop_channel = None
 
     def _keep_lock(self) -> None:
         """On the disk, and tell the gate when it is."""
@@ -478,9 +409,7 @@ class Guardian(Actor):
             self._owed.safe_state = False
         else:
             await self._insist(epoch, INSIST_S)
-        self._drop_stop_channel()  # it would keep the next wire from the port, which is locked while it is open
-        if self._standby is not None:
-            await self._standby.let_go()
+        await self.channels.let_go()
         began_s = trio.current_time()
         while not fenced:  # two processes at one port would be worse than none
             if self._leaving and trio.current_time() > began_s + LINGER_S:
@@ -499,8 +428,8 @@ class Guardian(Actor):
         wire could write a setpoint after the safe frame. The wire would make safe by itself if the
         root died before the fence."""
         async with trio.open_nursery() as nursery:
-            if self._stop_channel is not None and guarded.alive and self._broken.is_set():
-                nursery.start_soon(attempt, self._stop_channel, self._driver, self._wanted())
+            if self.channels.own is not None and guarded.alive and self._broken.is_set():
+                nursery.start_soon(attempt, self.channels.own, self._driver, self._wanted())
                 for _ in range(2):  # by the second one it has run, as far as its first wait
                     await trio.lowlevel.checkpoint()
             fenced = await self._fenced(guarded)
@@ -544,8 +473,8 @@ class Guardian(Actor):
         motors: tuple[MotorReport, ...] = ()
         self._attempting_state = safe_state
         with trio.CancelScope() as self._attempting:
-            if self._stop_channel is not None:
-                motors = await attempt(self._stop_channel, self._driver, safe_state)
+            if self.channels.own is not None:
+                motors = await attempt(self.channels.own, self._driver, safe_state)
             elif not self._confirmed or safe_state.severity > self._usual.severity:
                 # This wire had not come so far as to energise anything, and what the one before left is
                 # as it was.
@@ -578,16 +507,3 @@ class Guardian(Actor):
             self.context.start_soon(self._answer_fence, waiting, report)
         self._waiting.clear()
         self.reported.set()
-
-
-def _duplicates(descriptors: Sequence[int]) -> tuple[int, ...]:
-    """Raise ``OSError``, with none made."""
-    made: list[int] = []
-    try:
-        for fd in descriptors:
-            made.append(os.dup(fd))
-    except OSError:
-        for fd in made:
-            os.close(fd)
-        raise
-    return tuple(made)

@@ -177,7 +177,7 @@ def test_saf_005_a_stop_channel_that_fails_is_tried_again() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             await armed(tree)
-            second = tree.keeper._stop_channel
+            second = tree.keeper.channels.own
             assert second is not None
             make_safe = second.make_safe
 

@@ -214,7 +214,7 @@ def test_saf_007_an_e_stop_while_a_wire_begins_is_carried_out_by_the_root() -> N
             hardware.open_s = 1.0
             tree.wire._scope.cancel()
             await trio.sleep(0.2)
-            assert len(tree.wires_made) == 2 and tree.keeper._stop_channel is None
+            assert len(tree.wires_made) == 2 and tree.keeper.channels.own is None
             report = await tree.guardian.ask(Fence(Reason.ESTOP, "test", lock=True), 3.0)
             assert isinstance(report, StopReport) and report.confirmed and report.motors
             assert hardware.of("safe")[-1].safe_state == "off"
@@ -255,7 +255,7 @@ def test_saf_007_an_e_stop_does_not_wait_for_a_landing_of_the_root() -> None:
         driver = driver_of(hardware, "lands")
         async with open_inline_tree(hardware, driver=driver) as tree:
             await armed(tree)
-            channel = tree.keeper._stop_channel
+            channel = tree.keeper.channels.own
             assert channel is not None
             make_safe = channel.make_safe
 

@@ -41,7 +41,7 @@ class Root:
         self.over = trio.Event()
         self.steps: list[str] = []
         guardian, place = tree.keeper, tree.wire
-        second = guardian._stop_channel
+        second = guardian.channels.own
         assert second is not None
         make_safe, fence = second.make_safe, place.fence
         about_to_write = iter((STEPS[0], STEPS[3]))

@@ -98,7 +98,7 @@ def test_a_stop_after_the_safe_frames_of_a_dead_wire_is_answered_at_once() -> No
     async def run() -> None:
         async with open_inline_tree() as tree:
             await armed(tree)
-            tree.keeper._standby = Slow()  # type: ignore[assignment]
+            tree.keeper.channels.standby = Slow()  # type: ignore[assignment]
             await kill(tree)
             assert not tree.keeper.idle.is_set() and tree.hardware.energised == LIMP
             with trio.fail_after(0.05):

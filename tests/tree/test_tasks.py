@@ -168,7 +168,7 @@ def test_saf_003_a_stop_of_a_task_beside_a_dead_wire_ends_no_actor() -> None:
             await tasks.ask(wanted(tree, writer, within_s=2.0), 5.0)
             await trio.sleep(0.1)
             freeze(tree, "policy")
-            slow(tree.keeper._stop_channel)
+            slow(tree.keeper.channels.own)
             tree.wire._scope.cancel()
             status = await tasks.ask(StopTask(), 2.0)
             assert isinstance(status, TaskStatus) and not status.running, status

@@ -127,7 +127,7 @@ def test_saf_002_the_last_safe_frame_comes_after_the_fence() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
-            place, second = tree.wire, tree.keeper._stop_channel
+            place, second = tree.wire, tree.keeper.channels.own
             assert second is not None
             make_safe = second.make_safe
             ended: list[bool] = []

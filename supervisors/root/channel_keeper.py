@@ -1,0 +1,127 @@
+"""Keeps the stop channels that a wire hands over: the root's own, ready to be used at once, and the
+standby's.
+
+A wire's link counts as up only when both could be used. The root's is closed before the next wire
+opens the port, which is locked while it is open.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+
+import trio
+
+from strands_actors.contract.driver import Driver
+from strands_actors.contract.wire import StopChannel, WireDown
+from strands_actors.kernel.actor import Context, Deferred, describe
+from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.node import Ref
+from strands_actors.supervisors.gate.messages import StandbyIs
+from strands_actors.supervisors.root.messages import HandedOver, Handover
+
+from .guarded import GuardedStandby
+
+
+class ChannelKeeper:
+    """``standby``: None in tests of one process. ``broken`` is told when the root's own channel was
+    lost, and why. ``own``: the root's, while it has one."""
+
+    def __init__(self, driver: Driver, standby: GuardedStandby | None, broken: Callable[[str], None]) -> None:
+        self._driver = driver
+        self.standby = standby
+        self._broken = broken
+        self.own: StopChannel | None = None
+        self._scope = trio.CancelScope()
+
+    def begin(self, context: Context, gate: Ref) -> None:
+        """``context``: of the actor that keeps it. ``gate``: told whether the standby guards."""
+        self._context = context
+        self._gate = gate
+
+    def take(self, message: Handover) -> Deferred | Refused:
+        """Answered when the path could be used at once, and the standby's too."""
+        if message.again:
+            deferred = self._context.defer()
+            self._context.start_soon(self._answer_guarded, deferred, message.descriptors)
+            return deferred
+        try:
+            spare = () if self.standby is None else _duplicates(message.descriptors)
+        except OSError as error:
+            for fd in message.descriptors:
+                os.close(fd)
+            return Refused("no_descriptor", f"the standby cannot be given the port: {error}", "ulimit -n 1024")
+        self._drop()
+        self.own = path = self._driver.stop_channel(message.descriptors, self._context.clock)
+        self._scope = trio.CancelScope()
+        deferred = self._context.defer()
+        self._context.start_soon(self._keep, path, self._scope, deferred, spare)
+        return deferred
+
+    async def let_go(self) -> None:
+        """Close both: they would keep the next wire from the port."""
+        self._drop()
+        if self.standby is not None:
+            await self.standby.let_go()
+
+    async def _keep(
+        self, path: StopChannel, scope: trio.CancelScope, deferred: Deferred, spare: tuple[int, ...]
+    ) -> None:
+        """``spare``: descriptors for the standby."""
+        ready = False
+        guarded = trio.Event()
+        refusal: Refused | None = None
+
+        async def guard() -> None:
+            nonlocal refusal
+            refusal = await self._guard(spare)
+            guarded.set()
+
+        with scope:
+            try:
+                async with trio.open_nursery() as nursery:
+                    nursery.start_soon(guard)
+                    await nursery.start(path.serve)
+                    ready = True
+                    await guarded.wait()
+                    deferred.send(refusal or HandedOver())
+            except* WireDown as down:
+                why = describe(down).partition(": ")[2]
+                if ready:
+                    self._broken(f"the root has lost its way to the hardware: {why}")
+                else:
+                    deferred.send(Refused("no_stop_channel", why))  # the wire tries again by itself
+
+    async def _answer_guarded(self, deferred: Deferred, descriptors: tuple[int, ...]) -> None:
+        deferred.send(await self._guard(descriptors) or HandedOver())
+
+    async def _guard(self, descriptors: tuple[int, ...]) -> Refused | None:
+        """Have the standby guard the hardware, and tell the gate. Closes the descriptors."""
+        try:
+            if self.standby is None:
+                return None
+            refusal = await self.standby.guard(descriptors)
+        finally:
+            for fd in descriptors:
+                os.close(fd)
+        self._gate.tell(StandbyIs("" if refusal is None else f"it has no way to the hardware: {refusal.reason}"))
+        return refusal
+
+    def _drop(self) -> None:
+        if self.own is not None:
+            self._scope.cancel()
+            self.own.close()
+            self.own = None
+
+
+def _duplicates(descriptors: Sequence[int]) -> tuple[int, ...]:
+    """Raise ``OSError``, with none made."""
+    made: list[int] = []
+    try:
+        for fd in descriptors:
+            made.append(os.dup(fd))
+    except OSError:
+        for fd in made:
+            os.close(fd)
+        raise
+    return tuple(made)
