@@ -14,7 +14,7 @@ from strands_actors.kernel.health.heartbeat import Word, private_page
 
 ROOT, WIRE, STANDBY = range(3)
 """Places of heartbeats."""
-_OWED, _SILENT, _ORDERED, _STOPPED = 3, 4, 5, 6
+_OWED, _SILENT, _ORDERED, _STOPPED, _WIRE_PID = 3, 4, 5, 6, 7
 _BY_SEVERITY = tuple(SafeState)
 
 
@@ -28,6 +28,7 @@ class Owed:
         self._silent = Word(page, _SILENT)
         self._ordered = Word(page, _ORDERED)  # a severity; 0: nothing, or the mildest
         self._stopped = Word(page, _STOPPED)
+        self._wire_pid = Word(page, _WIRE_PID)
 
     @property
     def safe_state(self) -> bool:
@@ -57,6 +58,16 @@ class Owed:
     @stopped_ns.setter
     def stopped_ns(self, at_ns: int) -> None:
         self._stopped.set(at_ns)
+
+    @property
+    def wire_pid(self) -> int:
+        """The wire process that was started last; 0: none, or it had ended when the root looked. Written
+        by the root, which may end before it has told the standby of a new one."""
+        return self._wire_pid.get()
+
+    @wire_pid.setter
+    def wire_pid(self, pid: int) -> None:
+        self._wire_pid.set(pid)
 
     def order(self, safe_state: str, lasts: bool = True) -> SafeState:
         """Note an order to make safe, if it ``lasts`` until it is confirmed. Return where to bring the

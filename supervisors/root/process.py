@@ -195,6 +195,7 @@ class Tree:
             self.robot,
             {name: args[name] for name in ("robot", "driver", "label")} | args["standby"],
             ahead.page,
+            Owed(words),
             Heartbeat(words, ROOT, STANDBY),
             self.driver.timing,
             ahead.standby,

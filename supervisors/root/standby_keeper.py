@@ -28,6 +28,7 @@ from strands_actors.kernel.processes.process import ChildProcess
 from strands_actors.kernel.processes.spawner import Spawner
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors import permissions as channels
+from strands_actors.supervisors.page import Owed
 from strands_actors.supervisors.standby.messages import Guard, Guarding, LetGo, LetGone, WatchOver
 from strands_actors.supervisors.standby.process import Standby
 from strands_actors.supervisors.standby.watch import look_s, silent_s
@@ -59,6 +60,7 @@ class StandbyKeeper:
         robot: str,
         args: dict[str, Any],
         page: int,
+        owed: Owed,
         heartbeat: Heartbeat,
         timing: Timing,
         ahead: ForkedAhead,
@@ -68,6 +70,7 @@ class StandbyKeeper:
         self._robot = robot
         self._args = args
         self._page = page
+        self._owed = owed
         self._heartbeat = heartbeat
         self._timing = timing
         self._ahead: ForkedAhead | None = ahead
@@ -99,9 +102,12 @@ class StandbyKeeper:
 
     async def _start(self) -> ChildProcess:
         ahead, self._ahead = self._ahead, None
-        process = None if ahead is None else ahead.start(ENTRY, self._args)
-        if process is None:
-            process = await self._spawner.start(ENTRY, self._args, session=True)
+        # Told at once: this root may have ended before a message could reach it.
+        with self._told() as first:
+            args = {**self._args, "root": first.root, "wire": first.wire}
+            process = None if ahead is None else ahead.start(ENTRY, args, first.descriptors)
+            if process is None:
+                process = await self._spawner.start(ENTRY, args, session=True, descriptors=first.descriptors)
         self.starts += 1
         self.process = process
         return process
@@ -145,6 +151,7 @@ class StandbyKeeper:
 
     def wire_started(self, process: ChildProcess) -> None:
         self._wire = process
+        self._owed.wire_pid = process.pid
         if self._watching:
             with self._told() as message:
                 self._ref.tell(message)
@@ -153,6 +160,7 @@ class StandbyKeeper:
     def _told(self) -> Iterator[WatchOver]:
         """Whom to watch, now."""
         wire = self._wire if self._wire is not None and self._wire.alive else None
+        self._owed.wire_pid = 0 if wire is None else wire.pid  # its number may soon be another's
         pidfds: list[int] = []
         with contextlib.suppress(OSError):  # none is free: then it goes by the numbers of the processes
             if self._own_pidfd is not None:
@@ -165,7 +173,7 @@ class StandbyKeeper:
                 os.close(fd)
 
     async def _begin(self) -> None:
-        """Tell it whom to watch, as soon as it can be told."""
+        """Tell it whom to watch now, as soon as it can be told: the wire may be another."""
         told: ChildProcess | None = None
         answer: Message | None = None
         while not isinstance(answer, Guarding) or told is not self._wire:

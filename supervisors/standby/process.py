@@ -68,8 +68,9 @@ DISK_S = 1.0
 class _Seen:
     """One of the two processes, as it was last seen."""
 
-    def __init__(self, name: str, peer: Peer | None, heartbeat: Heartbeat, watched: Watched) -> None:
+    def __init__(self, name: str, pid: int, peer: Peer | None, heartbeat: Heartbeat, watched: Watched) -> None:
         self.name = name
+        self.pid = pid  # 0: there is none
         self.peer = peer
         self.heartbeat = heartbeat
         self.watched = watched
@@ -78,13 +79,23 @@ class _Seen:
 
 
 class Standby(Actor):
-    """``report``: where its report is left. ``leave`` ends the process, with an exit code."""
+    """``report``: where its report is left. ``watched``: the processes that live when it begins.
+    ``leave`` ends the process, with an exit code."""
 
-    def __init__(self, driver: Driver, robot: str, port: str, report: Path, leave: Callable[[int], None]) -> None:
+    def __init__(
+        self,
+        driver: Driver,
+        robot: str,
+        port: str,
+        report: Path,
+        watched: WatchOver,
+        leave: Callable[[int], None],
+    ) -> None:
         self._driver = driver
         self._robot = robot
         self._port = port
         self._report = report
+        self._watched = watched
         self._leave = leave
         self._words: memoryview | None = None
         self._owed = Owed()
@@ -94,11 +105,8 @@ class Standby(Actor):
         self._channel_scope = trio.CancelScope()
         self._acts = False
 
-    @property
-    def watches(self) -> bool:
-        return self._root is not None
-
     async def started(self) -> None:
+        self._watch_over(self._watched)
         self.context.every(look_s(self._driver.timing), Tick)
 
     def receive(self, message: WatchOver | Guard | LetGo | Tick) -> Guarding | LetGone | Refused | Deferred | None:
@@ -131,16 +139,26 @@ class Standby(Actor):
             self._root = self._seen("root", message.root, root_fd, ROOT)
         elif root_fd is not None:
             os.close(root_fd)
+        self._wire = self._watch_wire(message.wire, wire_fd)
+
+    def _watch_wire(self, pid: int, pidfd: int | None) -> _Seen:
         if self._wire is not None and self._wire.peer is not None:
             self._wire.peer.close()
-        self._wire = self._seen("wire", message.wire, wire_fd, WIRE)
+        return self._seen("wire", pid, pidfd, WIRE)
+
+    def _last_wire(self) -> _Seen:
+        """The wire that was started last: its root may have ended before it told us of it."""
+        pid = self._owed.wire_pid
+        if self._wire is None or pid not in (0, self._wire.pid):
+            self._wire = self._watch_wire(pid, None)
+        return self._wire
 
     def _seen(self, name: str, pid: int, pidfd: int | None, at: int) -> _Seen:
         assert self._words is not None
         peer = Peer(pid, pidfd) if pid else None
         heartbeat = Heartbeat(self._words, STANDBY, at)
         watched = Watched(self._driver.timing, partial(suspected, pid), self.context.clock.now_ns())
-        seen = _Seen(name, peer, heartbeat, watched)
+        seen = _Seen(name, pid, peer, heartbeat, watched)
         if peer is not None:
             self.context.start_soon(self._see_end, seen, peer)
         return seen
@@ -151,9 +169,9 @@ class Standby(Actor):
         self._decide()
 
     def _tick(self, now_ns: int) -> None:
-        root, wire = self._root, self._wire
-        if root is None or wire is None:
+        if self._root is None:
             return
+        root, wire = self._root, self._last_wire()
         root.heartbeat.beat(now_ns)  # ours: both ends of the two are one
         for process, may_be_silent_until_ns in ((root, 0), (wire, self._owed.silent_until_ns)):
             if process.seen is not Seen.ENDED:
@@ -165,9 +183,9 @@ class Standby(Actor):
     # -- what is done
 
     def _decide(self) -> None:
-        root, wire = self._root, self._wire
-        if self._acts or root is None or wire is None:
+        if self._acts or self._root is None:
             return
+        root, wire = self._root, self._last_wire()
         match decide(root.seen, wire.seen, self._owed.safe_state):
             case Action.FENCE:
                 self._acts = True
@@ -301,14 +319,14 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     root_channel = channels.of_root(robot)
     node.linked = root_channel.hosts or frozenset()
     link = Link(node, sock, channel=root_channel)
-    standby = Standby(driver, robot, args["port"], report, os._exit)
+    watched = WatchOver(args["root"], args["wire"], tuple(args["descriptors"]))
+    standby = Standby(driver, robot, args["port"], report, watched, os._exit)
     async with trio.open_nursery() as nursery:
         await nursery.start(node.run)
         await nursery.start(node.cell(at.path("standby"), lambda: standby).run)
         nursery.start_soon(node.cell(at.introspection("standby"), Introspector, "introspection").run)
         await link.run()
-        if not standby.watches:
-            os._exit(0)  # nothing has begun; else what it watches decides
+        await trio.sleep_forever()  # without a root, too: what it watches decides
     raise AssertionError(lock)
 
 

@@ -52,6 +52,20 @@ async def test_a_child_is_started_signalled_and_its_code_told() -> None:
 
 
 @real_time
+async def test_a_child_has_descriptors_of_its_own_of_what_it_is_given(tmp_path: Path) -> None:
+    """Its own, so that it writes when its parent has closed the file."""
+    mark = tmp_path / "written"
+    async with spawner() as made:
+        for at in ("first", "second"):
+            with mark.open("ab") as file:
+                child = await made.start(f"{children.__name__}:write", {"text": at}, descriptors=(file.fileno(),))
+            with trio.fail_after(PATIENCE_S):
+                assert await child.wait() == 0
+            await end(child)
+    assert mark.read_text() == "firstsecond"
+
+
+@real_time
 async def test_saf_010_a_frozen_spawner_starts_nothing_later(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

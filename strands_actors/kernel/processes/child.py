@@ -31,7 +31,7 @@ import msgspec
 
 from strands_actors.kernel.health.realtime import run_like_others
 
-from .process import ChildSpecification
+from .process import MAX_DESCRIPTORS, SIZE_BYTES, ChildSpecification
 
 YOUNG = 20_000
 """Containers made before the collector looks at them: what is made 500 times a second is gone by
@@ -48,7 +48,7 @@ def main(fd: int) -> None:
     run_like_others()
     code = 1
     try:
-        specification = msgspec.msgpack.decode(_read_exactly(sock), type=ChildSpecification)
+        specification = _specification(sock)
         module, _, function = specification.entry.partition(":")
         entry = getattr(importlib.import_module(module), function)
         gc.collect()
@@ -116,13 +116,17 @@ def report_failure(what: str, error: BaseException) -> None:
         print(f"{what} failed.", *told(error), sep="\n", file=sys.stderr)
 
 
-def _read_exactly(sock: socket.socket) -> bytes:
-    size = int.from_bytes(_receive(sock, 4), "little")
-    return _receive(sock, size)
+def _specification(sock: socket.socket) -> ChildSpecification:
+    """Raise ``EOFError`` when the parent ended before it said all of it."""
+    begun, descriptors, _, _ = socket.recv_fds(sock, SIZE_BYTES, MAX_DESCRIPTORS)
+    size = int.from_bytes(_receive(sock, SIZE_BYTES, begun), "little")
+    specification = msgspec.msgpack.decode(_receive(sock, size), type=ChildSpecification)
+    if descriptors:
+        specification.args["descriptors"] = list(descriptors)
+    return specification
 
 
-def _receive(sock: socket.socket, size: int) -> bytes:
-    data = b""
+def _receive(sock: socket.socket, size: int, data: bytes = b"") -> bytes:
     while len(data) < size:
         piece = sock.recv(size - len(data))
         if not piece:

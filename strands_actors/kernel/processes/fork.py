@@ -71,10 +71,11 @@ class ForkedAhead:
         with theirs:
             self._child: Forked | None = Forked(fork_child(theirs.fileno(), keep, session))
 
-    def start(self, entry: str, args: Mapping[str, Any]) -> ChildProcess | None:
-        """As ``process.start``. None when it was started before, or has ended."""
+    def start(self, entry: str, args: Mapping[str, Any], descriptors: Sequence[int] = ()) -> ChildProcess | None:
+        """As ``process.start``. None when it was started before, or has ended. ``descriptors``: see
+        ``process.specify``."""
         forked, self._child = self._child, None
         if forked is None or forked.poll() is not None:
             return None
-        specify(self._socket, entry, args)
+        specify(self._socket, entry, args, descriptors)
         return OwnChild(forked, self._socket)

@@ -29,6 +29,9 @@ from .interpreter import PYTHON, environment
 
 NOTICED_S = 0.005
 BURY_AFTER_S = 0.1
+SIZE_BYTES = 4
+"""Of a specification, which follow its size; the descriptors come with that."""
+MAX_DESCRIPTORS = 8
 FENCE_S = 1.0
 """How long a fence waits for the end of what it killed. A process in an uninterruptible system call
 (a serial adapter that hangs) ends when that returns, and until then runs none of its own code."""
@@ -46,7 +49,8 @@ main(int(sys.argv[1]))
 
 
 class ChildSpecification(msgspec.Struct, frozen=True):
-    """What a child is told first. ``entry`` is ``module:function``, called with (args, socket)."""
+    """What a child is told first. ``entry`` is ``module:function``, called with (args, socket).
+    Descriptors come beside it (``specify``)."""
 
     entry: str
     args: dict[str, Any]
@@ -217,10 +221,15 @@ def execute(link_fd: int, pass_fds: Sequence[int] = (), label: str = "") -> subp
     )
 
 
-def specify(link_socket: socket.socket, entry: str, args: Mapping[str, Any]) -> None:
-    """Tell a child what to run."""
+def specify(
+    link_socket: socket.socket, entry: str, args: Mapping[str, Any], descriptors: Sequence[int] = ()
+) -> None:
+    """Tell a child what to run. It has its own duplicates of ``descriptors``, whose numbers it finds
+    in ``args["descriptors"]``."""
     specification = msgspec.msgpack.encode(ChildSpecification(entry, dict(args)))
-    link_socket.sendall(len(specification).to_bytes(4, "little") + specification)
+    size = len(specification).to_bytes(SIZE_BYTES, "little")
+    socket.send_fds(link_socket, [size], list(descriptors))
+    link_socket.sendall(specification)
 
 
 def start(entry: str, args: Mapping[str, Any], pass_fds: Sequence[int] = (), label: str = "") -> ChildProcess:

@@ -168,10 +168,12 @@ class Spawner:
         self._replaced = trio.Event()
         self._one_at_a_time = trio.Lock()
 
-    async def start(self, entry: str, args: Mapping[str, Any], session: bool = False) -> ChildProcess:
+    async def start(
+        self, entry: str, args: Mapping[str, Any], session: bool = False, descriptors: Sequence[int] = ()
+    ) -> ChildProcess:
         """As ``process.start``, without standing still; with ``session`` it is a session of its
-        own. Raise ``OSError`` when the spawner does not answer: then nothing was started, nor will
-        be."""
+        own. ``descriptors``: see ``process.specify``. Raise ``OSError`` when the spawner does not
+        answer: then nothing was started, nor will be."""
         async with self._one_at_a_time:
             if self._server.gone:
                 self._replace()
@@ -183,7 +185,7 @@ class Spawner:
                 self._server.process.kill()  # from now on it starts nothing
                 self._replace()
                 raise OSError(f"{why}; it has been replaced")
-        specify(child.socket, entry, args)
+        specify(child.socket, entry, args, descriptors)
         return child
 
     def _replace(self) -> None:

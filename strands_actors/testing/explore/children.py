@@ -71,11 +71,15 @@ class Starter:
         self._entries = entries
         self._rng = world.rng("starts")
 
-    def start(self, entry: str, args: Mapping[str, Any], most_s: float) -> SimChild:
+    def start(
+        self, entry: str, args: Mapping[str, Any], most_s: float, descriptors: Sequence[int] = ()
+    ) -> SimChild:
         role, main = self._entries[entry]
         parent = self.world.current
         boot_s = most_s * (0.3 + 0.7 * self._rng.random())
         ends: list[Socket] = []
+        if descriptors:
+            args = {**args, "descriptors": [os.dup(fd) for fd in descriptors]}
 
         async def run(process: Process) -> None:
             await trio.sleep(boot_s)
@@ -98,9 +102,9 @@ class SimAhead:
     def __init__(self, starter: Starter) -> None:
         self._starter: Starter | None = starter
 
-    def start(self, entry: str, args: Mapping[str, Any]) -> SimChild | None:
+    def start(self, entry: str, args: Mapping[str, Any], descriptors: Sequence[int] = ()) -> SimChild | None:
         starter, self._starter = self._starter, None
-        return None if starter is None else starter.start(entry, args, FORKED_S)
+        return None if starter is None else starter.start(entry, args, FORKED_S, descriptors)
 
 
 class SimSpawner:
@@ -109,11 +113,13 @@ class SimSpawner:
     def __init__(self, starter: Starter) -> None:
         self._starter = starter
 
-    async def start(self, entry: str, args: Mapping[str, Any], session: bool = False) -> SimChild:
+    async def start(
+        self, entry: str, args: Mapping[str, Any], session: bool = False, descriptors: Sequence[int] = ()
+    ) -> SimChild:
         await trio.sleep(0.002)
         if self._starter.spawner_slow_s:
             await trio.sleep(self._starter.spawner_slow_s)
-        return self._starter.start(entry, args, FORKED_S)
+        return self._starter.start(entry, args, FORKED_S, descriptors)
 
     async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         task_status.started()
