@@ -219,7 +219,7 @@ def test_saf_001_003_setpoints_do_not_notice_what_becomes_of_a_camera(new_arm: N
     os.kill(frozen, signal.SIGSTOP)
     until(lambda: is_stopped(frozen), "it is frozen")
     ended = task_ended(arm)
-    assert ended["exit_reason"] == "n_steps", ended
+    assert ended["exit_reason"] == "n_steps", str(ended)
     stream = [entry for entry in log.entries(began_ns) if entry.sender == "host" and entry.kind != "read"]
     last_ns = max(entry.t_ns for entry in stream if entry.kind == "setpoint")
     assert not [entry for entry in stream if entry.kind == "safe" and entry.t_ns < last_ns], "it never held"

@@ -1,0 +1,93 @@
+"""SAF-016: whom the standby watches. Real processes stand for root and wire; the robot is a fake."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+import trio
+
+from strands_actors.kernel.clock import MonotonicClock
+from strands_actors.kernel.health.heartbeat import new_page, words_of
+from strands_actors.kernel.node import Node
+from strands_actors.supervisors import addresses
+from strands_actors.supervisors.page import Owed
+from strands_actors.supervisors.standby.messages import WatchOver
+from strands_actors.supervisors.standby.process import Standby
+from strands_actors.supervisors.standby.report import read
+from strands_actors.testing.fake_kinds import PEERS, FakeBase
+from tests.kernel.kernel import real_time, until
+
+ROBOT = "fake_base"
+LOOKS_S = 0.2
+"""Many looks of the standby's."""
+
+
+class Pair:
+    """A root and a wire that run, and the page of a robot that may be energised."""
+
+    def __init__(self) -> None:
+        self.root, self.wire = subprocess.Popen(["sleep", "60"]), subprocess.Popen(["sleep", "60"])
+        self.page = new_page()
+        self.owed = Owed(words_of(self.page))
+        self.owed.safe_state = True
+
+    @asynccontextmanager
+    async def watched(self, wire: int, report: Path) -> AsyncIterator[None]:
+        """By a standby that is told of the root and of ``wire``."""
+        left: list[int] = []
+        port = str(report)
+        driver = FakeBase(ROBOT, port, {})
+        told = WatchOver(self.root.pid, wire, (os.dup(self.page),))
+        node = Node(ROBOT, MonotonicClock())
+        async with trio.open_nursery() as nursery:
+            await nursery.start(node.run)
+            standby = Standby(driver, ROBOT, port, report, told, left.append)
+            await nursery.start(node.cell(addresses.of(ROBOT).path("standby"), lambda: standby).run)
+            yield
+            await until(lambda: left == [0])
+            nursery.cancel_scope.cancel()
+        (safe,) = PEERS[port].of("safe")
+        assert safe.path == "stop_channel"
+
+
+@pytest.fixture
+def pair() -> Iterator[Pair]:
+    made = Pair()
+    yield made
+    for process in (made.root, made.wire):
+        process.kill()
+        process.wait()
+    os.close(made.page)
+
+
+@real_time
+async def test_saf_016_it_acts_when_both_of_whom_it_was_told_have_ended(pair: Pair, tmp_path: Path) -> None:
+    report = tmp_path / "report"
+    pair.owed.wire_pid = pair.wire.pid
+    async with pair.watched(pair.wire.pid, report):
+        pair.wire.kill()
+        await trio.sleep(LOOKS_S)
+        assert not report.exists(), "the root is there"
+        pair.root.kill()
+    told = read(report)
+    assert told is not None and told.confirmed and told.over
+
+
+@real_time
+async def test_saf_016_a_wire_that_its_root_did_not_live_to_tell_of_is_left_alone(
+    pair: Pair, tmp_path: Path
+) -> None:
+    """Two writers otherwise: it makes safe by itself."""
+    report = tmp_path / "report"
+    async with pair.watched(0, report):
+        pair.owed.wire_pid = pair.wire.pid
+        pair.root.kill()
+        await trio.sleep(LOOKS_S)
+        assert not report.exists()
+        pair.wire.kill()
+    assert read(report) is not None
