@@ -58,7 +58,7 @@ class FeetechWire(ServoWire[protocol.Packet]):
         for axis in self.axes:
             await answer_at_once(bus, axis, servos[axis.id])
         self._limited = [axis for axis in self.axes if servos[axis.id].speed_limit]
-        limits = limits_of([servos[axis.id] for axis in self.axes])
+        limits = limits_of(self.axes, [servos[axis.id] for axis in self.axes])
         travel = {motor: servo.travel for motor, servo in servos.items()}
         return Handshake(FeetechReadings(self.axes, limits), travel, travel, facts(self.axes, servos))
 

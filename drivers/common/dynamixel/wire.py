@@ -52,7 +52,7 @@ class DynamixelWire(ServoWire[protocol.Packet]):
             servo = await identify(bus, axis)
             check(axis, servo, calibration[axis.key] if calibration else None)
             servos[axis.id] = servo
-        limits = limits_of([servos[axis.id] for axis in self.axes])
+        limits = limits_of(self.axes, [servos[axis.id] for axis in self.axes])
         self._readings = DynamixelReadings(self.axes, limits)
         return Handshake(
             readings=self._readings,

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Protocol
 
+from .axes import Axis
+
 
 class Identity(Protocol):
     """Each wire's own has more."""
@@ -13,6 +15,10 @@ class Identity(Protocol):
     def model_name(self) -> str: ...
     @property
     def firmware(self) -> object: ...
+    @property
+    def travel(self) -> tuple[int, int]:
+        """Lowest and highest goal it takes, counts."""
+
     @property
     def min_voltage_v(self) -> float: ...
     @property
@@ -27,13 +33,23 @@ class Identity(Protocol):
     def temperature_c(self) -> float: ...
 
 
-def limits_of(servos: Sequence[Identity]) -> dict[str, tuple[float, ...]]:
-    """For the gates, as sensors that do not change: in the order of the axes."""
+def limits_of(axes: Sequence[Axis], servos: Sequence[Identity]) -> dict[str, tuple[float, ...]]:
+    """For the gates, as sensors that do not change: in the order of the axes. ``travel_low``,
+    ``travel_high``: of the joint and of its servo the narrower, in the joint's unit."""
+    travel = [_travel(axis, servo) for axis, servo in zip(axes, servos, strict=True)]
     return {
+        "travel_low": tuple(low for low, _ in travel),
+        "travel_high": tuple(high for _, high in travel),
         "voltage_min_v": tuple(servo.min_voltage_v for servo in servos),
         "voltage_max_v": tuple(servo.max_voltage_v for servo in servos),
         "temperature_max_c": tuple(servo.max_temperature_c for servo in servos),
     }
+
+
+def _travel(axis: Axis, servo: Identity) -> tuple[float, float]:
+    low, high = servo.travel
+    first, second = axis.value(max(low, axis.low)), axis.value(min(high, axis.high))
+    return min(first, second), max(first, second)
 
 
 def facts_of(servos: Mapping[str, Identity]) -> dict[str, dict[str, object]]:
