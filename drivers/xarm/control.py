@@ -149,9 +149,10 @@ async def stop(control: Control) -> Outcome:
     try:
         for _ in range(ATTEMPTS):
             reply = await control.ask(Register.SET_STATE, bytes((State.STOPPED,)), within_s=ACKNOWLEDGE_S)
-            written, acknowledged = True, acknowledged or reply is not None
+            written = True
+            acknowledged = acknowledged or (reply is not None and not reply.state & p.INVALID)
             said = await control.ask(Register.GET_STATE, within_s=CONFIRM_S)
-            detail = "silent" if said is None else unsafe_words(said.data)
+            detail = "silent" if said is None else unsafe_words(said)
             if not detail:
                 break
     except WireDown as down:
@@ -159,8 +160,11 @@ async def stop(control: Control) -> Outcome:
     return Outcome(written, acknowledged, detail)
 
 
-def unsafe_words(data: bytes) -> str:
-    """Return why a controller in this state is not stopped; empty when it is."""
+def unsafe_words(said: p.Reply) -> str:
+    """Return why a controller that answers this is not stopped; empty when it is."""
+    data = said.data
+    if said.state & p.INVALID:
+        return "its controller does not take the question for its state"
     if data[:1] == bytes((State.STOPPED,)):
         return ""
     return f"its controller says state {data[0]}" if data else "its controller says no state"

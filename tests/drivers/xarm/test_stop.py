@@ -10,7 +10,7 @@ import trio
 
 from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.xarm import protocol as p
-from strands_actors.drivers.xarm.protocol import State
+from strands_actors.drivers.xarm.protocol import Register, State
 from tests.drivers.common.memory_port import Permission
 
 from .rig import World, armed, cycle, in_virtual_time, stepped
@@ -52,6 +52,31 @@ async def test_saf_005_a_controller_that_stays_as_it_was_is_named() -> None:
     world.controller.set_state = lambda state: None  # type: ignore[method-assign]
     (motor, *_) = await wire.make_safe("stop")
     assert (motor.safe, motor.acknowledged, motor.detail) == (False, True, "its controller says state 2")
+
+
+@in_virtual_time
+@pytest.mark.parametrize(
+    ("register", "said"),
+    [
+        (Register.GET_STATE, (False, True, "its controller does not take the question for its state")),
+        (Register.SET_STATE, (True, False, "")),
+    ],
+)
+async def test_saf_005_an_answer_that_is_marked_as_invalid_confirms_nothing(
+    register: Register, said: tuple[bool, bool, str]
+) -> None:
+    """Its data may be whatever stood there."""
+    world = World()
+    wire = await armed(world)
+    obey = world.controller.obey
+
+    def marked(asked: int, data: bytes) -> tuple[int, bytes]:
+        flags, answer = obey(asked, data)
+        return flags | p.INVALID * (asked == register), answer
+
+    world.controller.obey = marked  # type: ignore[method-assign]
+    (motor, *_) = await wire.make_safe("stop")
+    assert (motor.safe, motor.acknowledged, motor.detail) == said
 
 
 @in_virtual_time
