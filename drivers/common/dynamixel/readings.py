@@ -10,7 +10,7 @@ from strands_actors.drivers.common.servo.readings import Readings, Sample
 
 from . import protocol, table
 from .gates import UNNAMED
-from .watchdog import TRIPPED
+from .watchdog import TRIPPED, UNARMED
 
 COUNTS_PER_S = 0.229 / 60 * COUNTS
 """Of the velocity register."""
@@ -25,16 +25,18 @@ class DynamixelReadings(Readings[protocol.Packet]):
     def __init__(self, axes: Sequence[Axis], limits: Mapping[str, tuple[float, ...]]) -> None:
         super().__init__(axes, limits)
         self._alerts: dict[int, str] = {}
-        self._tripped: set[int] = set()
+        self._watchdog: dict[int, str] = {}
+        self._watchdog_counts = table.WATCHDOG_OFF
 
     @property
     def unnamed(self) -> bool:
         """Return whether a servo has an alert that was not read yet."""
         return UNNAMED in self._alerts.values()
 
-    def watchdogs_cleared(self) -> None:
-        """All of them, as was read back."""
-        self._tripped.clear()
+    def watchdogs_are(self, counts: int) -> None:
+        """Set ``counts`` as what all of them were set to, as was read back."""
+        self._watchdog.clear()
+        self._watchdog_counts = counts
 
     def sample(self, axis: Axis, reply: protocol.Packet, base: int) -> Sample:
         block = reply.params
@@ -42,13 +44,13 @@ class DynamixelReadings(Readings[protocol.Packet]):
         if base <= table.TORQUE_ENABLE.address:
             torque = bool(table.TORQUE_ENABLE.decode(block, base))
             self._alerts[axis.id] = table.error_words(table.HARDWARE_ERROR.decode(block, base))
-            tripped = table.BUS_WATCHDOG.decode(block, base) == table.WATCHDOG_TRIPPED
-            (self._tripped.add if tripped and torque else self._tripped.discard)(axis.id)
+            counts = table.BUS_WATCHDOG.decode(block, base)
+            self._watchdog[axis.id] = self._words_of_watchdog(counts) if torque else ""
         elif not reply.alert:
             self._alerts[axis.id] = ""
         elif not self._alerts.get(axis.id):
             self._alerts[axis.id] = UNNAMED
-        words = [self._alerts[axis.id], TRIPPED if axis.id in self._tripped else ""]
+        words = [self._alerts[axis.id], self._watchdog.get(axis.id, "")]
         amount = float(table.CURRENT.decode(block, base))
         has_load = axis.model in LOAD_MODELS
         return Sample(
@@ -63,3 +65,8 @@ class DynamixelReadings(Readings[protocol.Packet]):
             words=", ".join(word for word in words if word),
             energised=torque,
         )
+
+    def _words_of_watchdog(self, counts: int) -> str:
+        if counts == table.WATCHDOG_TRIPPED:
+            return TRIPPED
+        return UNARMED if self._watchdog_counts and counts != self._watchdog_counts else ""

@@ -31,4 +31,6 @@ FEED_S = 0.5
 """A live setpoint is re-sent every 0.1 s."""
 
 TRIPPED = "bus watchdog"
-"""Its word in ``faults``."""
+UNARMED = "bus watchdog off"
+"""Words in ``faults``: of a servo that has stopped by itself, and of one that would not any more, since
+another program has written the register."""

@@ -97,7 +97,7 @@ class DynamixelWire(ServoWire[protocol.Packet]):
                     f"arm: the bus watchdog of {axis.label} is {found}, must be {counts}. "
                     "Power-cycle it and try again"
                 )
-        self._readings.watchdogs_cleared()
+        self._readings.watchdogs_are(counts)
 
     # -- what feeds the watchdogs is earned
 

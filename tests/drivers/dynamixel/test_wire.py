@@ -13,6 +13,8 @@ import trio
 
 from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.dynamixel import protocol, table, watchdog
+from strands_actors.drivers.common.dynamixel.gates import FAULT_CODES, REMEDIES
+from strands_actors.drivers.common.dynamixel.watchdog import UNARMED
 from strands_actors.drivers.common.half_duplex import QUIET_S
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.dynamixel.driver import Dynamixel
@@ -314,3 +316,20 @@ def test_the_stop_channel_makes_the_robot_of_a_dead_owner_safe(twin: Twin, safe_
         second.close()
 
     trio.run(main)
+
+
+def test_saf_013_a_watchdog_that_another_program_switches_off_is_a_fault() -> None:
+    """The arm would no longer stop by itself."""
+
+    async def main() -> None:
+        rig = await DynamixelRig().armed()
+        rig.servo(VICTIM).table[table.BUS_WATCHDOG.address] = table.WATCHDOG_OFF
+        seen = await rig.cycles(60, write=True)
+        assert seen.faults == {JOINTS[VICTIM - 1]: UNARMED}
+        assert FAULT_CODES[UNARMED] == "watchdog_off" and "watchdog_off" in REMEDIES
+        await rig.wire.make_safe("limp")
+        await rig.wire.arm(Permission())
+        seen = await rig.cycles(60, write=True)
+        assert seen.faults == {}, "armed anew by a resume"
+
+    virtual(main)
