@@ -124,11 +124,16 @@ class ModbusClient:
         """Return the registers that were asked for, or None: not yet. Raise ``WireDown`` when the
         peer refuses anything, was asked and has said nothing for ``SILENT_S``, or speaks
         nonsense."""
+        return await self.first_answer((number,), within_s)
+
+    async def first_answer(self, numbers: Sequence[int], within_s: float) -> list[int] | None:
+        """As ``answer``, to whichever of these questions is answered first."""
         with trio.move_on_after(within_s):
-            while self._answers[number] is None:
+            while all(self._answers[number] is None for number in numbers):
                 self._take(await self._stream.read())
-        if self._answers[number] is not None:
-            return self._answers.pop(number)
+        for number in numbers:
+            if self._answers[number] is not None:
+                return self._answers.pop(number)
         silent_s = (self._clock.now_ns() - self._waiting_since_ns) / NS
         if silent_s > SILENT_S:
             raise WireDown(f"{self._name}: no answer for {silent_s * 1e3:.0f} ms. Check its power, then reconnect")

@@ -7,6 +7,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
+import trio
+
 from strands_actors.contract.wire import MotorReport, Permit, WireDown
 
 from . import protocol
@@ -15,7 +17,14 @@ from .protocol import Command, Status
 
 ATTEMPTS = 3
 CONFIRM_S = 0.25
-"""Of each attempt: three, and a connection, fit into what a stop may take."""
+"""Longest wait for one answer."""
+HOLD_S = ATTEMPTS * CONFIRM_S
+"""Of all attempts: these, and a connection, fit into what a stop may take (``Timing.safe_s``)."""
+
+POLL_S = 0.05
+ECHO_POLLS = 2
+"""By then the gripper repeats what it was told [assumed; no manual has a number]; before, what it
+says of going and of objects is about the past."""
 
 
 class GripperClient(ABC):
@@ -36,6 +45,11 @@ class GripperClient(ABC):
     @abstractmethod
     async def status(self, within_s: float, permit: Permit | None = None) -> Status | None:
         """Ask, until there is an answer. None: not in time. ``permit`` is checked meanwhile."""
+
+    @abstractmethod
+    async def soonest(self, number: int | None, within_s: float) -> Status | None:
+        """Ask anew, and return what comes first: the answer to this, or the one that is owed to
+        question ``number``. None: neither in time. Neither is of interest afterwards."""
 
     @abstractmethod
     def ask(self) -> int:
@@ -63,19 +77,32 @@ async def hold(gripper: GripperClient, known: Status | None, config: RobotiqConf
     gripper is asked first: a hold would activate one that is not, and that moves its fingers."""
     written = heard = False
     detail = "silent"
+    command: Command | None = None
     try:
-        for _ in range(ATTEMPTS):
-            known = known or await gripper.status(CONFIRM_S)
-            if known is None:
-                continue
-            await gripper.clear_way()
-            gripper.write(protocol.safe_command(known))
-            written = True
-            known = await gripper.status(CONFIRM_S)
-            heard = heard or known is not None
-            detail = "silent" if known is None else protocol.unsafe_words(known)
-            if not detail:
-                break
+        with trio.move_on_after(HOLD_S):
+            for _ in range(ATTEMPTS):
+                known = known or await gripper.status(CONFIRM_S)
+                if known is None:
+                    continue
+                # A reset may not have been taken up yet: a hold behind it would be the rising edge.
+                if command is None or command.activate:
+                    command = protocol.safe_command(known)
+                await gripper.clear_way()
+                gripper.write(command)
+                written = True
+                for poll in range(ECHO_POLLS):
+                    if poll:
+                        await trio.sleep(POLL_S)
+                    known = await gripper.status(CONFIRM_S)
+                    if known is None:
+                        detail = "silent"
+                        break
+                    heard = True
+                    detail = protocol.unsafe_words(known, command)
+                    if not detail:
+                        return config.report(written, heard, detail)
+                    if command.activate and not protocol.safe_command(known).activate:
+                        break  # it is being activated, and only a reset ends that
     except WireDown as error:
         detail = str(error)
     return config.report(written, heard, detail)

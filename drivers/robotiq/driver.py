@@ -4,6 +4,12 @@ Safe, for whatever reason, is to hold: the fingers stop where they are (rGTO 0) 
 so that what is held stays held by the gear, which cannot be driven from the fingers' side
 [assumed]. There is no limp, and nothing here ever asks for the automatic release. What is given up
 in a hold is that the gripper closes again by itself when the object slips.
+
+A hold has rACT set, as every setpoint has, and activates a gripper that has lost its power since it
+was last heard. So one that was not heard for 60 ms is asked first. If it does not answer, a setpoint
+is not written, and a stop resets it: the fingers stop and the gear holds as above [assumed], but the
+next arming activates it again, through its whole stroke. What remains is a supply that is away and
+back within these 60 ms.
 """
 
 from __future__ import annotations

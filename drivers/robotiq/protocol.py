@@ -154,20 +154,33 @@ class Status(msgspec.Struct, frozen=True):
 
 
 def safe_command(status: Status) -> Command:
-    """What makes a gripper in this state keep still, and what it holds held. One that is not active
-    must not be told to be: it would begin its activation stroke."""
-    if status.activated and status.activation != Activation.ACTIVATING:
-        return Command(position=status.position)
-    return RESET
+    """Return what makes a gripper in this state keep still, and what it holds held. One that is not
+    active must not be told to be: it would begin its activation stroke."""
+    if not status.activated or status.activation == Activation.ACTIVATING:
+        return RESET
+    # Without rGTO a position moves nothing. It is one that the gripper does not repeat already, so
+    # that its echo tells whether this command was taken up.
+    beside = 1 if status.position < TOP else -1
+    return Command(position=status.position + beside * (status.position == status.request))
 
 
-def unsafe_words(status: Status) -> str:
-    """Why a gripper in this state is not safe; empty when it is."""
+def unsafe_words(status: Status, command: Command) -> str:
+    """Say why a gripper that was given this safe command, and then said this, is not known to be
+    safe; return nothing when it is."""
     if status.fault == RELEASING:
         return "automatic release is running: the fingers open"
     if status.activation == Activation.ACTIVATING:
         return "activating: the fingers move"
-    return "still going to its position" if status.going else ""
+    if not command.activate:
+        return "has not taken the reset up" if status.activated else ""
+    if not status.activated:
+        return "no longer activated"
+    if status.going:
+        return "still going to its position"
+    if status.request != command.position:
+        # rGTO may be 0 from before a setpoint that is still on its way: only the echo tells.
+        return f"has not taken the hold up: told {command.position}, it repeats {status.request}"
+    return ""
 
 
 def classify(command: Command, active: bool) -> str:

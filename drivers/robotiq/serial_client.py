@@ -73,6 +73,10 @@ class SerialGripper(GripperClient):
                 await trio.sleep(AGAIN_S)
         return None
 
+    async def soonest(self, number: int | None, within_s: float) -> Status | None:
+        """One question at a time: what is still owed is heard out first."""
+        return await self.status(within_s)
+
     def ask(self) -> int:
         return 0  # a question that is not awaited would be in the way of whatever comes next
 

@@ -37,6 +37,16 @@ class TcpGripper(GripperClient):
             self.forget(number)
         return None
 
+    async def soonest(self, number: int | None, within_s: float) -> Status | None:
+        """Ask beside the question that is open: one that was lost holds nothing up."""
+        numbers = [self.ask()] if number is None else [self.ask(), number]
+        try:
+            registers = await self._client.first_answer(numbers, within_s)
+        finally:
+            for asked in numbers:
+                self.forget(asked)
+        return None if registers is None else Status.from_registers(registers)
+
     def ask(self) -> int:
         return self._client.read_registers(protocol.INPUT, protocol.REGISTERS)
 

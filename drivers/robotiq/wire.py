@@ -10,14 +10,14 @@ from typing import Any, ClassVar
 
 import trio
 
-from strands_actors.contract.wire import MotorReport, Observation, Permit, Wire, WireDown
+from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
 from strands_actors.drivers.common.modbus import NotUnderstood
 from strands_actors.drivers.common.serial_port import open_serial
 from strands_actors.drivers.common.tcp_port import open_tcp
 from strands_actors.kernel.clock import NS, Clock
 
 from . import protocol
-from .client import GripperClient, hold
+from .client import ECHO_POLLS, POLL_S, GripperClient, hold
 from .config import AXIS, RobotiqConfig
 from .connect import OpenPort, OpenStream, open_gripper
 from .gates import FORCE, POSITION, SPEED
@@ -28,14 +28,19 @@ READ_S = 0.03
 """How long one reading waits for its answer; the next one goes on waiting. The watchdog wants to
 hear of us."""
 
+FRESH_S = 2 * READ_S
+"""So old, two readings without an answer, a status says nothing any more of whether the gripper is
+activated: its supply may have dipped, and whatever has rACT set would then activate it. What
+remains: one that was away and is back within this time."""
+
+SOON_S = 0.02
+"""How long an answer is waited for where the status is too old. On a serial line, which has to be
+heard out, twice that and some: a stop is on the wire within ``Driver.bound_s`` all the same."""
+
 HANDSHAKE_S = 0.6
 """More than a peer may be silent: what opens and does not speak is told as such."""
 
-POLL_S = 0.05
 RESET_S = 1.0
-ECHO_POLLS = 2
-"""By then the gripper repeats what it was told [assumed]; before, what it says of objects is about
-the past."""
 
 _NAN = math.nan
 
@@ -123,18 +128,19 @@ class RobotiqWire(Wire):
         status = await session.gripper.answer(session.asked, READ_S)
         if status is not None:
             session.asked = None
-            was_active = session.status.active
-            self._take(session, status)
-            if was_active and not status.active:  # whatever was decided was decided about another state
-                raise WireDown(
-                    f"read: the gripper is no longer activated (gSTA {status.activation}). Was its power cut?"
-                )
+            self._take_unless_reset(session, status, "read")
         return self._observation(session)
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
         session = self._session()
         if not session.status.active:  # being told to go would activate it
             raise WireDown("write: the gripper is not activated. Activate it first")
+        if not self._fresh(session):
+            status = await self._soonest(session)
+            if status is None:
+                age_ms = (self._clock.now_ns() - session.heard_ns) / 1e6
+                raise PermitDenied(f"the gripper is silent for {age_ms:.0f} ms")
+            self._take_unless_reset(session, status, "write")
         position, speed, force = (protocol.counts_of(values[slot]) for slot in (POSITION, SPEED, FORCE))
         await session.gripper.clear_way()
         permit.check()
@@ -143,11 +149,19 @@ class RobotiqWire(Wire):
             session.told, session.misses = position, 0
 
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+        """Ask first where the status is too old: a hold has rACT set, and would activate a gripper
+        that was reset since. One that does not answer may be that, or be heard no more and moving:
+        it is reset, which stops the one and leaves the other alone."""
         session = self._session_or_none
         if session is None:
             return (self._config.report(False, False, "not connected"),)
         session.told = None
-        return (await hold(session.gripper, session.status, self._config),)
+        known: Status | None = session.status
+        if not self._fresh(session):
+            known = None
+            with contextlib.suppress(WireDown):  # whether it can be written to is for the hold to find out
+                known = await self._soonest(session)
+        return (await hold(session.gripper, known or Status(), self._config),)
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
         """The gripper is asked first: one that has lost its power meanwhile would be activated, and
@@ -227,6 +241,27 @@ class RobotiqWire(Wire):
             raise WireDown("arm: the gripper does not answer. Check its power")
         self._take(session, status)
         return status
+
+    def _fresh(self, session: _Session) -> bool:
+        """Return whether what is known of the gripper is new enough to tell it to be active."""
+        return self._clock.now_ns() - session.heard_ns <= FRESH_S * NS
+
+    async def _soonest(self, session: _Session) -> Status | None:
+        """Ask, where the status is too old. None: no answer within ``SOON_S``. Raise
+        ``WireDown``."""
+        owed, session.asked = session.asked, None
+        return await session.gripper.soonest(owed, SOON_S)
+
+    def _take_unless_reset(self, session: _Session, status: Status, when: str) -> None:
+        """Raise ``WireDown`` when it was activated and is no more: whatever was decided was decided
+        about another state."""
+        was_active = session.status.active
+        self._take(session, status)
+        if was_active and not status.active:
+            raise WireDown(
+                f"{when}: the gripper is no longer activated (gSTA {status.activation}). Was its power cut? "
+                "A stop to which it does not answer resets it, too"
+            )
 
     def _take(self, session: _Session, status: Status) -> None:
         session.status = status

@@ -22,6 +22,8 @@ statuses = st.builds(
     byte,
 )
 
+HOLD = p.Command(position=7)
+
 
 def test_the_manuals_examples() -> None:
     full = p.Command(go_to=True, position=255)
@@ -62,21 +64,27 @@ def test_a_safe_command_neither_goes_nor_opens_nor_activates(status: p.Status) -
     if not status.activated or status.activation == p.Activation.ACTIVATING:
         assert not command.activate, "its rising edge would move the fingers; only a reset ends an activation"
     else:
-        assert command == p.Command(position=status.position), "it keeps its grip"
+        assert command == p.Command(position=command.position), "it keeps its grip"
+        assert abs(command.position - status.position) <= 1 and 0 <= command.position <= p.TOP
+        assert command.position != status.request, "else its echo is there before it"
 
 
 @pytest.mark.parametrize(
-    ("status", "says"),
+    ("status", "command", "says"),
     [
-        (p.Status(True, True, 3), "still going"),
-        (p.Status(True, False, 1), "activating"),
-        (p.Status(True, False, 3, fault=0x0B), "the fingers open"),
-        (p.Status(True, False, 3), ""),
-        (p.Status(False, False, 0), ""),
+        (p.Status(True, True, 3, request=7), HOLD, "still going"),
+        (p.Status(True, False, 1, request=7), HOLD, "activating"),
+        (p.Status(True, False, 3, request=7, fault=0x0B), HOLD, "the fingers open"),
+        (p.Status(True, False, 3, request=6), HOLD, "has not taken the hold up: told 7, it repeats 6"),
+        (p.Status(False, False, 0, request=7), HOLD, "no longer activated"),
+        (p.Status(True, False, 3, request=7), HOLD, ""),
+        (p.Status(True, False, 3), p.RESET, "has not taken the reset up"),
+        (p.Status(True, False, 1), p.RESET, "activating"),
+        (p.Status(False, False, 0, request=7), p.RESET, ""),
     ],
 )
-def test_what_is_not_safe_is_named(status: p.Status, says: str) -> None:
-    words = p.unsafe_words(status)
+def test_what_is_not_safe_is_named(status: p.Status, command: p.Command, says: str) -> None:
+    words = p.unsafe_words(status, command)
     assert says in words and bool(says) == bool(words)
 
 

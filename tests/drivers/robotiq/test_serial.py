@@ -138,6 +138,47 @@ def test_saf_005_a_stop_that_nobody_answers_is_written_all_the_same() -> None:
     virtual(main)
 
 
+@pytest.mark.parametrize("after_s", [0.07, 0.08, 0.09, 0.1, 0.11, 0.15])
+def test_saf_005_a_stop_to_a_gripper_that_is_heard_no_more_is_written_within_the_bound(after_s: float) -> None:
+    """It is asked first, and then reset: it may have been without power, and a hold would activate
+    it."""
+
+    async def main() -> None:
+        line = await Line().armed()
+        await line.go(0.9, speed=0.0)
+        await line.observe_for(0.5)
+        line.twin.set_fault(Fault.HALF_OPEN)
+        end_s = trio.current_time() + after_s
+        with trio.move_on_at(end_s):
+            while True:
+                await line.wire.read()
+                await trio.sleep(0.005)
+        line.busy_until_s = 0.0
+        began_s = trio.current_time()
+        written = len(line.ports[0].written)
+        (report,) = await line.wire.make_safe("hold")
+        at_s, frame = next(each for each in line.ports[0].written[written:] if each[1][1] == 0x10)
+        assert at_s - began_s < line.driver.bound_s
+        assert frame[7] == 0, "rACT 0"
+        assert report.written and not report.safe
+
+    virtual(main)
+
+
+def test_saf_005_a_stop_after_a_dip_of_the_supply_activates_nothing() -> None:
+    async def main() -> None:
+        line = await Line().armed()
+        line.twin.set_fault(Fault.OFF)
+        await line.observe_for(0.2)
+        line.twin.set_fault(Fault.OK)
+        line.written.clear()
+        assert await line.wire.make_safe("hold") == (MotorReport("gripper", 9, True, True, True),)
+        assert line.written == ["safe"]
+        assert line.twin.gripper.status().activation == 0
+
+    virtual(main)
+
+
 def test_a_late_answer_is_not_taken_for_the_next_one() -> None:
     async def main() -> None:
         line = await Line().armed()

@@ -9,6 +9,8 @@ from strands_actors.contract.wire import MotorReport, WireDown
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.common.twin.faults import Reply
 from strands_actors.drivers.robotiq import protocol as p
+from strands_actors.drivers.robotiq.client import ECHO_POLLS, HOLD_S, POLL_S, hold
+from strands_actors.drivers.robotiq.connect import open_gripper
 from strands_actors.drivers.robotiq.stop_channel import RobotiqStopChannel
 from strands_actors.drivers.robotiq.wire import RobotiqWire
 from tests.drivers.common.memory_port import MemoryPort, Permission, virtual
@@ -63,6 +65,142 @@ def test_a_stop_that_is_not_taken_is_not_called_success() -> None:
         rig.twin.set_fault(Fault.STUCK)
         report = await rig.stop()
         assert report == MotorReport("gripper", 9, True, True, False, "still going to its position")
+
+    virtual(main)
+
+
+@pytest.mark.parametrize("channel", ["wire", "root"])
+@pytest.mark.parametrize("echo_s", [0.0, 0.02])
+def test_saf_005_a_hold_is_not_confirmed_by_what_was_so_before_it(channel: str, echo_s: float) -> None:
+    """The setpoint is still on its way into the gripper, and the hold gets lost: it does not go yet,
+    and will."""
+
+    async def main() -> None:
+        rig = await Rig(echo_s=echo_s).armed()
+        await rig.observe_for(0.4)
+        gripper, taken = rig.twin.gripper, rig.twin.gripper.write
+        gripper.write = lambda command: taken(command) if command.go_to else None  # type: ignore[method-assign]
+        await rig.go(1.0, speed=0.0)
+        began_s = trio.current_time()
+        report = await (rig.stop() if channel == "wire" else rig.stop_channel())
+        assert (report.written, report.acknowledged, report.safe) == (True, True, False)
+        assert report.detail == "still going to its position"
+        assert trio.current_time() - began_s < HOLD_S
+
+    virtual(main)
+
+
+@pytest.mark.parametrize("channel", ["wire", "root"])
+def test_saf_005_a_hold_that_gets_lost_is_not_confirmed_by_a_gripper_that_stands(channel: str) -> None:
+    async def main() -> None:
+        rig = await Rig().armed()
+        await rig.observe_for(0.1)
+        rig.twin.gripper.write = lambda command: None  # type: ignore[method-assign]
+        report = await (rig.stop() if channel == "wire" else rig.stop_channel())
+        assert not report.safe
+        assert "has not taken the hold up" in report.detail
+
+    virtual(main)
+
+
+@pytest.mark.parametrize("channel", ["wire", "root"])
+@pytest.mark.parametrize("echo_s", [0.005, 0.02, 0.045])
+def test_a_hold_is_confirmed_once_it_is_taken_up(channel: str, echo_s: float) -> None:
+    async def main() -> None:
+        rig = await Rig(echo_s=echo_s).armed()
+        await rig.go(0.9, speed=0.0)
+        await rig.observe_for(0.5)
+        began_s = trio.current_time()
+        report = await (rig.stop() if channel == "wire" else rig.stop_channel())
+        assert report == MotorReport("gripper", 9, True, True, True)
+        assert echo_s < trio.current_time() - began_s < ECHO_POLLS * POLL_S
+        assert rig.written[-1] == "safe"
+        status = rig.twin.gripper.status()
+        assert not status.going and status.activation == p.Activation.ACTIVE
+
+    virtual(main)
+
+
+def test_a_reset_that_is_not_taken_up_yet_is_followed_by_no_hold() -> None:
+    """To the gripper, a hold behind a reset is the rising edge that activates it."""
+
+    async def main() -> None:
+        rig = Rig(activated=True, echo_s=0.08)
+        gripper = await open_gripper(rig.driver.config, rig.clock, rig.connect)
+        report = await hold(gripper, p.Status(), rig.driver.config)
+        assert (report.safe, report.detail) == (False, "has not taken the reset up")
+        assert set(rig.written) == {"safe"}
+        await trio.sleep(1.0)
+        rig.twin.gripper.pass_time()
+        assert rig.twin.gripper.status().activation == p.Activation.RESET
+
+    virtual(main)
+
+
+# -- a stop while it is not known what the gripper is
+
+
+@pytest.mark.parametrize("away_s", [0.1, 0.15, 0.3, 0.45])
+def test_saf_005_a_stop_after_a_dip_of_the_supply_activates_nothing(away_s: float) -> None:
+    """What was read before says that it is activated: a hold would move its fingers."""
+
+    async def main() -> None:
+        rig = await Rig(object_mm=42.5).armed()
+        await rig.go(1.0)
+        await rig.observe_for(1.0)
+        held = rig.twin.gripper.position
+        rig.twin.set_fault(Fault.OFF)
+        await rig.observe_for(away_s)
+        rig.twin.set_fault(Fault.OK)
+        rig.written.clear()
+        assert await rig.stop() == MotorReport("gripper", 9, True, True, True)
+        assert rig.written == ["safe"], "and none that sets rACT anew"
+        await trio.sleep(2.0)
+        rig.twin.gripper.pass_time()
+        assert (rig.twin.gripper.status().activation, rig.twin.gripper.position) == (p.Activation.RESET, held)
+
+    virtual(main)
+
+
+def test_saf_005_a_stop_behind_a_lost_answer_asks_first_and_holds() -> None:
+    async def main() -> None:
+        rig = await Rig().armed()
+        await rig.go(0.9, speed=0.0)
+        await rig.observe_for(0.5)
+        lost = rig.questions + 1
+        rig.delay_s = lambda number: 60.0 if number == lost else 0.001
+        await rig.observe_for(0.06)
+        before = len(rig.ports[0].written)
+        began_s = trio.current_time()
+        assert await rig.stop() == MotorReport("gripper", 9, True, True, True)
+        at_s, frame = rig.ports[0].written[before + 1]
+        assert frame[7:10] == b"\x10\x03\xe8"
+        assert at_s - began_s < 0.005
+        status = rig.twin.gripper.status()
+        assert not status.going and status.activation == p.Activation.ACTIVE, "it keeps its activation"
+
+    virtual(main)
+
+
+def test_saf_005_a_gripper_that_hears_and_is_not_heard_is_stopped_within_the_bound() -> None:
+    """It may have been reset, so it is not told to hold; a reset stops its fingers, and activates
+    nothing."""
+
+    async def main() -> None:
+        rig = await Rig().armed()
+        await rig.go(0.9, speed=0.0)
+        await rig.observe_for(0.5)
+        rig.silent_from = rig.questions
+        await rig.observe_for(0.15)
+        before = len(rig.ports[0].written)
+        began_s = trio.current_time()
+        report = await rig.stop()
+        assert (report.written, report.safe) == (True, False) and report.detail
+        assert trio.current_time() - began_s < STOPS_WITHIN_S
+        at_s, frame = next(each for each in rig.ports[0].written[before:] if each[1][7] == 0x10)
+        assert at_s - began_s < rig.driver.bound_s / 2
+        assert frame[13] == 0, "rACT 0"
+        assert set(rig.written[1:]) == {"safe"}
 
     virtual(main)
 

@@ -11,7 +11,7 @@ from strands_actors.contract.wire import PermitDenied, WireDown
 from strands_actors.drivers.common.modbus import SILENT_S
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.robotiq import protocol as p
-from strands_actors.drivers.robotiq.wire import READ_S
+from strands_actors.drivers.robotiq.wire import READ_S, SOON_S
 from tests.drivers.common.memory_port import Permission, virtual
 
 from .rig import Rig, sensor
@@ -93,6 +93,85 @@ def test_a_gripper_that_was_reset_is_never_told_to_go() -> None:
         assert (await rig.stop()).safe
         assert rig.written == ["safe"]
         assert rig.twin.gripper.status().activation == 0
+
+    virtual(main)
+
+
+@pytest.mark.parametrize("away_s", [0.1, 0.15, 0.3, 0.45])
+def test_a_supply_that_dips_in_the_middle_of_a_stream_activates_nothing(away_s: float) -> None:
+    """What was read before the dip says that it is activated. The object stays in its grip."""
+
+    async def main() -> None:
+        rig = await Rig(object_mm=42.5).armed()
+        await rig.go(1.0)
+        await rig.observe_for(1.0)
+        rig.written.clear()
+        held = rig.twin.gripper.position
+        rig.twin.set_fault(Fault.OFF)
+        back_s = trio.current_time() + away_s
+        denied = 0
+        with pytest.raises(WireDown, match="no longer activated"):
+            while True:
+                if trio.current_time() >= back_s and rig.twin.fault is Fault.OFF:
+                    rig.twin.set_fault(Fault.OK)
+                    rig.written.clear()
+                await rig.wire.read()
+                try:
+                    await rig.go(1.0)
+                except PermitDenied:
+                    denied += 1
+                await trio.sleep(0.02)
+        assert denied > 0, "while it is silent"
+        assert rig.written == []
+        await trio.sleep(2.0)
+        rig.twin.gripper.pass_time()
+        assert (rig.twin.gripper.status().activation, rig.twin.gripper.position) == (p.Activation.RESET, held)
+
+    virtual(main)
+
+
+def test_a_single_setpoint_after_a_dip_activates_nothing() -> None:
+    async def main() -> None:
+        rig = await Rig().armed()
+        rig.twin.set_fault(Fault.OFF)
+        await rig.observe_for(0.3)
+        rig.twin.set_fault(Fault.OK)
+        rig.written.clear()
+        with pytest.raises(WireDown, match="write: the gripper is no longer activated"):
+            await rig.go(0.5)
+        assert rig.written == []
+
+    virtual(main)
+
+
+def test_a_setpoint_behind_a_lost_answer_asks_first_and_leaves() -> None:
+    async def main() -> None:
+        rig = await Rig().armed()
+        lost = rig.questions + 1
+        rig.delay_s = lambda number: 60.0 if number == lost else 0.001
+        await rig.observe_for(0.06)
+        began_s = trio.current_time()
+        await rig.go(0.5)
+        assert trio.current_time() - began_s < 0.005
+        assert rig.written == ["setpoint"]
+        assert (await rig.observe_for(1.0)).position[0] == pytest.approx(0.5, abs=0.003)
+
+    virtual(main)
+
+
+def test_a_setpoint_behind_a_late_answer_waits_for_that() -> None:
+    """Every answer takes 60 ms: what is asked anew would come too late, what is owed does not."""
+
+    async def main() -> None:
+        rig = await Rig().armed()
+        rig.twin.set_fault(Fault.DELAYED)
+        for number in range(40):
+            await rig.wire.read()
+            await trio.sleep(0.02)
+            began_s = trio.current_time()
+            await rig.go(number / 40)
+            assert trio.current_time() - began_s <= SOON_S
+        assert rig.written == ["setpoint"] * 40
 
     virtual(main)
 
