@@ -129,7 +129,6 @@ class Link:
         self.model = config.model
         self.name = config.name
         self.malformed = 0
-        self.state_ns = 0
         self.calls = Calls(self.participant, config.name, clock)
         # Reliable, which matches a reader of either kind; of its history there is one: a lost
         # command is never followed by an older one.
@@ -138,7 +137,8 @@ class Link:
         )
         self._kind = config.command_type
         self._state: State | None = None
-        self._payload = b""
+        self._state_ns = 0
+        self._pending: tuple[bytes, int] | None = None  # the newest, not looked at yet, and when it came
         self._listens = False
 
     @property
@@ -177,14 +177,29 @@ class Link:
 
     @property
     def state(self) -> State | None:
-        """The newest. Decoded when somebody looks: five come between two looks."""
-        payload, self._payload = self._payload, b""
-        if payload:
-            try:
-                self._state = p.decode_state(payload[4:], self._kind)
-            except MalformedFrame:
-                self.malformed += 1
+        """Return the newest that can be read. It is decoded when somebody looks: five come between two looks."""
+        self._look()
         return self._state
+
+    @property
+    def state_ns(self) -> int:
+        """Return when ``state`` came; 0: none has."""
+        self._look()
+        return self._state_ns
+
+    def _look(self) -> None:
+        """Decode what has come. A state and its age are one: what cannot be read renews neither, or
+        the state before it would pass for a new one as long as such frames come."""
+        pending, self._pending = self._pending, None
+        if pending is None:
+            return
+        payload, t_ns = pending
+        try:
+            self._state = p.decode_state(payload[4:], self._kind)
+        except MalformedFrame:
+            self.malformed += 1
+        else:
+            self._state_ns = t_ns
 
     def of_arms(self, row: Sequence[float]) -> tuple[float, ...]:
         """Return a state's row by joint of the arms; NaN for a motor that the robot does not
@@ -192,8 +207,7 @@ class Link:
         return tuple(row[joint.slot] if joint.slot < len(row) else math.nan for joint in self.model.joints)
 
     def _on_state(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
-        self._payload = bytes(payload)
-        self.state_ns = t_ns
+        self._pending = bytes(payload), t_ns
 
     # -- commands
 

@@ -39,7 +39,13 @@ FRESH_S = 0.2
 MODE_S = 0.05
 """How often the mode is asked for while a hold is sent, as the wire asks while it sends commands."""
 STILL_RAD_S = 0.3
-"""A joint that turns no faster is held [assumed]."""
+"""A joint that turns faster is not at rest [assumed]. A slower one need not be, either: this is as much
+as a measured speed tells."""
+REST_RAD = 0.01
+"""A joint that stays so near to one place for ``HOLD_S`` rests [assumed]. At the kp of a hold that is
+0.6 N m, by which legs that come to a halt may shake an arm. The place need not be the target: an arm
+that hangs from it by its weight sinks once more as it is held where it was, and then rests. What turns
+on at ``STILL_RAD_S`` goes 0.015 rad in this time, without coming far from any target."""
 
 
 async def bring_down(link: Link, safe_state: str, arms: bool | None = None) -> tuple[MotorReport, ...]:
@@ -72,8 +78,10 @@ class _Way:
         self._mode: Mode | None = None  # as the robot has told since this began
         self._asked_ns = 0
         self._holds: tuple[float, ...] = ()
-        self._held_ns = self._first_ns = 0
-        self._written = False
+        self._held_ns = self._first_ns = 0  # the last and the first frame that left
+        joints = len(link.model.joints)
+        self._places = [math.nan] * joints  # where each joint stays, and since when
+        self._since_ns = [0] * joints
 
     # -- step by step
 
@@ -85,6 +93,7 @@ class _Way:
         elif self._may_hold:
             self._hold(now_ns)
         self._ask_mode(now_ns)
+        self._watch()
 
     def _ask_mode(self, now_ns: int) -> None:
         """Once, and now and then as long as an order is refused, or the arms are held."""
@@ -128,13 +137,11 @@ class _Way:
         """Behind the zero."""
         if not self._zero.written or now_ns - self._held_ns < CONTROL_S * NS:
             return
-        if not self._holds:
+        if not self._first_ns:  # what has not left yet would swing the arms back if it did so later
             self._holds = self._where(now_ns)
-        if not self._holds:
-            return
-        self._held_ns = now_ns
-        self._first_ns = self._first_ns or now_ns
-        self._written |= self._link.send_hold(self._holds)
+        if self._holds and self._link.send_hold(self._holds):
+            self._held_ns = now_ns
+            self._first_ns = self._first_ns or now_ns
 
     def _where(self, now_ns: int) -> tuple[float, ...]:
         """Where each joint is now; empty: not known of all. Then none is told anything, and the
@@ -145,6 +152,15 @@ class _Way:
             return ()
         here = link.of_arms(state.q)
         return () if any(map(math.isnan, here)) else here
+
+    def _watch(self) -> None:
+        """Look where each joint stays, in states that came after the first frame."""
+        state, state_ns = self._link.state, self._link.state_ns
+        if state is None or not self._first_ns or state_ns <= self._first_ns:
+            return
+        for at, rad in enumerate(self._link.of_arms(state.q)):
+            if not abs(rad - self._places[at]) <= REST_RAD:  # so for a NaN: not reported, or the first state
+                self._places[at], self._since_ns[at] = rad, state_ns
 
     # -- what became of it
 
@@ -173,21 +189,28 @@ class _Way:
         return bool(long_enough and all(self._still()))
 
     def _still(self) -> list[bool]:
-        """By joint: whether a state that came after the first frame shows it at rest."""
-        state = self._link.state
-        if state is None or not self._first_ns or self._link.state_ns <= self._first_ns:
-            return [False] * len(self._link.model.joints)
-        return [abs(rad_s) <= STILL_RAD_S for rad_s in self._link.of_arms(state.dq)]  # not so for a NaN
+        """Tell of each joint whether states that came after the first frame show it at rest. The speed alone
+        does not: an arm that turns slowly, and takes no notice of the frames, has a low one."""
+        state, state_ns = self._link.state, self._link.state_ns
+        if state is None:
+            return [False] * len(self._since_ns)
+        return [
+            abs(rad_s) <= STILL_RAD_S and 0 < since_ns <= state_ns - HOLD_S * NS  # not so for a NaN
+            for rad_s, since_ns in zip(self._link.of_arms(state.dq), self._since_ns, strict=True)
+        ]
 
     def reports(self) -> tuple[MotorReport, ...]:
         orders = [order for order in (self._zero, self._last, self._modes) if order is not None]
-        written = self._written or any(order.written for order in orders)
+        written = bool(self._first_ns) or any(order.written for order in orders)
         answered = any(order.answer is not None for order in orders)
         why, joints = self._why, self._link.model.joints
         if why or self._safe_state != SafeState.HOLD or self._arms is False:
             return tuple(MotorReport(joint.key, joint.slot, written, answered, not why, why) for joint in joints)
-        if not self._holds:
-            return unconfirmed(self._link.model, "where it is is not known", written)
+        if not self._first_ns:  # orders are for the base: of the arms, which keep their last goal, nothing left
+            return unconfirmed(
+                self._link.model,
+                "the robot takes no commands" if self._holds else "where it is is not known",
+            )
         return tuple(
             MotorReport(joint.key, joint.slot, True, still, still, "" if still else "it still turns", target)
             for joint, still, target in zip(joints, self._still(), self._holds, strict=True)

@@ -1,0 +1,239 @@
+"""A hold by itself, on arms that do what a test says: what is sent, believed and reported. In virtual
+time, with nobody at the other end."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+
+import pytest
+import trio
+
+from strands_actors.contract.wire import MotorReport
+from strands_actors.drivers.booster import protocol as p
+from strands_actors.drivers.booster import rpc
+from strands_actors.drivers.booster.config import BoosterConfig
+from strands_actors.drivers.booster.gates import STATE_TTL_S
+from strands_actors.drivers.booster.link import Link
+from strands_actors.drivers.booster.robots import FIRST_ARM, LAST_ARM, model_of
+from strands_actors.drivers.booster.rpc import Api, Mode, Response
+from strands_actors.drivers.booster.stopping import AT_MOST_S, HOLD_S, TICK_S, bring_down
+from strands_actors.drivers.booster.wire import SILENT_S, _Session
+from strands_actors.drivers.common.rtps import CDR
+from strands_actors.kernel.clock import NS, VirtualClock
+from strands_actors.testing import run_virtual
+
+NOBODY = BoosterConfig(model_of("booster_t1"), "127.0.0.79")
+STATE_S = 0.002
+MOTORS = 23
+SLOW_RAD_S = 0.29
+Motion = Callable[[float], float]
+"""A position by the seconds since something."""
+
+
+def low_state(q: float, dq: float = 0.0, readable: bool = True) -> memoryview:
+    """Encode one of arms that all are there. One that cannot be read has a torque that is no number, at a leg."""
+    at = range(FIRST_ARM, LAST_ARM + 1)
+    rows = [tuple(value if slot in at else 0.0 for slot in range(MOTORS)) for value in (q, dq)]
+    tau = (0.0,) * (MOTORS - 1) + (0.0 if readable else math.nan,)
+    none = (0.0,) * 3
+    return memoryview(CDR + p.encode_state(p.State(none, none, none, *rows, tau, (30,) * MOTORS)))
+
+
+class Arms:
+    """A robot that answers everything. ``turns`` is their motion without a hold, ``held`` how far they
+    go on from where the first frame finds them; None: they take no notice of it."""
+
+    def __init__(self, link: Link, turns: Motion, held: Motion | None = None) -> None:
+        self.readable = True
+        self.takes_after_s = 0.0
+        """From when on somebody takes commands."""
+        self.frames: list[tuple[float, float]] = []
+        """Those that left: when, and where the first arm joint is held."""
+        self._link = link
+        self._turns = turns
+        self._held = held
+        link.calls.ask = self._ask  # type: ignore[method-assign]
+        link.commands.write = self._write  # type: ignore[method-assign, assignment]
+
+    def at(self, now_s: float) -> float:
+        if self._held is None or not self.frames:
+            return self._turns(now_s)
+        first_s = self.frames[0][0]
+        return self._turns(first_s) + self._held(now_s - first_s)
+
+    async def tell(self) -> None:
+        """Tell states, for ever."""
+        while True:
+            self.say()
+            await trio.sleep(STATE_S)
+
+    def say(self) -> None:
+        now_s = trio.current_time()
+        speed = (self.at(now_s + 1e-4) - self.at(now_s)) / 1e-4
+        self._link._on_state(low_state(self.at(now_s), speed, self.readable), b"", round(now_s * NS))
+
+    def _ask(self, api: Api, body: str, heard: Callable[[Response], None]) -> bool:
+        heard(Response("", rpc.OK, rpc.change_mode(Mode.WALKING) if api is Api.GET_MODE else ""))
+        return True
+
+    def _write(self, payload: bytes) -> int:
+        now_s = trio.current_time()
+        if now_s < self.takes_after_s:
+            return 0
+        self.frames.append((now_s, p.decode_command(payload[len(CDR) :]).motors[FIRST_ARM].q))
+        return 1
+
+
+@asynccontextmanager
+async def linked() -> AsyncIterator[Link]:
+    link = Link(NOBODY, VirtualClock())
+    await trio.sleep(1.0)  # at the time 0 everything has just been tried
+    try:
+        yield link
+    finally:
+        link.close()
+
+
+async def held(link: Link, arms: Arms) -> tuple[float, tuple[MotorReport, ...]]:
+    """Hold them. Return how long that took, and the reports."""
+    arms.say()
+    began_s = trio.current_time()
+    async with trio.open_nursery() as nursery:
+        nursery.start_soon(arms.tell)
+        reports = await bring_down(link, "hold", True)
+        nursery.cancel_scope.cancel()
+    return trio.current_time() - began_s, reports
+
+
+def here(now_s: float) -> float:
+    return 0.3
+
+
+def slowly(now_s: float) -> float:
+    return SLOW_RAD_S * now_s
+
+
+# -- how old a state is
+
+
+def test_saf_012_a_state_that_cannot_be_read_renews_no_age() -> None:
+    async def test() -> None:
+        session = _Session(NOBODY, VirtualClock())
+        arms = Arms(session.link, slowly)
+        arms.say()
+        known_ns, known_rad = session.link.state_ns, arms.at(trio.current_time())
+        arms.readable = False
+        while (now_s := trio.current_time()) * NS - known_ns <= (SILENT_S + 0.1) * NS:
+            arms.say()
+            assert session.link.state_ns == known_ns, "of the state that is shown"
+            session.link.calls.heard_ns = round(now_s * NS)
+            await trio.sleep(0.02)
+        now_ns = round(trio.current_time() * NS)
+        seen = session.observation()
+        assert seen.t_ns == known_ns and seen.position[0] == pytest.approx(known_rad)
+        assert now_ns - seen.t_ns > STATE_TTL_S * NS, "so the gate refuses it"
+        assert session.silent_s(now_ns) > SILENT_S, "and the link counts as lost"
+        arms.readable = True
+        arms.say()
+        assert session.link.state_ns == now_ns
+        session.link.close()
+
+    run_virtual(test)
+
+
+def test_saf_012_arms_are_not_held_where_they_were_when_a_state_could_be_read() -> None:
+    async def test() -> None:
+        async with linked() as link:
+            arms = Arms(link, lambda now_s: 2.5 * now_s)
+            arms.say()
+            assert link.state is not None
+            arms.readable = False
+            for _ in range(30):
+                arms.say()
+                await trio.sleep(0.01)
+            _, reports = await held(link, arms)
+            assert arms.frames == [], "it would swing them back"
+            assert not any(report.written or report.safe for report in reports)
+            assert {report.detail for report in reports} == {"where it is is not known"}
+
+    run_virtual(test)
+
+
+def test_saf_005_a_hold_is_not_confirmed_by_states_that_cannot_be_read() -> None:
+    async def test() -> None:
+        async with linked() as link:
+            arms = Arms(link, here)
+            arms.say()
+            assert link.state is not None
+            arms.readable = False
+            took_s, reports = await held(link, arms)
+            assert arms.frames and all(report.written and not report.safe for report in reports)
+            assert took_s >= AT_MOST_S
+
+    run_virtual(test)
+
+
+# -- what counts as held
+
+
+@pytest.mark.parametrize("held_by", [here, lambda s: 0.15 * (1 - math.exp(-s / 0.05))], ids=["rests", "hangs"])
+def test_a_hold_counts_once_the_arms_rest(held_by: Motion) -> None:
+    """One that carries something sinks as it is held where it was, and does not come back."""
+
+    async def test() -> None:
+        async with linked() as link:
+            at_once = held_by is here
+            arms = Arms(link, here, None if at_once else held_by)
+            took_s, reports = await held(link, arms)
+            assert all(report.written and report.acknowledged and report.safe for report in reports)
+            assert [report.target for report in reports] == pytest.approx([0.3] * len(reports))
+            assert HOLD_S <= took_s <= HOLD_S + (3 * TICK_S + STATE_S if at_once else 0.2)
+
+    run_virtual(test)
+
+
+@pytest.mark.parametrize("rad_s", [SLOW_RAD_S, -SLOW_RAD_S, 0.22, 2.0])
+def test_saf_005_arms_that_turn_on_are_not_held(rad_s: float) -> None:
+    """As if they had been taken back by the robot's remote: it takes the frames, and nothing comes of
+    them."""
+
+    async def test() -> None:
+        async with linked() as link:
+            arms = Arms(link, lambda now_s: rad_s * now_s)
+            took_s, reports = await held(link, arms)
+            assert arms.frames and all(report.written for report in reports)
+            assert not any(report.acknowledged or report.safe for report in reports)
+            assert {report.detail for report in reports} == {"it still turns"}
+            assert took_s == pytest.approx(AT_MOST_S, abs=0.01)
+
+    run_virtual(test)
+
+
+def test_saf_005_a_hold_that_nobody_takes_is_not_written() -> None:
+    async def test() -> None:
+        async with linked() as link:
+            arms = Arms(link, here)
+            arms.takes_after_s = math.inf
+            _, reports = await held(link, arms)
+            assert not any(report.written or report.acknowledged or report.safe for report in reports)
+            assert {report.detail for report in reports} == {"the robot takes no commands"}
+            assert {report.target for report in reports} == {None}, "they keep what they were told before"
+
+    run_virtual(test)
+
+
+def test_saf_005_a_hold_that_leaves_late_is_of_where_the_arms_are_then() -> None:
+    async def test() -> None:
+        async with linked() as link:
+            arms = Arms(link, lambda now_s: 2.0 * now_s, lambda held_s: 0.0)
+            arms.takes_after_s = trio.current_time() + 0.4
+            took_s, reports = await held(link, arms)
+            first_s, told = arms.frames[0]
+            assert told == pytest.approx(2.0 * first_s, abs=2.0 * 0.01)
+            assert [report.target for report in reports] == pytest.approx([told] * len(reports))
+            assert all(report.safe for report in reports)
+            assert took_s >= 0.4 + HOLD_S, "it is sent for so long"
+
+    run_virtual(test)
