@@ -17,7 +17,7 @@ from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.udp_port import UdpListener
 from strands_actors.kernel.clock import NS, Clock
 
-from .protocol import Monitoring, State, decode_monitoring, encode_command, name_of
+from .protocol import Drive, Monitoring, State, decode_monitoring, encode_command, has_reached, name_of
 from .robots import Arm
 from .session import Session
 
@@ -26,6 +26,9 @@ MOST_WAITING = 1000
 STANDING_RAD_S = 0.02
 STAND_S = 0.03
 """Positions so far apart tell whether the arm stands."""
+ALONE_STAND_S = 0.1
+"""As that, of an arm that does not follow our answers [assumed]: a joint that nothing holds begins
+to fall from a stand, and its first hundredths of a second look like one."""
 HEAR_S = 0.3
 """A controller that says nothing for so long is not there."""
 CONFIRM_S = 0.8
@@ -46,7 +49,7 @@ class Link:
         self.news = trio.Event()  # set, and replaced, with each message that was understood
         self._clock = clock
         self._arm = arm
-        self._seen: deque[tuple[int, tuple[float, ...]]] = deque()  # positions of the last STAND_S, and one before
+        self._seen: deque[tuple[int, tuple[float, ...]]] = deque()  # positions of ALONE_STAND_S, and one before
 
     async def hear(self) -> Monitoring:
         """Return the newest message, once there is one that is understood. Raise ``WireDown``."""
@@ -58,7 +61,7 @@ class Link:
     def _take(self, said: Monitoring) -> None:
         self.said, self.heard_ns = said, self._clock.now_ns()
         self._seen.append((self.heard_ns, said.position))
-        while len(self._seen) > 2 and self.heard_ns - self._seen[1][0] >= STAND_S * NS:
+        while len(self._seen) > 2 and self.heard_ns - self._seen[1][0] >= ALONE_STAND_S * NS:
             self._seen.popleft()
         self.news.set()
         self.news = trio.Event()
@@ -81,47 +84,82 @@ class Link:
     # -- to a stand
 
     async def bring_to_stand(self, cycle: Callable[[], Awaitable[None]], detail: str) -> tuple[MotorReport, ...]:
-        """Look until answers that hold have left and the arm stands. ``cycle`` returns when the
-        next message has been answered; it raises ``WireDown``. Never raises."""
-        first, failure = self.answers, ""
+        """Look until answers that hold have left and the arm stands; where it is our answers that
+        hold it, until the controller has taken one of them, too. ``cycle`` returns when the next
+        message has been answered; it raises ``WireDown``. Never raises."""
+        first, hold, failure = self.answers, self.session.next_number(self.said), ""
         self._seen.clear()
         try:
             written = self.silent_s() > QUIET_CYCLES * cycle_s(self.said) and self.hold_unasked()
             with trio.move_on_after(CONFIRM_S):
-                while not self._is_held(first):
+                while not self._is_held(first, hold):
                     await cycle()
         except WireDown as down:
             written, failure = False, str(down)
         written = written or self.answers > first
-        return self.reports(written, self._is_held(first), failure or detail)
+        return self.reports(written, self._is_taken(hold), self._is_held(first, hold), failure or detail)
 
     def hold_unasked(self) -> bool:
         """Hold in answer to an old message: who is not heard may hear. True. Raise ``WireDown``."""
         self.port.write(encode_command(self.session.again(self.said)))
         return True
 
-    def _is_held(self, first: int) -> bool:
-        """Whether two answers have left since, and the arm stands, or is none of ours to stop."""
-        if self.answers - first < 2:
+    @property
+    def _follows_us(self) -> bool:
+        """Whether it is our answers that the arm does: else they neither move nor hold it."""
+        return self.said.state == State.COMMANDING_ACTIVE
+
+    def _is_held(self, first: int, hold: int) -> bool:
+        """Tell whether two answers have left since, the arm is measured to stand, and, where it
+        follows us, the controller has taken the answer ``hold`` or one behind it: one that was
+        only sent may be lost on the way, and the arm stand at the end of a step."""
+        if self.answers - first < 2 or not self._stands():
             return False
-        return self.said.state < State.COMMANDING_WAIT or self._stands()
+        return self._is_taken(hold) or not self._follows_us
+
+    def _is_taken(self, hold: int) -> bool:
+        """Tell whether the controller says that it has an answer that holds."""
+        return has_reached(self.said.reflected, hold)
 
     def _stands(self) -> bool:
-        if len(self._seen) < 2:
+        """Tell whether the measured positions of the newest messages are alike. In no state of the
+        session is that taken for granted: what the robot does in a stop of its own, with its drives
+        off, is not known."""
+        if not self._seen:
             return False
-        (then_ns, before), (now_ns, now) = self._seen[0], self._seen[-1]
-        span_s = (now_ns - then_ns) / NS
-        moved = max(abs(rad - other) for rad, other in zip(now, before, strict=True))
-        return span_s >= STAND_S and moved <= STANDING_RAD_S * span_s
+        at_least_s = STAND_S if self._follows_us else ALONE_STAND_S
+        now_ns, now = self._seen[-1]
+        for then_ns, before in reversed(self._seen):
+            span_s = (now_ns - then_ns) / NS
+            if span_s >= at_least_s:
+                moved = max(abs(rad - other) for rad, other in zip(now, before, strict=True))
+                return moved <= STANDING_RAD_S * span_s
+        return False
 
-    def reports(self, written: bool, held: bool, detail: str) -> tuple[MotorReport, ...]:
+    def reports(self, written: bool, taken: bool, held: bool, detail: str) -> tuple[MotorReport, ...]:
         """Return what became of every joint."""
-        if held and self.said.state < State.COMMANDING_WAIT:
-            detail = f"FRI session is {self.state}: the robot's own program holds it"
+        alone = f"FRI session is {self.state}" if self.said.state < State.COMMANDING_WAIT else ""
+        if held and alone:
+            detail = f"{alone}: {self._holder()}"
         elif not held and not detail:
-            silent = self.silent_s() > STAND_S
-            detail = f"no FRI message for {self.silent_s() * 1e3:.0f} ms" if silent else "it still moves"
-        return _reports(self._arm, written, held, detail, self.session.commanded)
+            detail = self._why_not_held(taken, alone)
+        return _reports(self._arm, written, taken, held, detail, self.session.commanded)
+
+    def _holder(self) -> str:
+        """Return who holds an arm that stands and does not follow us, as far as it tells."""
+        said = self.said
+        if said.safety or any(drive != Drive.ACTIVE for drive in said.drives):
+            return "it stands, in a stop of the robot's own"
+        return "the robot's own program holds it"
+
+    def _why_not_held(self, taken: bool, alone: str) -> str:
+        if self.silent_s() > STAND_S:
+            return f"no FRI message for {self.silent_s() * 1e3:.0f} ms"
+        if not self._stands():
+            return f"{alone}, and it still moves" if alone else "it still moves"
+        if self._follows_us and not taken:
+            return "the controller has taken none of our answers"
+        return "it asks for no answers"
 
 
 def cycle_s(said: Monitoring) -> float:
@@ -156,15 +194,15 @@ async def answer_instead(
 
 def failed(arm: Arm, why: str, written: bool = False) -> tuple[MotorReport, ...]:
     """Report that no joint is confirmed."""
-    return _reports(arm, written, False, why)
+    return _reports(arm, written, False, False, why)
 
 
 def _reports(
-    arm: Arm, written: bool, held: bool, detail: str, target: Sequence[float] = ()
+    arm: Arm, written: bool, taken: bool, held: bool, detail: str, target: Sequence[float] = ()
 ) -> tuple[MotorReport, ...]:
     """Report the same of every joint: one answer is for all."""
     return tuple(
-        MotorReport(axis, at + 1, written, held, held, detail, target[at] if held and target else None)
+        MotorReport(axis, at + 1, written, taken, held, detail, target[at] if held and target else None)
         for at, axis in enumerate(arm.axes)
     )
 

@@ -84,6 +84,11 @@ class Overlay(enum.IntEnum):
     CARTESIAN = 2
 
 
+def has_reached(sequence: int, other: int) -> bool:
+    """Tell whether a sequence number is ``other`` or a later one."""
+    return (sequence - other) & COUNTER <= COUNTER // 2
+
+
 def name_of(kind: type[enum.IntEnum], number: int) -> str:
     """Return the name of an enum's number; the number itself when it has none."""
     try:

@@ -59,16 +59,19 @@ class Session:
         ahead = (said.sequence - self._answered) & COUNTER
         return said.multiplier <= ahead <= COUNTER - LATE
 
-    def answer(self, said: Monitoring) -> Command:
-        """Answer a message that is due. Own sequence numbers go on from what the controller has
+    def next_number(self, said: Monitoring) -> int:
+        """Return the number of the next answer. Own numbers go on from what the controller has
         taken last, by whoever that was sent."""
-        if self._answered is None:
-            self._sequence = said.reflected
-        missed = said.reflected != self._sequence
+        return ((said.reflected if self._answered is None else self._sequence) + 1) & COUNTER
+
+    def answer(self, said: Monitoring) -> Command:
+        """Answer a message that is due."""
+        number = self.next_number(said)
+        missed = (said.reflected + 1) & COUNTER != number
         position = self._next(said, missed)
         self._commanded = position
         self._answered = said.sequence
-        self._sequence = (self._sequence + 1) & COUNTER
+        self._sequence = number
         return Command(self._sequence, said.sequence, position)
 
     def again(self, said: Monitoring) -> Command:
