@@ -41,6 +41,11 @@ class Servo(msgspec.Struct, frozen=True):
     def radians(self, degrees: float) -> float:
         return (degrees - self.zero_deg) / self.scale
 
+    def turned(self, reported_rad: float) -> float:
+        """Return the radians of an action for those that the robot reports. It knows nothing of
+        ``joint_signs``, and counts upward with its servo's degrees [assumed]."""
+        return reported_rad if self.scale > 0 else -reported_rad
+
     @property
     def limits_rad(self) -> tuple[float, float]:
         low, high = sorted((self.radians(self.low_deg), self.radians(self.high_deg)))

@@ -86,7 +86,8 @@ class YahboomWire(Wire):
                 f"read: odometry has {why} ({news.malformed} malformed messages). Check the base and rosbridge"
             )
         joints = news.joints if now_ns - news.joints_ns <= SILENT_S * NS else {}
-        arm = tuple(joints.get(servo.key, NAN) for servo in self._config.servos)
+        # by the sign that commands have: else a joint that is not named would jump to its mirror image
+        arm = tuple(servo.turned(joints.get(servo.key, NAN)) for servo in self._config.servos)
         stamps = tuple(0 if math.isnan(value) else news.joints_ns for value in arm)
         return Observation(
             t_ns=news.odometry_ns,

@@ -73,6 +73,7 @@ class Graph:
                     "linear_acceleration": {"x": 0.0, "y": 0.0, "z": 9.81},
                 }
             case m.JOINT_STATES:
+                # as a robot would: it counts with the servos' degrees, whatever joint_signs its driver has
                 degrees = zip(self._servos, self.mechanism.degrees, strict=True)
                 return {
                     "header": head,

@@ -138,9 +138,11 @@ def test_conversion_is_in_whole_degrees_and_signs_turn_the_arm_alone() -> None:
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_what_a_servo_is_told_is_what_it_reports(sign: float) -> None:
-    for servo in table_of("yahboom_m3pro").servos_by((sign,) * 5):
+    for at, servo in enumerate(table_of("yahboom_m3pro").servos_by((sign,) * 5)):
         for degrees in range(servo.low_deg, servo.high_deg + 1):
             assert servo.whole_degrees(servo.radians(degrees)) == degrees
+            reported = table_of("yahboom_m3pro").servos[at].radians(degrees)  # by a robot, which has no signs
+            assert servo.turned(reported) == pytest.approx(servo.radians(degrees))
 
 
 def test_an_answer_has_what_was_commanded_and_no_more() -> None:

@@ -7,6 +7,7 @@ import math
 import pytest
 import trio
 
+from strands_actors.contract.driver import Candidate
 from strands_actors.contract.wire import PermitDenied, WireDown
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.yahboom import messages as m
@@ -15,7 +16,7 @@ from strands_actors.drivers.yahboom.wire import QUIET_S, SILENT_S
 from tests.drivers.common.memory_port import Permission, virtual
 from tests.drivers.yahboom.rig import NOW_NS, World
 
-from .rig import NAN, msgs, running, target
+from .rig import NAN, msgs, running, state, target
 
 # -- connecting
 
@@ -31,6 +32,47 @@ def test_connecting_checks_listens_and_commands_nothing() -> None:
         observation = await wire.read()
         assert observation.position[4] == pytest.approx(math.radians(30)), "home, as it is measured"
         assert all(observation.stamp_ns)
+
+    virtual(test)
+
+
+SIGNS = [-1.0, 1.0, -1.0, 1.0, -1.0]
+
+
+def test_saf_011_a_joint_that_is_not_named_stays_whichever_way_it_turns() -> None:
+    """All six servos are told at once, the others where they are reported to be."""
+
+    async def test() -> None:
+        world = World(driver={"joint_signs": SIGNS})
+        async with running(world) as wire:
+            wanted = {"arm1": 0.5, "arm2": -0.3, "arm3": 0.2, "arm4": 0.0, "arm5": 0.7, "gripper": -1.0}
+            told = target(world, **wanted, time_ms=200)
+            await wire.write(told, Permission())
+            await trio.sleep(1.0)
+            degrees = [61, 73, 79, 90, 50, 83]  # 90 + sign x degrees; the gripper has no sign
+            assert world.twin.mechanism.degrees == degrees, "so the servos stand"
+            observation = await wire.arm(Permission())
+            assert observation.position[3:] == pytest.approx(list(wanted.values()), abs=math.radians(0.6))
+            world.taken.clear()
+            now_ns = NOW_NS + 1000
+            begins = world.driver.first_target(observation)
+            alone = world.driver.parse({"arm2": 0.1, "time_ms": 200}, state(begins, now_ns=now_ns))
+            assert isinstance(alone, Candidate)
+            await wire.write(alone.values, Permission())
+            goal = msgs(world, m.ARM)[-1]
+            assert [goal[f"joint{at}"] for at in range(1, 7)] == [61, 96, *degrees[2:]]
+
+    virtual(test)
+
+
+def test_the_twin_reports_its_servos_and_knows_nothing_of_signs() -> None:
+    """As a robot would, whose topic every client hears."""
+
+    async def test() -> None:
+        world = World(driver={"joint_signs": SIGNS})
+        world.twin.mechanism.degrees = [61.0, 73.0, 90.0, 90.0, 200.0, 180.0]
+        told = world.twin.graph.message(m.JOINT_STATES)
+        assert told["position"] == pytest.approx([math.radians(way) for way in (-29, -17, 0, 0, 110, 0)])
 
     virtual(test)
 
