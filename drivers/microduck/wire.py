@@ -82,13 +82,15 @@ class MicroduckWire(Wire):
         endpoint = self._config.endpoint()
         within_s = self._config.timeout_s
         why = f"robotd did not shake hands within {within_s:g} s"
-        with trio.move_on_after(within_s):
+        with trio.move_on_after(within_s) as deadline:
             try:
                 return await self._shake_hands(within_s)
             except MalformedFrame as malformed:
                 why = f"{malformed}. Check what is served there"
             except WireDown as down:
                 why = str(down)
+        if deadline.cancelled_caught and self._link.repeats:
+            why = f"the t of its state stands still for {within_s:g} s. Look at its log"
         raise WireDown(f"{endpoint.name}: {why}" if endpoint.name not in why else why)
 
     async def _shake_hands(self, within_s: float) -> dict[str, Any]:
@@ -99,7 +101,7 @@ class MicroduckWire(Wire):
         services.skills = await link.subscribe(self._config.subscribe_hz, within_s) or self._config.skills
         await services.port.open()
         await self._look(services)
-        await link.until_state(lambda _: True)
+        await link.until_it_goes_on()
         facts: dict[str, Any] = {
             "robotd": self._config.endpoint().name,
             "api_version": hello.api_version,
@@ -140,9 +142,10 @@ class MicroduckWire(Wire):
         link, now_ns = self._link, self._clock.now_ns()
         state = link.state
         if state is None or now_ns - link.state_ns > self._config.silent_s * NS:
-            raise WireDown(
-                f"read: no state of robotd for {self._config.silent_s:g} s ({link.problem}). Check the robot"
-            )
+            silent = f"for {self._config.silent_s:g} s"
+            if link.repeats:
+                raise WireDown(f"read: the t of robotd's state stands still {silent}. Check the robot")
+            raise WireDown(f"read: no state of robotd {silent} ({link.problem}). Check the robot")
         read, self._read = self._read, trio.Event()
         read.set()
         told = [0.0 if value is None else value for value in self._told]

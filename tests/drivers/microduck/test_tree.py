@@ -22,7 +22,7 @@ from strands_actors.caller.robot import RealRobot
 from strands_actors.drivers.microduck import protocol as p
 from strands_actors.testing import Twin
 from tests.answers import json_of, pids, state, status, until, why
-from tests.trees import connected, first_safe, robot_on, shared_twin
+from tests.trees import connected, first_safe, is_lost_while_stuck, robot_on, shared_twin
 
 from .rig import SLACK_S, act, method, moves, params
 
@@ -262,6 +262,14 @@ def test_saf_012_silence_is_no_state(duck: RealRobot, twin: Twin) -> None:
     assert "no state of robotd for 0.6 s" in why(duck.send_action({"vx": 0.1}))
     twin.fault("ok")
     until(lambda: state(duck) == "disarmed", "it is back, disarmed")
+
+
+def test_saf_012_a_duck_that_says_the_same_again_and_again_is_lost_and_told_nothing(
+    duck: RealRobot, twin: Twin
+) -> None:
+    """Every socket is open, every request is answered, and its state comes 50 times a second."""
+    act(duck, twin, vx=0.2, duration=10)
+    is_lost_while_stuck(duck, twin, {"vx": 0.1}, "stands still")
 
 
 def test_saf_003_a_policy_that_somebody_takes_away_ends_what_is_live(duck: RealRobot, twin: Twin) -> None:

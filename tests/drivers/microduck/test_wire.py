@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 import trio
 
-from strands_actors.contract.wire import PermitDenied
+from strands_actors.contract.wire import PermitDenied, WireDown
 from strands_actors.drivers.common.json_rpc import Call
 from strands_actors.drivers.microduck import protocol as p
 from strands_actors.drivers.microduck.driver import Microduck
@@ -52,8 +52,11 @@ class Rig:
         self.clock = clock
         self._robotd = robotd
 
-    def tell_state(self) -> None:
-        self.wire._link._take(Call(p.STATE, DuckTwin("microduck").state(), None, True))
+    def tell_state(self, t_s: float | None = None, **changed: Any) -> None:
+        """``t_s``: the robot's own time, that of the test if it goes on."""
+        t_s = self.clock.now_s if t_s is None else t_s
+        told = {**DuckTwin("microduck").state(), "t": t_s, **changed}
+        self.wire._link._take(Call(p.STATE, told, None, True))
 
     def heard(self) -> list[dict[str, Any]]:
         try:
@@ -126,6 +129,65 @@ def test_saf_010_nothing_is_said_to_a_robot_whose_state_is_old(tmp_path: Path) -
         one.tell_state()
         await one.wire.feed()
         assert len(one.heard()) == 1, "it is back"
+
+    run(tmp_path, test)
+
+
+def test_saf_012_a_state_whose_time_stands_still_is_not_new(tmp_path: Path) -> None:
+    """The loop of robotd is stuck, and its socket goes on telling the last it knew."""
+
+    async def test(one: Rig) -> None:
+        one.tell_state(12.34)
+        seen = await one.wire.read()
+        await one.walk(until_s=110.0)
+        one.heard()
+        for _ in range(30):
+            one.clock.now_s += 0.02
+            one.tell_state(12.34, head=[0.1, 0.0, 0.0, 0.0])  # what else is in it does not make it new
+            if one.clock.now_s < 100.5:
+                again = await one.wire.read()
+                assert again.t_ns == seen.t_ns == max(again.stamp_ns)
+            if one.clock.now_s > 100.21:
+                one.heard()
+                await one.wire.feed()
+                with pytest.raises(PermitDenied, match="ms old"):
+                    await one.walk(until_s=110.0)
+                assert one.heard() == []
+        one.clock.now_s += 0.02
+        one.tell_state(12.34)
+        with pytest.raises(WireDown, match=r"the t of robotd's state stands still for 0\.6 s"):
+            await one.wire.read()
+        one.clock.now_s += 1.0
+        with pytest.raises(WireDown, match=r"no state of robotd for 0\.6 s"):
+            await one.wire.read()
+
+    run(tmp_path, test)
+
+
+def test_a_robotd_that_has_started_anew_counts_from_less_and_is_new(tmp_path: Path) -> None:
+    async def test(one: Rig) -> None:
+        for t_s in (500.0, 0.02, 0.04):
+            one.clock.now_s += 0.5
+            one.tell_state(t_s)
+            assert (await one.wire.read()).t_ns == one.clock.now_ns()
+
+    run(tmp_path, test)
+
+
+@pytest.mark.parametrize("before", [None, 500.0])
+def test_saf_012_connecting_waits_for_two_stamps(tmp_path: Path, before: float | None) -> None:
+    """One state may be the last of a loop that is stuck; one of an earlier connection tells
+    nothing."""
+
+    async def test(one: Rig) -> None:
+        link = one.wire._link
+        if before is not None:
+            one.tell_state(before)
+        link.close()
+        await link.connect()
+        for t_s, goes_on in ((7.0, False), (7.0, False), (7.02, True), (7.02, True)):
+            one.tell_state(t_s)
+            assert link.goes_on is goes_on
 
     run(tmp_path, test)
 
