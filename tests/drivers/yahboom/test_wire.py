@@ -46,7 +46,7 @@ def test_saf_011_a_joint_that_is_not_named_stays_whichever_way_it_turns() -> Non
         world = World(driver={"joint_signs": SIGNS})
         async with running(world) as wire:
             wanted = {"arm1": 0.5, "arm2": -0.3, "arm3": 0.2, "arm4": 0.0, "arm5": 0.7, "gripper": -1.0}
-            told = target(world, **wanted, time_ms=200)
+            told = target(world, NOW_NS, **wanted, time_ms=200)
             await wire.write(told, Permission())
             await trio.sleep(1.0)
             degrees = [61, 73, 79, 90, 50, 83]  # 90 + sign x degrees; the gripper has no sign
