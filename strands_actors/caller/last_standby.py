@@ -16,7 +16,6 @@ import msgspec
 import trio
 
 from strands_actors.kernel.health.processor import is_stopped
-from strands_actors.supervisors.root.locks import place_of_port
 from strands_actors.supervisors.standby.report import LOCK, REPORT, holder, read
 
 from .processes import NotConnected
@@ -30,24 +29,25 @@ LOOK_S = 0.01
 _log = logging.getLogger("strands_actors")
 
 
-async def until_over(robot: str, port: str) -> str | None:
-    """Return what standbys of this robot, or of this port (empty: a twin's), did since a robot was
-    last started. None: nothing. Raise ``NotConnected`` when one is still at work."""
-    for path in _lives(robot, port):
+async def until_over(robot: str, place: str) -> str | None:
+    """Return what standbys of this robot, or of this place (``port_claim.place``; empty: a twin's),
+    did since a robot was last started. None: nothing. Raise ``NotConnected`` when one is still at
+    work."""
+    for path in _lives(robot, place):
         await _until_ended(path)
-    told = [text for path in _reports(robot, port) if (text := _take(path))]
+    told = [text for path in _reports(robot, place) if (text := _take(path))]
     for text in told:
         _log.warning("%s", text)
     return "; ".join(told) or None
 
 
-def _lives(robot: str, port: str) -> Iterator[Path]:
+def _lives(robot: str, place: str) -> Iterator[Path]:
     for path in run_dir().glob(f"*{LOCK}"):
         found, name = holder(path), path.name.removesuffix(LOCK)
         if found is None:
             continue
-        # Whoever asks holds the port (``port_claim.py``): no root has it, so it is an earlier tree's.
-        if name == robot or (port and place_of_port(found.port) == place_of_port(port)):
+        # Whoever asks holds the place (``port_claim.py``): no root has it, so it is an earlier tree's.
+        if name == robot or (place and found.place == place):
             yield path
 
 
@@ -68,12 +68,10 @@ async def _until_ended(path: Path) -> None:
         await trio.sleep(LOOK_S)
 
 
-def _reports(robot: str, port: str) -> Iterator[Path]:
+def _reports(robot: str, place: str) -> Iterator[Path]:
     for path in run_dir().glob(f"*{REPORT}"):
         report = read(path)
-        if report is not None and (
-            path.name == f"{robot}{REPORT}" or (port and place_of_port(report.port) == place_of_port(port))
-        ):
+        if report is not None and (path.name == f"{robot}{REPORT}" or (place and report.place == place)):
             yield path
 
 

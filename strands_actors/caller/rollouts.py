@@ -20,7 +20,7 @@ from strands_actors.kernel.node import ActorRef, AskTimeout, Unreachable
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.gate.admission import about
 from strands_actors.supervisors.gate.failsafe import Mode
-from strands_actors.supervisors.gate.messages import Stop
+from strands_actors.supervisors.gate.messages import Stop, StopReport
 from strands_actors.supervisors.root.messages import GetTask, Operate, Rollout, StartTask, StopTask, TaskStatus
 
 from .processes import Processes
@@ -206,7 +206,9 @@ class Rollouts:
             answer = await processes.gate.ask(Stop(Reason.POLICY, processes.holder), processes.patience.stop_s)
         except (AskTimeout, Unreachable):
             answer = None
-        return answer or await processes.make_safe(Reason.POLICY, processes.holder, False)
+        if isinstance(answer, StopReport):
+            return answer
+        return await processes.make_safe(Reason.POLICY, processes.holder, False)  # a refusal is no stop
 
     async def end_overtaken(self) -> None:
         """The lease is the caller's anew: a rollout from before has lost its own, whether it has

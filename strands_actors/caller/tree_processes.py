@@ -31,7 +31,7 @@ from .descriptors import FOR_ROBOT, require
 from .last_standby import until_over
 from .nodes import Entrance
 from .plan import Plan
-from .port_claim import claim_port
+from .port_claim import claim_port, place
 from .processes import CONNECT_S, NotConnected, Processes
 from .run_directory import Name, Note, audit_file, locks_dir
 from .strays import label_of
@@ -82,23 +82,25 @@ class TreeProcesses(Processes):
                 plan.mesh.check_robot(self.robot)
             except (ValueError, OSError) as error:
                 raise NotConnected(str(error)) from None
-        own = "" if plan.twin_process is not None else port
+        own, where = ("", "") if plan.twin_process is not None else (port, place(plan))
         claim = None if plan.twin_process is not None else await claim_port(plan, self.robot)
         try:
             self.require_open()
-            found = await until_over(self.robot, own)
+            found = await until_over(self.robot, where)
             if found is not None:
                 self.standby_report = found
             self.require_open()
-            self._begin(port, own, () if claim is None else (claim.fd,), beside)
+            self._begin(port, own, where, () if claim is None else (claim.fd,), beside)
         finally:
             if claim is not None:
                 claim.close()  # the root has its own by now, for as long as it lives
 
-    def _begin(self, port: str, own: str, hold: tuple[int, ...], beside: Callable[[], Awaitable[None]]) -> None:
+    def _begin(
+        self, port: str, own: str, where: str, hold: tuple[int, ...], beside: Callable[[], Awaitable[None]]
+    ) -> None:
         """Start the root. Nothing in here waits: a cleanup comes before it, or finds what it has
-        started. ``own``: the port, where it is no twin's; ``hold``: what the root is to inherit
-        beside its name."""
+        started. ``own``, ``where``: the port and its place, where it is no twin's; ``hold``: what the
+        root is to inherit beside its name."""
         plan, name = self.plan, self._name
         assert name is not None
         if plan.twin_process is None:
@@ -120,7 +122,7 @@ class TreeProcesses(Processes):
             "standby": {
                 "lock": str(name.beside(LOCK)),
                 "report": str(name.beside(REPORT)),
-                "port": own,
+                "place": where,
             },
             "wire_listen": wire_listen,
             "policy_listen": policy_listen,

@@ -42,6 +42,7 @@ from strands_actors.supervisors.gate.messages import (
     Status,
     Stop,
     Stopped,
+    StoppedAt,
     StopReport,
 )
 from strands_actors.supervisors.root.messages import Decided, StateIs
@@ -132,6 +133,7 @@ class Gate(Actor):
         | Observed
         | SafeDone
         | LockKept
+        | StoppedAt
         | StandbyIs
         | ArmDone
         | CarriedOut
@@ -177,6 +179,8 @@ class Gate(Actor):
             case LockKept():
                 self._lock = message
                 self._answer_stops()
+            case StoppedAt():
+                self._stopped_ns = max(self._stopped_ns, message.at_ns)
             case StandbyIs():
                 self._no_standby = message.problem
             case ArmDone():

@@ -272,6 +272,14 @@ class LockKept(Message, frozen=True):
     problem: str = ""
 
 
+class StoppedAt(Message, frozen=True):
+    """The root was told to stop the robot then, and the gate was not asked."""
+
+    lane = "urgent"
+
+    at_ns: int
+
+
 class StandbyIs(Message, frozen=True):
     """Whether a standby lives and could make the robot safe. ``problem``: why not; empty: it
     could."""

@@ -19,8 +19,12 @@ from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import Ref
 from strands_actors.supervisors.gate.messages import StandbyIs
 from strands_actors.supervisors.root.messages import HandedOver, Handover
+from strands_actors.supervisors.wire.messages import HandOverAgain
 
 from .guarded import GuardedStandby
+
+AGAIN_S = 0.5
+"""A controller may still count the session of the standby that has ended."""
 
 
 class ChannelKeeper:
@@ -33,17 +37,22 @@ class ChannelKeeper:
         self._broken = broken
         self.own: StopChannel | None = None
         self._scope = trio.CancelScope()
+        self._again = trio.CancelScope()  # of a handover to a standby that replaces another
 
-    def begin(self, context: Context, gate: Ref) -> None:
-        """``context``: of the actor that keeps it. ``gate``: told whether the standby guards."""
+    def begin(self, context: Context, gate: Ref, transport: Ref) -> None:
+        """``context``: of the actor that keeps it. ``gate``: told whether the standby guards.
+        ``transport``: asked to hand over again."""
         self._context = context
         self._gate = gate
+        self._transport = transport
 
     def take(self, message: Handover) -> Deferred | Refused:
         """Answered when the path could be used at once, and the standby's too."""
         if message.again:
+            self._again.cancel()
+            self._again = trio.CancelScope()
             deferred = self._context.defer()
-            self._context.start_soon(self._answer_guarded, deferred, message.descriptors)
+            self._context.start_soon(self._answer_guarded, self._again, deferred, message.descriptors)
             return deferred
         try:
             spare = () if self.standby is None else _duplicates(message.descriptors)
@@ -92,8 +101,20 @@ class ChannelKeeper:
                 else:
                     deferred.send(Refused("no_stop_channel", why))  # the wire tries again by itself
 
-    async def _answer_guarded(self, deferred: Deferred, descriptors: tuple[int, ...]) -> None:
-        deferred.send(await self._guard(descriptors) or HandedOver())
+    async def _answer_guarded(
+        self, scope: trio.CancelScope, deferred: Deferred, descriptors: tuple[int, ...]
+    ) -> None:
+        """Ends with the channels of the wire that hands over. Until the standby has one, that wire is
+        asked again: it does not try by itself, as it does when it opens."""
+        answer: HandedOver | Refused | None = None
+        with scope:
+            answer = await self._guard(descriptors) or HandedOver()
+            deferred.send(answer)
+            if isinstance(answer, Refused):
+                await trio.sleep(AGAIN_S)
+                self._transport.tell(HandOverAgain())
+        if answer is None:
+            deferred.send(Refused("no_stop_channel", "the wire has closed its link"))
 
     async def _guard(self, descriptors: tuple[int, ...]) -> Refused | None:
         """Have the standby guard the hardware, and tell the gate. Closes the descriptors."""
@@ -108,6 +129,7 @@ class ChannelKeeper:
         return refusal
 
     def _drop(self) -> None:
+        self._again.cancel()
         if self.own is not None:
             self._scope.cancel()
             self.own.close()

@@ -29,7 +29,7 @@ from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import Ref
 from strands_actors.kernel.processes.child import report_failure
 from strands_actors.supervisors.gate.failsafe import Mode, State
-from strands_actors.supervisors.gate.messages import LockKept, StandbyIs, Stopped, StopReport
+from strands_actors.supervisors.gate.messages import LockKept, StandbyIs, Stopped, StoppedAt, StopReport
 from strands_actors.supervisors.page import Owed
 from strands_actors.supervisors.root.messages import (
     Decided,
@@ -128,6 +128,7 @@ class Guardian(Actor):
         self._again = trio.Event()
         self._waiting: list[Deferred] = []
         self._ordered = SafeState.HOLD  # the most severe since the present wire was started
+        self._was_told = False  # the present wire has said how it stands
         self._begins_locked = False  # the present wire knows of a lock since its start
         self._alone = trio.Lock()  # between two wires: who makes safe, or starts the next one
         self._attempting: trio.CancelScope | None = None
@@ -136,7 +137,7 @@ class Guardian(Actor):
     async def started(self) -> None:
         self._gate: Ref = self.context.ref(self._gate_address)
         self._transport: Ref = self.context.ref(self._transport_address)
-        self.channels.begin(self.context, self._gate)
+        self.channels.begin(self.context, self._gate, self._transport)
         self.context.every(self._driver.timing.tick_s, Tick)
 
     def receive(
@@ -158,6 +159,9 @@ class Guardian(Actor):
                         # Told before its end: it has not heard of an e-stop that came to us.
                         message = msgspec.structs.replace(message, locked_by=self.state.locked_by)
                     self.state = message
+                    if not self._was_told:  # a gate is there, and its link is not up yet
+                        self._was_told = True
+                        self._tell_stopped()
                     self._confirmed = message.mode in SAFE_MODES
                     self._keep_lock()
                     if self._on_state is not None:
@@ -253,15 +257,16 @@ class Guardian(Actor):
 
     def _fence(self, message: Fence) -> Deferred:
         usual, ordered = self._usual, SafeState(self._driver.fallbacks[message.reason])
-        self._ordered = self._ordered.or_more(self._owed.order(ordered))
         self._owed.stopped_ns = self.context.received_ns
         lock = (message.by or "an operator") if message.lock else self.state.locked_by
         self.state = StateIs(self.state.mode, self.state.epoch, lock, self.state.cause)
         deferred = self.context.defer()
         if (report := self._covering(message, ordered)) is not None:
             self._keep_lock()
+            self._tell_stopped()
             self.context.start_soon(self._answer_fence, deferred, report)
             return deferred
+        self._ordered = self._ordered.or_more(self._owed.order(ordered))
         if ordered.severity > usual.severity:  # it is not safe as this wants it
             self._confirmed, self._owed.safe_state = False, True
         self._waiting.append(deferred)
@@ -269,10 +274,15 @@ class Guardian(Actor):
         if self._attempting is not None and ordered.severity > self._attempting_state.severity:
             self._attempting.cancel()  # a landing takes seconds
         if self._guarded is None and self.idle.is_set():
-            self.context.start_soon(self._serve_waiting)
+            self.context.start_soon(self.serve_waiting)
         else:
             self._break(message.reason, f"{message.reason}: no answer from the wire")
         return deferred
+
+    def _tell_stopped(self) -> None:
+        """Tell the gate of a stop that was answered without it: no resume from before that counts."""
+        if self._guarded is not None and self._owed.stopped_ns:
+            self._gate.tell(StoppedAt(self._owed.stopped_ns))
 
     @property
     def _usual(self) -> SafeState:
@@ -291,7 +301,7 @@ class Guardian(Actor):
         knows = not message.lock or self._begins_locked
         return report if knows and not self._failure_detector.heard_ns else None
 
-    async def _serve_waiting(self) -> None:
+    async def serve_waiting(self) -> None:
         """For orders that come while there is no wire. The next one waits for it."""
         async with self._alone:
             if self._guarded is None and self._waiting:
@@ -329,6 +339,11 @@ class Guardian(Actor):
         """Return whether nothing of ours is energised any more, as far as is known."""
         return self._confirmed
 
+    @property
+    def at_work(self) -> bool:
+        """Return whether something was ordered that nobody has done yet."""
+        return bool(self._waiting) or self._alone.locked()
+
     # -- one life of the wire group after the other
 
     async def keep(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
@@ -364,6 +379,7 @@ class Guardian(Actor):
         self._silent_until_ns = 0
         self._stopped_looks = 0
         self._ordered = SafeState.HOLD
+        self._was_told = False
         locked_by = self.state.locked_by
         self._begins_locked = bool(locked_by)
         start = State(Mode.DOWN if self._confirmed else Mode.LOST, self.state.epoch + 1, locked_by)
@@ -407,6 +423,7 @@ class Guardian(Actor):
         if self._released and guarded.left_safe and not self._waiting:
             self._confirmed = True
             self._owed.safe_state = False
+            self.last_report = None  # it was safe by the wire's word, which is no answer to an e-stop
         else:
             await self._insist(epoch, INSIST_S)
         await self.channels.let_go()

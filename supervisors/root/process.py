@@ -403,6 +403,9 @@ class Tree:
         with trio.move_on_after(KEEP_S):
             await self.audit.settle()
         await trio.sleep(LAST_WORDS_S)
+        while self.guardian.at_work:  # an e-stop in these last moments
+            await self.guardian.serve_waiting()
+            await trio.sleep(LAST_WORDS_S)
         await self.standby.end()  # last: it has the port open, and is needed until now
         os._exit(0 if self.guardian.confirmed else UNCONFIRMED)
 

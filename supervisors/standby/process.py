@@ -86,14 +86,14 @@ class Standby(Actor):
         self,
         driver: Driver,
         robot: str,
-        port: str,
+        place: str,
         report: Path,
         watched: WatchOver,
         leave: Callable[[int], None],
     ) -> None:
         self._driver = driver
         self._robot = robot
-        self._port = port
+        self._place = place
         self._report = report
         self._watched = watched
         self._leave = leave
@@ -246,7 +246,7 @@ class Standby(Actor):
     ) -> StandbyReport:
         confirmed = bool(motors) and all_safe(motors)
         return StandbyReport(
-            self._robot, self._port, why, safe_state, confirmed, motors, attempts, over, os.getpid()
+            self._robot, self._place, why, safe_state, confirmed, motors, attempts, over, os.getpid()
         )
 
     async def _attempt(self, safe_state: str, results: list[tuple[MotorReport, ...]]) -> None:
@@ -284,6 +284,8 @@ class Standby(Actor):
                     deferred.send(Guarding())
             except* WireDown as down:
                 if not ready:
+                    if self._channel is channel:  # who acts later connects anew
+                        self._drop_channel()
                     deferred.send(Refused("no_stop_channel", describe(down).partition(": ")[2]))
                 elif not self._acts:
                     self._leave(NO_CHANNEL)
@@ -310,7 +312,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     robot: str = args["robot"]
     take_name(robot, "standby", args["label"])
     be_taken_last()
-    lock = _take_lock(Path(args["lock"]), args["port"])
+    lock = _take_lock(Path(args["lock"]), args["place"])
     report = Path(args["report"])
     at = addresses.of(robot)
     driver = load_driver(args["driver"])
@@ -320,7 +322,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     node.linked = root_channel.hosts or frozenset()
     link = Link(node, sock, channel=root_channel)
     watched = WatchOver(args["root"], args["wire"], tuple(args["descriptors"]))
-    standby = Standby(driver, robot, args["port"], report, watched, os._exit)
+    standby = Standby(driver, robot, args["place"], report, watched, os._exit)
     async with trio.open_nursery() as nursery:
         await nursery.start(node.run)
         await nursery.start(node.cell(at.path("standby"), lambda: standby).run)
@@ -330,12 +332,12 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     raise AssertionError(lock)
 
 
-def _take_lock(path: Path, port: str) -> LifeLock:
+def _take_lock(path: Path, place: str) -> LifeLock:
     """Raise ``BlockingIOError`` when the standby of an earlier tree still lives."""
     until_s = time.monotonic() + LOCK_S
     while True:
         try:
-            return LifeLock(path, port)
+            return LifeLock(path, place)
         except BlockingIOError:
             if time.monotonic() > until_s:
                 raise

@@ -20,11 +20,12 @@ _REPORT_BYTES = 64 * 1024
 
 
 class StandbyReport(msgspec.Struct, frozen=True):
-    """``over``: it does nothing more. ``port``: empty for a twin, which is known by the robot's
-    name alone. ``at``: ISO 8601, UTC, of the file; filled in by who reads it."""
+    """``over``: it does nothing more. ``place``: as ``caller/port_claim`` tells robots apart; empty for
+    a twin, which is known by the robot's name alone. ``at``: ISO 8601, UTC, of the
+    file; filled in by who reads it."""
 
     robot: str
-    port: str
+    place: str
     why: str  # what was seen of root and wire
     safe_state: str
     confirmed: bool
@@ -76,16 +77,16 @@ def _unreadable(path: Path, why: str) -> StandbyReport:
 
 class LifeLock:
     """Held by a standby as long as it lives. Whoever holds it may write to the robot of that name
-    and port."""
+    and place."""
 
-    def __init__(self, path: Path, port: str) -> None:
+    def __init__(self, path: Path, place: str) -> None:
         """Take it. Raise ``BlockingIOError`` when another process has it, ``OSError`` when there is
         no place."""
         self._fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
         try:
             fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
             os.ftruncate(self._fd, 0)
-            os.write(self._fd, msgspec.json.encode(Holder(os.getpid(), port)))
+            os.write(self._fd, msgspec.json.encode(Holder(os.getpid(), place)))
         except OSError:
             os.close(self._fd)
             raise
@@ -95,7 +96,7 @@ class Holder(msgspec.Struct, frozen=True):
     """The standby that lives. ``pid`` 0: it is just beginning to."""
 
     pid: int = 0
-    port: str = ""
+    place: str = ""
 
 
 def holder(path: Path) -> Holder | None:

@@ -152,7 +152,7 @@ def test_saf_009_the_standby_of_an_earlier_tree_is_waited_for_though_its_script_
     name = Name("a")
     life = os.open(run_dir / "a.standby.life", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
-        os.write(life, json.dumps({"pid": 0, "port": "192.0.2.10"}).encode())
+        os.write(life, json.dumps({"pid": 0, "place": "192.0.2.10"}).encode())
         fcntl.flock(life, fcntl.LOCK_EX)
         with pytest.raises(NotConnected, match="standby of an earlier tree"):
             trio.run(last_standby.until_over, "b", "192.0.2.10")
@@ -160,6 +160,19 @@ def test_saf_009_the_standby_of_an_earlier_tree_is_waited_for_though_its_script_
     finally:
         os.close(life)
         name.release()
+
+
+def test_two_that_are_told_apart_at_one_address_keep_no_standby_from_each_other(
+    tmp_path: Path, made: list[RealRobot]
+) -> None:
+    """Two units behind one gateway, or an arm and its gripper."""
+    with Twin("robotiq_2f85", tmp_path) as twin:
+        connected("robotiq_2f85", twin, made, "a")
+        other = Robot("robotiq_2f85", mode="real", port=twin.port, tool_name="b", unit_id=8)
+        made.append(other)
+        problem = other.connect_eagerly()
+        assert problem is not None and "standby" not in problem, "the twin is unit 9 alone"
+        assert pids(made[0])["standby"], "and the first one goes on"
 
 
 def test_what_one_tree_at_a_time_may_have(tmp_path: Path) -> None:

@@ -364,3 +364,27 @@ def test_saf_005_no_attempt_waits_for_the_note_on_unconfirmed_motors(tmp_path: P
 
     trio.run(run)
     os.close(os.open(note, os.O_WRONLY))  # let its thread end
+
+
+@pytest.mark.parametrize("locks", [True, False])
+def test_saf_007_an_e_stop_that_met_a_wire_which_began_is_forgotten_with_its_resume(locks: bool) -> None:
+    """A person presses twice. What was done, and lifted, is no order for a fault much later."""
+
+    async def run() -> None:
+        hardware = FakeHardware()
+        async with open_inline_tree(hardware, driver=driver_of(hardware, "twice")) as tree:
+            await armed(tree)
+            tree.guardian.tell(Fence(Reason.ESTOP, "A", lock=True))
+            while len(tree.wires_made) < 2:  # noqa: ASYNC110  # the moment that is meant
+                await trio.sleep(0.0005)
+            second = await tree.guardian.ask(Fence(Reason.ESTOP, "B", lock=locks), 3.0)
+            assert isinstance(second, StopReport) and second.confirmed and second.safe_state == "off"
+            assert len(tree.wires_made) == 2
+            await tree.until("disarmed")
+            assert isinstance(await tree.gate.ask(Resume("operator", lift=True), 1.0), Resumed)
+            died_ns = tree.node.clock.now_ns()
+            tree.wire._scope.cancel()
+            await trio.sleep(1.0)
+            assert since(tree, died_ns) == {"stop"}
+
+    run_virtual(run)

@@ -3,6 +3,7 @@ time."""
 
 from __future__ import annotations
 
+import pytest
 import trio
 
 from strands_actors.contract.driver import Reason
@@ -170,5 +171,38 @@ def test_stops_while_a_wire_begins_cost_no_restart() -> None:
                 report = await tree.guardian.ask(Fence(Reason.STOP, "test"), 3.0)
                 assert isinstance(report, StopReport) and report.confirmed
             assert len(tree.wires_made) == count
+
+    run_virtual(run)
+
+
+@pytest.mark.parametrize("locks", [True, False])
+@pytest.mark.parametrize("after_s", [0.001, 0.005, 0.009])
+def test_saf_007_a_resume_from_before_a_stop_that_met_a_new_wire_does_not_lift_it(
+    after_s: float, locks: bool
+) -> None:
+    """The root answers such a stop by itself: the wire has energised nothing. The resume waited for
+    the link."""
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            await armed(tree)
+            if locks:  # the next wire begins locked
+                tree.guardian.tell(Fence(Reason.ESTOP, "A", lock=True))
+            else:
+                tree.wire._scope.cancel()
+            while len(tree.wires_made) < 2:  # noqa: ASYNC110  # the moment that is meant
+                await trio.sleep(0.0002)
+            asked_ns = tree.node.clock.now_ns()
+            await trio.sleep(after_s)
+            reason = Reason.ESTOP if locks else Reason.STOP
+            report = await tree.guardian.ask(Fence(reason, "B", lock=locks), 3.0)
+            assert isinstance(report, StopReport) and report.confirmed and len(tree.wires_made) == 2
+            status = await tree.until("disarmed")
+            answer = await tree.gate.ask(Resume("operator", lift=True, asked_ns=asked_ns), 1.0)
+            assert isinstance(answer, Refused) and answer.code == "stopped"
+            assert tree.hardware.energised == LIMP
+            assert bool(status.locked_by) == locks
+            now_ns = tree.node.clock.now_ns()
+            assert isinstance(await tree.gate.ask(Resume("operator", lift=True, asked_ns=now_ns), 1.0), Resumed)
 
     run_virtual(run)

@@ -133,7 +133,7 @@ class Run:
             "secret": "",
             "page": page,
             "label": "",
-            "standby": {"lock": "", "port": model.PORT, "report": ""},
+            "standby": {"lock": "", "place": model.PORT, "report": ""},
             "mesh": {"listen": [], "connect": [], "settings": {}},
         }
         return self.starter.start("strands_actors.supervisors.root.process:main", args, FORKED_S)
