@@ -1,7 +1,8 @@
 """Stop a fleet: two arms on their twins, one e-stop, a report on each: python examples/estop.py
 
-An e-stop locks a robot by its name until somebody resumes it, a real one of that name too, and also
-when the script has ended: so the example resumes both.
+It stops every robot of this user on this host, also those of other scripts. An e-stop locks a robot
+by its name until somebody resumes it, a real one of that name too, and also when the script has
+ended: so the example resumes its own two.
 """
 
 from __future__ import annotations
@@ -22,9 +23,9 @@ def main() -> None:
 
         for arm in arms:
             print(arm.send_action({"shoulder_pan": 0.0})["content"][0]["text"])
-        for name, arm in zip(("so101", "koch"), arms, strict=True):
-            resume(name)
-            print(f"{name}, after a resume: {arm.send_action({'shoulder_pan': 0.0})['status']}")
+        for arm in arms:
+            resume(arm.name)
+            print(f"{arm.name}, after a resume: {arm.send_action({'shoulder_pan': 0.0})['status']}")
 
 
 if __name__ == "__main__":

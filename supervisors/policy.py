@@ -27,6 +27,7 @@ from strands_actors.kernel.health import gc_freeze
 from strands_actors.kernel.mailbox import SUPERSEDED
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import ActorRef, AskTimeout, Unreachable
+from strands_actors.kernel.user_code import contained
 from strands_actors.supervisors.gate.messages import (
     GRANT_S,
     Accepted,
@@ -252,7 +253,7 @@ class Policy(Actor):
 
     async def _infer(self) -> None:
         try:
-            infer, tell_left = await trio.to_thread.run_sync(self._ready, abandon_on_cancel=True)
+            infer, tell_left = await trio.to_thread.run_sync(contained, self._ready, abandon_on_cancel=True)
             with contextlib.ExitStack() as moving:
                 while self._ended is None:
                     await self._wanted.wait()
@@ -262,7 +263,7 @@ class Policy(Actor):
                         return
                     tell_left(len(self._buffer))
                     chunk = await trio.to_thread.run_sync(
-                        infer, observation, self._rollout.instruction, abandon_on_cancel=True
+                        contained, infer, observation, self._rollout.instruction, abandon_on_cancel=True
                     )
                     if self._lease is None:
                         if not await self._acquire():

@@ -49,7 +49,9 @@ def declared_by(thing: Any, name: str) -> Declared:
     be accepted."""
     keys = _keys(_member(thing, FEATURES), name)
     given_units = _member(thing, "action_units")
-    return Declared(
+    if given_units is not None and not isinstance(given_units, str | Mapping):
+        raise ValueError(f"{name}.action_units is {given_units!r}. Give one word, or a mapping of keys to words")
+    declared = Declared(
         keys,
         FEATURES if keys else "",
         {
@@ -65,6 +67,24 @@ def declared_by(thing: Any, name: str) -> Declared:
         _optional(_member(thing, "action_lifetime_s"), f"{name}.action_lifetime_s"),
         _hz(_member(thing, "control_hz"), f"{name}.control_hz"),
     )
+    if keys:
+        require_axes(declared, name)
+    return declared
+
+
+def require_axes(declared: Declared, name: str) -> None:
+    """Raise ``ValueError`` for a limit of what is no axis: a misspelt one would hold nothing."""
+    known = {spelling for key in declared.keys for spelling in (key, key.removesuffix(".pos"))}
+    tables: dict[str, Mapping[str, Any]] = {
+        "action_limits": declared.limits,
+        "action_speeds": declared.speeds,
+        "action_units": declared.units,
+    }
+    for member, table in tables.items():
+        for key in table:
+            if key not in known:
+                axes = ", ".join(declared.keys)
+                raise ValueError(f"{name}.{member} names {key!r}, which is no axis. It has {axes}")
 
 
 def keys_of(observation: Mapping[str, Any]) -> tuple[str, ...]:

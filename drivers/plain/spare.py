@@ -18,7 +18,7 @@ from strands_actors.kernel.processes.identity import take_name
 
 from .config import PlainConfig
 from .instance import Instance
-from .members import OBSERVED, Declared, declared_by, keys_of
+from .members import OBSERVED, Declared, declared_by, keys_of, require_axes
 from .wire import stop_anew
 
 
@@ -70,7 +70,13 @@ def _learn(instance: Instance, config: PlainConfig) -> Told:
     instance.stop()  # nothing was commanded: what it says here matters less than that the robot was asked
     failure = instance.cleanup() or failure
     keys = keys_of(observed)
-    return Told(failure, msgspec.structs.replace(declared, keys=keys, source=OBSERVED if keys else ""))
+    declared = msgspec.structs.replace(declared, keys=keys, source=OBSERVED if keys else "")
+    if keys and not failure:
+        try:
+            require_axes(declared, config.name)
+        except ValueError as error:
+            return Told(str(error))
+    return Told(failure, declared)
 
 
 def _tell(sock: socket.socket, what: Ready | Told) -> None:

@@ -223,7 +223,11 @@ class Rollouts:
             self.end("stop")
 
     def end(self, reason: str) -> None:
-        """The robot is stopped: a policy of this process ends, and the task counts as ended."""
+        """The robot is stopped: a policy of this process ends, and the task counts as ended. A task of
+        a process of its own is told, which may not have seen the stop before it is resumed."""
+        tasks = self._processes.tasks
+        if self._has_process and self._task.running and tasks is not None:
+            tasks.tell(StopTask())
         if self._scope is not None:
             self._scope.cancel()
             self._scope = None

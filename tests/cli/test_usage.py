@@ -38,6 +38,8 @@ from .command import Command
         (["twin", "so101", "--port-file", "port", "--fault", "off:99"], "it has 1, 2, 3, 4, 5, 6"),
         (["send", "nobody", "x=1"], "nobody is not on the mesh"),
         (["record", "one", "-o", "a", "--dataset", "b"], "one of the two"),
+        (["record", "one", "-o", "a", "--fps", "7", "--camera", "eye"], "--fps, --camera: of a dataset's episodes"),
+        (["teleop", "so101", "--twin", "--port", "P", "--from", "keyboard"], "--port and --twin are both given"),
         (["estop", "one", "--all"], "one and --all are both given"),
     ],
 )

@@ -22,6 +22,7 @@ from strands_actors.contract.driver import Driver
 from strands_actors.contract.shown import closest, harmless, shown
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.processes.guard import not_approved, unapproved
+from strands_actors.kernel.user_code import contained
 
 from .calls import is_motion
 
@@ -155,7 +156,7 @@ class Approval:
             return "there is nobody to ask"
         with trio.move_on_after(self._within_s):
             try:
-                answer = await trio.to_thread.run_sync(self._approve, request, abandon_on_cancel=True)
+                answer = await trio.to_thread.run_sync(contained, self._approve, request, abandon_on_cancel=True)
             except Exception as error:  # the operator's code may raise anything, which is no yes
                 return f"asking failed with {type(error).__name__}: {error}"
             return None if answer is True else "it was not given"

@@ -279,6 +279,7 @@ def keys(
 
 @app.command()
 def record(
+    context: typer.Context,
     robot: Annotated[str, typer.Argument(help="Its name, as `tree` shows it.")],
     out: Annotated[Path | None, typer.Option("-o", "--out", help="The file, MCAP. It must not exist yet.")] = None,
     seconds: Annotated[
@@ -312,8 +313,11 @@ def record(
 
         order = Order(robot, os.path.abspath(dataset), task, fps, tuple(camera or ()), codec, episodes, seconds)
         raise typer.Exit(record_dataset(order, keys, as_json=json))
-    if keys is not None:
-        raise Problem("record: --keys are those of a dataset's episodes. give --dataset DIR")
+    of_datasets = ("task", "episodes", "fps", "camera", "codec", "keys")
+    sources = {name: context.get_parameter_source(name) for name in of_datasets}
+    given = [name for name, source in sources.items() if source is not None and source.name != "DEFAULT"]
+    if given:
+        raise Problem(f"record: --{', --'.join(given)}: of a dataset's episodes. give --dataset DIR")
     assert out is not None
     from .record import record as run
 

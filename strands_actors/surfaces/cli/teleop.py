@@ -90,6 +90,8 @@ def leader_of(text: str, relative: bool = False) -> Teleoperator:
 
 
 def _robot(robot: str, port: str | None, twin: bool, robot_id: str | None) -> RealRobot:
+    if port is not None and twin:
+        raise Problem("teleop: --port and --twin are both given. choose one")
     named = {} if robot_id is None else {"tool_name": robot_id}
     if port is not None:
         return Robot(robot, mode="real", port=port, **named)

@@ -233,7 +233,9 @@ class Dataset:
         layout = self.require(staged.about.layout)
         frames = self._usable(staged)
         if not frames:
-            raise DatasetError(f"{folder} has no complete frame. `strands-actors dataset repair --drop` removes it")
+            raise DatasetError(
+                f"{folder} has no complete frame. `strands-actors dataset repair {self.root} --drop` removes it"
+            )
         table = staged.table.slice(0, frames).combine_chunks()
         number, slot = len(self.episodes), self._last.next if self._last else FileSlot(0, 0)
         task = staged.about.task

@@ -78,10 +78,10 @@ class Summary(msgspec.Struct, frozen=True):
 
 def require_order(order: Order) -> None:
     """Raise ``DatasetError`` for what cannot be recorded."""
-    if not order.task.strip():
+    if not isinstance(order.task, str) or not order.task.strip():
         raise DatasetError("a dataset needs a task: a sentence that says what is shown")
-    if not FPS[0] <= order.fps <= FPS[1]:
-        raise DatasetError(f"fps {order.fps}: from {FPS[0]} to {FPS[1]}")
+    if type(order.fps) is not int or not FPS[0] <= order.fps <= FPS[1]:
+        raise DatasetError(f"fps {order.fps!r}: a whole number from {FPS[0]} to {FPS[1]}")
     if len(set(order.cameras)) < len(order.cameras):
         raise DatasetError(f"cameras {', '.join(order.cameras)}: one is named twice")
     require_codec(order.codec, [])

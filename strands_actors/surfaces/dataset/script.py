@@ -37,7 +37,7 @@ def record_dataset(
     *,
     task: str,
     fps: int = 30,
-    cameras: Sequence[str] = (),
+    cameras: Sequence[str] | str = (),
     codec: str = DEFAULT,
 ) -> DatasetRecording:
     """Record episodes of a connected robot (or the running one of that name) into a dataset, which
@@ -50,7 +50,8 @@ def record_dataset(
     Raise ``RecordingError`` when it cannot be recorded; the robot does not notice.
     """
     name = robot if isinstance(robot, str) else robot.name
-    order = Order(name, os.path.abspath(root), task, fps, tuple(cameras), codec)
+    named = (cameras,) if isinstance(cameras, str) else tuple(cameras)
+    order = Order(name, os.path.abspath(root), task, fps, named, codec)
     require_order(order)
     return DatasetRecording(order)
 

@@ -30,6 +30,27 @@ def test_axes_are_those_of_the_features_without_pictures() -> None:
     assert declared_by(Says(action_features=["a", "b"]), "Arm").keys == ("a", "b")
 
 
+@pytest.mark.parametrize(
+    ("member", "given"),
+    [("action_limits", {"Lift": (0, 1)}), ("action_speeds", {"lft": 1}), ("action_units", {"x": "m"})],
+)
+def test_what_is_said_of_no_axis_is_refused(member: str, given: dict[str, Any]) -> None:
+    """A misspelt limit would hold nothing."""
+    (key,) = given
+    with pytest.raises(ValueError, match=rf"Arm\.{member} names '{key}', which is no axis\. It has pan\.pos, lift"):
+        declared_by(Says(action_features=["pan.pos", "lift"], **{member: given}), "Arm")
+
+
+def test_a_limit_may_be_of_an_axis_by_either_name() -> None:
+    limits = {"pan": (-1, 1), "lift": (0, 1)}
+    assert declared_by(Says(action_features=["pan.pos", "lift"], action_limits=limits), "Arm").limits == limits
+
+
+def test_units_are_a_word_or_a_mapping() -> None:
+    with pytest.raises(ValueError, match=r"Arm\.action_units is"):
+        declared_by(Says(action_features=["pan"], action_units=["deg"]), "Arm")
+
+
 def test_a_property_of_a_class_is_asked_of_an_object() -> None:
     class Lazy:
         @property
