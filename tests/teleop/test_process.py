@@ -49,6 +49,17 @@ def test_the_arm_follows_and_the_leader_is_never_energised(pair: Pair) -> None:
     assert kinds <= {"read", "config", "safe"}, "neither torque nor a goal reaches a leader"
 
 
+def test_an_idle_teleoperation_that_was_stopped_makes_room_for_another(pair: Pair) -> None:
+    """Resumed at once, the robot looks to it as if nothing had been."""
+    pair.begin()
+    pid = pair.pid
+    json_of(pair.arm.stop())
+    assert pair.arm.resume()["status"] == "success"
+    assert not task(pair.arm)["running"]
+    until(lambda: pair.arm.attach_teleop(pair.teleoperator, deadman="key")["status"] == "success", "another begins")
+    assert task(pair.arm)["running"] and pair.pid != pid
+
+
 def test_saf_003_a_killed_teleoperation_is_a_hold_and_nothing_after(pair: Pair) -> None:
     pair.begin()
     pid = pair.pid
