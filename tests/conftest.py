@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import os
 import shutil
 import signal
@@ -58,12 +57,6 @@ def run_dir(run_dirs: list[Path], monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("STRANDS_ACTORS_RUN", str(path))
     monkeypatch.setenv("STRANDS_ACTORS_DATA", str(path / "data"))
     return path
-
-
-def pytest_collection_finish() -> None:
-    """What nine thousand tests are made of stays: no collection of garbage walks it again."""
-    gc.collect()
-    gc.freeze()
 
 
 @pytest.hookimpl(wrapper=True)

@@ -25,6 +25,9 @@ class Asked:
             raise self._answer
         return self._answer
 
+    def tell(self, message: Message) -> None:
+        pass
+
 
 @pytest.mark.parametrize("said", [Refused("overloaded", "the gate is full"), AskTimeout("no answer")])
 def test_saf_010_a_policy_that_neither_ends_nor_can_be_held_costs_the_wire(said: Message | Exception) -> None:
