@@ -12,6 +12,7 @@ from strands_actors.drivers.common.json_rpc_port import JsonRpcPort, SaidNo
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.reporting_base import Report
 from strands_actors.drivers.common.ssh_forward import SshForward
+from strands_actors.drivers.common.stamps import Stamps
 from strands_actors.drivers.common.tcp_port import ByteStream
 from strands_actors.drivers.common.unix_port import open_unix
 from strands_actors.kernel.clock import NS, Clock
@@ -21,9 +22,6 @@ from .config import Endpoint, MicroduckConfig
 
 ANSWER_S = 0.2
 """Within which a stop must be answered."""
-
-REPEATED_S = 0.2
-"""A state that was heard within this time still comes, new or not."""
 
 LOOK_HZ = 20
 """States a second that are asked for, for a stop, on a connection that has none."""
@@ -55,9 +53,7 @@ class Way:
 
 
 class DuckLink:
-    """``state``: the newest, and when it came (0: never). It comes when its ``t`` is another than
-    before: a robotd that says the same again and again, its loop stuck, has told nothing new. One
-    that has restarted counts from 0, and is new: any other ``t`` is."""
+    """``state``: the newest; ``stamps``: when it was new, by its ``t``."""
 
     def __init__(self, config: MicroduckConfig, clock: Clock, way: Way | None = None) -> None:
         self._config = config
@@ -68,10 +64,7 @@ class DuckLink:
         self._subscribed = False
         self.state: p.State | None = None
         self.told: Mapping[str, Any] = {}  # the state as it came
-        self.state_ns = 0
-        self.goes_on = False  # its ``t`` was seen to change on this connection
-        self._first_s: float | None = None  # ``t`` of the first state on this connection
-        self._heard_ns = 0  # a state, new or not
+        self.stamps = Stamps()
         self.states = 0
         self.problem = "it has told nothing yet"
 
@@ -82,8 +75,8 @@ class DuckLink:
     async def connect(self) -> None:
         """Connect, if it is not, and ask nothing. Raise ``WireDown``, as everything here."""
         if not self.port.is_open:
-            self._subscribed = self.goes_on = False
-            self._first_s = None
+            self._subscribed = False
+            self.stamps.connected()
             await self.port.open()
 
     async def greet(self, within_s: float) -> p.Hello:
@@ -122,12 +115,7 @@ class DuckLink:
     async def until_it_goes_on(self) -> None:
         """Return once two states with two stamps have come: one may be the last of a loop that is
         stuck."""
-        await self.port.until(lambda: self.goes_on)
-
-    @property
-    def repeats(self) -> bool:
-        """Whether states come, and are not new."""
-        return self.state_ns < self._heard_ns and self._clock.now_ns() - self._heard_ns <= REPEATED_S * NS
+        await self.port.until(lambda: self.stamps.goes_on)
 
     def close(self) -> None:
         """Throw the connection away. Harmless when called again."""
@@ -143,13 +131,8 @@ class DuckLink:
         except MalformedFrame as malformed:
             self.problem = str(malformed)  # ``read`` tells when it lasts
             return
-        before, now_ns = self.state, self._clock.now_ns()
-        if before is None or state.t_s != before.t_s:
-            self.state_ns = now_ns
-        if self._first_s is None:
-            self._first_s = state.t_s
-        self.goes_on = self.goes_on or state.t_s != self._first_s
-        self.state, self.told, self._heard_ns = state, call.params, now_ns
+        self.stamps.take(state.t_s, self._clock.now_ns())
+        self.state, self.told = state, call.params
         self.states += 1
 
 

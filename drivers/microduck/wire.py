@@ -89,7 +89,7 @@ class MicroduckWire(Wire):
                 why = f"{malformed}. Check what is served there"
             except WireDown as down:
                 why = str(down)
-        if deadline.cancelled_caught and self._link.repeats:
+        if deadline.cancelled_caught and self._link.stamps.repeats(self._clock.now_ns()):
             why = f"the t of its state stands still for {within_s:g} s. Look at its log"
         raise WireDown(f"{endpoint.name}: {why}" if endpoint.name not in why else why)
 
@@ -141,9 +141,9 @@ class MicroduckWire(Wire):
         await trio.lowlevel.checkpoint()
         link, now_ns = self._link, self._clock.now_ns()
         state = link.state
-        if state is None or now_ns - link.state_ns > self._config.silent_s * NS:
+        if state is None or now_ns - link.stamps.new_ns > self._config.silent_s * NS:
             silent = f"for {self._config.silent_s:g} s"
-            if link.repeats:
+            if link.stamps.repeats(now_ns):
                 raise WireDown(f"read: the t of robotd's state stands still {silent}. Check the robot")
             raise WireDown(f"read: no state of robotd {silent} ({link.problem}). Check the robot")
         read, self._read = self._read, trio.Event()
@@ -151,15 +151,15 @@ class MicroduckWire(Wire):
         told = [0.0 if value is None else value for value in self._told]
         seen_rad = state.joints_rad[p.HEAD_JOINTS] if state.joints_rad else state.head_rad
         return Observation(
-            t_ns=link.state_ns,
+            t_ns=link.stamps.new_ns,
             position=(*state.applied, *seen_rad, *told[POSE_AT], told[OPEN]),
-            stamp_ns=(link.state_ns,) * len(self._config.axes),
+            stamp_ns=(link.stamps.new_ns,) * len(self._config.axes),
             sensors=self._sensors(state, now_ns),
         )
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
         port = self._link.port
-        silent_s = (self._clock.now_ns() - self._link.state_ns) / NS
+        silent_s = (self._clock.now_ns() - self._link.stamps.new_ns) / NS
         if silent_s > QUIET_S:
             raise PermitDenied(f"the robot takes nothing now (its state is {silent_s * 1e3:.0f} ms old)")
         permit.check()
@@ -179,7 +179,7 @@ class MicroduckWire(Wire):
 
     async def feed(self) -> None:
         walk, now_ns = self._walk, self._clock.now_ns()
-        if walk is None or now_ns - self._link.state_ns > QUIET_S * NS:
+        if walk is None or now_ns - self._link.stamps.new_ns > QUIET_S * NS:
             return
         if now_ns >= walk.until_s * NS:
             self._walk = None

@@ -10,23 +10,19 @@ from contextlib import aclosing
 from typing import Any, Protocol
 
 from strands_actors.drivers.common.reporting_base import Report, ReportingBase
-from strands_actors.kernel.clock import NS, Clock
+from strands_actors.drivers.common.stamps import Stamps
+from strands_actors.kernel.clock import Clock
 
 from .messages import IMU, JOINT_STATES, ODOMETRY, ArmGoal, Imu, Message, Odometry, Twist, stands
 
-REPEATED_S = 0.2
-"""Odometry that was heard within this time still comes."""
-
 
 class News:
-    """The newest of each topic, and when it came (0: never). Odometry comes when its stamp is another
-    than before: a base that says the same again and again has told nothing new."""
+    """The newest of each topic, and when it came (0: never); of odometry when it was new, by its
+    stamp."""
 
     def __init__(self) -> None:
         self.odometry: Odometry | None = None
-        self.odometry_ns = 0
-        self.odometry_goes_on = False  # its stamp was seen to change
-        self._heard_ns = 0  # odometry, new or not
+        self.odometry_stamps = Stamps()
         self.imu: Imu | None = None
         self.joints: dict[str, float] = {}
         self.joints_ns = 0
@@ -38,11 +34,8 @@ class News:
         self.taken += 1
         match topic, message:
             case (_, Odometry()) if topic == ODOMETRY:
-                before = self.odometry
-                if before is None or message.stamp_ns != before.stamp_ns:
-                    self.odometry_ns = now_ns
-                    self.odometry_goes_on = before is not None
-                self.odometry, self._heard_ns = message, now_ns
+                self.odometry_stamps.take(message.stamp_ns, now_ns)
+                self.odometry = message
             case (_, Imu()) if topic == IMU:
                 self.imu = message
             case (_, dict()) if topic == JOINT_STATES:
@@ -52,7 +45,7 @@ class News:
 
     def missing(self, now_ns: int) -> str:
         """Return what odometry that is not new has not done: it comes, or it does not."""
-        return "changed its stamp" if now_ns - self._heard_ns <= REPEATED_S * NS else "come"
+        return "changed its stamp" if self.odometry_stamps.repeats(now_ns) else "come"
 
 
 class RosLink(ReportingBase, Protocol):

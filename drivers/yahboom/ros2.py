@@ -187,7 +187,7 @@ class Ros2Link:
                 return f"nobody listens to {topic}"
         if self.news.odometry is None:
             return "no odometry"
-        return "" if self.news.odometry_goes_on else "odometry never changes its stamp"
+        return "" if self.news.odometry_stamps.goes_on else "odometry never changes its stamp"
 
     def _publisher(self, topic: str) -> Any:
         if self._node is None:

@@ -90,7 +90,7 @@ class RosbridgeLink:
             missing = "no odometry"
             await self._until(lambda: self.news.odometry is not None)
             missing = "odometry never changes its stamp"
-            await self._until(lambda: self.news.odometry_goes_on)
+            await self._until(lambda: self.news.odometry_stamps.goes_on)
             if m.JOINT_STATES in facts["topics"]:
                 with trio.move_on_after(JOINTS_S):
                     await self._until(lambda: self.news.joints_ns != 0)

@@ -79,7 +79,7 @@ class YahboomWire(Wire):
     async def read(self) -> Observation:
         news, now_ns = self._link.news, self._clock.now_ns()
         told = news.odometry
-        silent_s = (now_ns - news.odometry_ns) / NS
+        silent_s = (now_ns - news.odometry_stamps.new_ns) / NS
         if told is None or silent_s > SILENT_S:
             why = "never come" if told is None else f"for {silent_s:.1f} s not {news.missing(now_ns)}"
             raise WireDown(
@@ -90,16 +90,16 @@ class YahboomWire(Wire):
         arm = tuple(servo.turned(joints.get(servo.key, NAN)) for servo in self._config.servos)
         stamps = tuple(0 if math.isnan(value) else news.joints_ns for value in arm)
         return Observation(
-            t_ns=news.odometry_ns,
+            t_ns=news.odometry_stamps.new_ns,
             position=(*told.speed, *arm),
-            stamp_ns=((news.odometry_ns,) * len(BASE)) + stamps,
+            stamp_ns=((news.odometry_stamps.new_ns,) * len(BASE)) + stamps,
             sensors=self._sensors(),
         )
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
         axes = len(self._config.axes)
         arm_rad, arm_at_s = values[len(BASE) : axes], values[ARM_AT]
-        silent_s = (self._clock.now_ns() - self._link.news.odometry_ns) / NS
+        silent_s = (self._clock.now_ns() - self._link.news.odometry_stamps.new_ns) / NS
         if silent_s > QUIET_S or self._link.is_behind:
             raise PermitDenied(f"the robot takes nothing now (odometry {silent_s * 1e3:.0f} ms ago)")
         permit.check()

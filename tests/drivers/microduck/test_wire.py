@@ -187,7 +187,7 @@ def test_saf_012_connecting_waits_for_two_stamps(tmp_path: Path, before: float |
         await link.connect()
         for t_s, goes_on in ((7.0, False), (7.0, False), (7.02, True), (7.02, True)):
             one.tell_state(t_s)
-            assert link.goes_on is goes_on
+            assert link.stamps.goes_on is goes_on
 
     run(tmp_path, test)
 
