@@ -6,16 +6,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import msgspec
-
 from strands_actors.contract.axis import Axis
-from strands_actors.contract.axis_gates import past_range, stale
+from strands_actors.contract.axis_gates import past_ranges, past_told_range, stale
 from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.step_gates import refuse_lead, refuse_step
 from strands_actors.kernel.messages import Refused
 
-from .arms import Arm, Range
+from .arms import Arm
 from .protocol import Mode, State, error_words
 
 LEAD_S = 0.1
@@ -71,21 +69,9 @@ CONDITIONS = tuple(Condition(check, always=True) for check in (error_free, runni
 def past_own_range(arm: Arm, axes: Axes) -> GateCheck:
     """Refuse what is past the range of the arm's own type, which the wire puts beside its
     positions; without that, what is past the range of any."""
-
-    def within(ranges: Sequence[Range]) -> GateCheck:
-        pairs = zip(axes, ranges, strict=True)
-        return past_range([msgspec.structs.replace(axis, low=low, high=high) for axis, (low, high) in pairs])
-
-    of_types: dict[tuple[Range, ...], GateCheck] = {kind.range_rad: within(kind.range_rad) for kind in arm.types}
     joints = zip(*(kind.range_rad for kind in arm.types), strict=True)
-    of_all = within([(max(low for low, _ in ends), min(high for _, high in ends)) for ends in joints])
-
-    def past_own_range(candidate: Candidate, state: GateState) -> Refused | None:
-        sensors = state.observation.sensors
-        lows, highs = sensors.get("range_low_rad", ()), sensors.get("range_high_rad", ())
-        return of_types.get(tuple(zip(lows, highs, strict=True)), of_all)(candidate, state)
-
-    return past_own_range
+    of_all = past_ranges(axes, [(max(low for low, _ in ends), min(high for _, high in ends)) for ends in joints])
+    return past_told_range(axes, "range_low_rad", "range_high_rad", untold=of_all)
 
 
 def speed_limit(arm: Arm, state: GateState) -> float:

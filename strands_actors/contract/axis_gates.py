@@ -3,9 +3,10 @@ clipped."""
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Sequence
-from typing import Protocol
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple, Protocol
 
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
@@ -96,6 +97,40 @@ def past_range(axes: Axes, *, rounding: float = _ROUNDING, measured: bool = True
         return None
 
     return past_range
+
+
+class _Narrower(NamedTuple):
+    """An axis with another range."""
+
+    key: str
+    label: str
+    unit: str
+    limits: tuple[float, float]
+    speed: float
+    mode: AxisMode
+
+
+def past_ranges(axes: Axes, ranges: Iterable[tuple[float, float]]) -> GateCheck:
+    """Return ``past_range`` for axes whose ends are these: lowest and highest, in the axis's unit."""
+    return past_range(
+        [
+            _Narrower(axis.key, axis.label, axis.unit, ends, axis.speed, axis.mode)
+            for axis, ends in zip(axes, ranges, strict=True)
+        ]
+    )
+
+
+def past_told_range(axes: Axes, lows: str, highs: str, untold: GateCheck) -> GateCheck:
+    """Refuse a target outside the range that the robot itself tells: ``lows`` and ``highs`` name the
+    rows of an observation's sensors. ``untold``: the gate of an observation that has none."""
+    within = functools.lru_cache(maxsize=4)(functools.partial(past_ranges, axes))
+
+    def past_told_range(candidate: Candidate, state: GateState) -> Refused | None:
+        sensors = state.observation.sensors
+        told = tuple(zip(sensors.get(lows, ()), sensors.get(highs, ()), strict=True))
+        return (within(told) if told else untold)(candidate, state)
+
+    return past_told_range
 
 
 def _no_further(axis: Limited, at: int, value: float, state: GateState) -> bool:

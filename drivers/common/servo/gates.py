@@ -3,12 +3,9 @@ and the state; nothing is ever clipped."""
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Iterator, Mapping
-from typing import NamedTuple
 
-from strands_actors.contract.axis import AxisMode
-from strands_actors.contract.axis_gates import Axes, past_range, stale, too_fast
+from strands_actors.contract.axis_gates import Axes, past_range, past_told_range, stale, too_fast
 from strands_actors.contract.driver import Candidate, GateCheck, GateState
 from strands_actors.contract.wire import Observation
 from strands_actors.kernel.messages import Refused
@@ -23,48 +20,15 @@ def all_gates(
     one-shot names where to go, not how fast: the servo's own top speed bounds it. ``fault_codes``,
     ``remedies``: as ``motor_fault`` takes them."""
     return (
-        past_range(axes),
-        past_travel(axes),
+        # The limits in a servo's own registers may be narrower than the range of its model: it would
+        # stand still without a word, or stop on the way.
+        past_told_range(axes, "travel_low", "travel_high", untold=past_range(axes)),
         stale(axes, state_ttl_s),
         voltage(axes),
         temperature(axes),
         motor_fault(axes, fault_codes, remedies),
         too_fast(axes),
     )
-
-
-class _Narrower(NamedTuple):
-    """An axis with the range of its servo."""
-
-    key: str
-    label: str
-    unit: str
-    limits: tuple[float, float]
-    speed: float
-    mode: AxisMode
-
-
-def past_travel(axes: Axes) -> GateCheck:
-    """Refuse a goal outside the limits that a servo's own registers set. Without a calibration they
-    may be narrower than the range of the model, and the servo stands still without a word, or stops
-    on the way."""
-
-    @functools.lru_cache(maxsize=4)
-    def within(lows: tuple[float, ...], highs: tuple[float, ...]) -> GateCheck:
-        return past_range(
-            [
-                _Narrower(axis.key, axis.label, axis.unit, (low, high), axis.speed, axis.mode)
-                for axis, low, high in zip(axes, lows, highs, strict=True)
-            ]
-        )
-
-    def past_travel(candidate: Candidate, state: GateState) -> Refused | None:
-        sensors = state.observation.sensors
-        if "travel_low" not in sensors:
-            return None  # nobody has read them
-        return within(sensors["travel_low"], sensors["travel_high"])(candidate, state)
-
-    return past_travel
 
 
 def voltage(axes: Axes) -> GateCheck:
