@@ -97,16 +97,17 @@ class Standby(Actor):
         self._report = report
         self._watched = watched
         self._leave = leave
-        self._words: memoryview | None = None
-        self._owed = Owed()
-        self._root: _Seen | None = None
-        self._wire: _Seen | None = None
         self._channel: StopChannel | None = None
         self._channel_scope = trio.CancelScope()
         self._acts = False
 
     async def started(self) -> None:
-        self._watch_over(self._watched)
+        page, root_fd, wire_fd = _parts_of(self._watched)
+        self._words = words_of(page)
+        os.close(page)
+        self._owed = Owed(self._words)
+        self._root = self._seen("root", self._watched.root, root_fd, ROOT)
+        self._wire = self._seen("wire", self._watched.wire, wire_fd, WIRE)
         self.context.every(look_s(self._driver.timing), Tick)
 
     def receive(self, message: WatchOver | Guard | LetGo | Tick) -> Guarding | LetGone | Refused | Deferred | None:
@@ -126,35 +127,26 @@ class Standby(Actor):
     # -- what is watched
 
     def _watch_over(self, message: WatchOver) -> None:
-        """The root, and the wire that lives now. ``descriptors``: the page, then a pidfd of
-        each."""
-        page, *pidfds = message.descriptors
-        if self._words is None:
-            self._words = words_of(page)
-            self._owed = Owed(self._words)
-        os.close(page)
-        root_fd = pidfds[0] if pidfds else None
-        wire_fd = pidfds[1] if len(pidfds) > 1 else None
-        if self._root is None:
-            self._root = self._seen("root", message.root, root_fd, ROOT)
-        elif root_fd is not None:
-            os.close(root_fd)
-        self._wire = self._watch_wire(message.wire, wire_fd)
+        """The wire that lives now: of page and root it has its own."""
+        page, root_fd, wire_fd = _parts_of(message)
+        for fd in (page, root_fd):
+            if fd is not None:
+                os.close(fd)
+        self._watch_wire(message.wire, wire_fd)
 
-    def _watch_wire(self, pid: int, pidfd: int | None) -> _Seen:
-        if self._wire is not None and self._wire.peer is not None:
+    def _watch_wire(self, pid: int, pidfd: int | None) -> None:
+        if self._wire.peer is not None:
             self._wire.peer.close()
-        return self._seen("wire", pid, pidfd, WIRE)
+        self._wire = self._seen("wire", pid, pidfd, WIRE)
 
     def _last_wire(self) -> _Seen:
         """The wire that was started last: its root may have ended before it told us of it."""
         pid = self._owed.wire_pid
-        if self._wire is None or pid not in (0, self._wire.pid):
-            self._wire = self._watch_wire(pid, None)
+        if pid not in (0, self._wire.pid):
+            self._watch_wire(pid, None)
         return self._wire
 
     def _seen(self, name: str, pid: int, pidfd: int | None, at: int) -> _Seen:
-        assert self._words is not None
         peer = Peer(pid, pidfd) if pid else None
         heartbeat = Heartbeat(self._words, STANDBY, at)
         watched = Watched(self._driver.timing, partial(suspected, pid), self.context.clock.now_ns())
@@ -169,8 +161,6 @@ class Standby(Actor):
         self._decide()
 
     def _tick(self, now_ns: int) -> None:
-        if self._root is None:
-            return
         root, wire = self._root, self._last_wire()
         root.heartbeat.beat(now_ns)  # ours: both ends of the two are one
         for process, may_be_silent_until_ns in ((root, 0), (wire, self._owed.silent_until_ns)):
@@ -183,7 +173,7 @@ class Standby(Actor):
     # -- what is done
 
     def _decide(self) -> None:
-        if self._acts or self._root is None:
+        if self._acts:
             return
         root, wire = self._root, self._last_wire()
         match decide(root.seen, wire.seen, self._owed.safe_state):
@@ -295,6 +285,13 @@ class Standby(Actor):
             self._channel_scope.cancel()
             self._channel.close()
             self._channel = None
+
+
+def _parts_of(told: WatchOver) -> tuple[int, int | None, int | None]:
+    """Return the descriptor of the page, and a pidfd of root and of wire, where there is one."""
+    page, *pidfds = told.descriptors
+    root_fd, wire_fd, *_ = (*pidfds, None, None)
+    return page, root_fd, wire_fd
 
 
 def _told(process: _Seen) -> str:
