@@ -82,7 +82,7 @@ class TreeProcesses(Processes):
                 plan.mesh.check_robot(self.robot)
             except (ValueError, OSError) as error:
                 raise NotConnected(str(error)) from None
-        own, where = ("", "") if plan.twin_process is not None else (port, place(plan))
+        where = "" if plan.twin_process is not None else place(plan)
         claim = None if plan.twin_process is not None else await claim_port(plan, self.robot)
         try:
             self.require_open()
@@ -90,19 +90,18 @@ class TreeProcesses(Processes):
             if found is not None:
                 self.standby_report = found
             self.require_open()
-            self._begin(port, own, where, () if claim is None else (claim.fd,), beside)
+            self._begin(port, where, () if claim is None else (claim.fd,), beside)
         finally:
             if claim is not None:
                 claim.close()  # the root has its own by now, for as long as it lives
 
-    def _begin(
-        self, port: str, own: str, where: str, hold: tuple[int, ...], beside: Callable[[], Awaitable[None]]
-    ) -> None:
+    def _begin(self, port: str, where: str, hold: tuple[int, ...], beside: Callable[[], Awaitable[None]]) -> None:
         """Start the root. Nothing in here waits: a cleanup comes before it, or finds what it has
-        started. ``own``, ``where``: the port and its place, where it is no twin's; ``hold``: what the
-        root is to inherit beside its name."""
+        started. ``where``: its place, where it is no twin's; ``hold``: what the root is to inherit
+        beside its name."""
         plan, name = self.plan, self._name
         assert name is not None
+        own = "" if plan.twin_process is not None else port
         if plan.twin_process is None:
             process_one.warn_once()
         roles = ("root", "wire", "policy", "mesh")

@@ -350,7 +350,7 @@ class Guardian(Actor):
         """The supervisor's child: one life of the wire group, and another whenever its process is
         spent. Always raises ``WireBroken`` or ``Cancelled``."""
         while True:
-            while self._waiting or self._alone.locked():
+            while self.at_work:
                 async with self._alone:
                     if self._waiting:
                         await self._make_safe(self.state.epoch)
