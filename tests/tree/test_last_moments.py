@@ -11,18 +11,17 @@ import pytest
 import trio
 
 import strands_actors.supervisors.root.process as process
-from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason
+from strands_actors.contract.driver import Driver, Reason
 from strands_actors.contract.wire import StopChannel
 from strands_actors.kernel.clock import Clock
 from strands_actors.supervisors.gate.messages import Resume, Resumed, StopReport
 from strands_actors.supervisors.root.messages import Fence
 from strands_actors.testing import FakeHardware, InlineTree, open_inline_tree, run_virtual
-from strands_actors.testing.fake import HARDWARE, FakeDriver, FakeStopChannel
+from strands_actors.testing.fake import FakeDriver, FakeStopChannel
 
-from .writer import armed
+from .writer import armed, driver_of
 
 SESSION_S = 0.2
-PORT = "last moments"
 
 
 class SlowChannel(FakeStopChannel):
@@ -40,16 +39,6 @@ class SlowDriver(FakeDriver):
 
 class Exited(BaseException):
     pass
-
-
-def driver_of(hardware: FakeHardware) -> Driver:
-    HARDWARE[PORT] = hardware
-    driver = SlowDriver("fake", PORT, {})
-    driver.fallbacks = {
-        reason: "hold" if reason in HOLDING_REASONS else "off" if reason is Reason.ESTOP else "settle"
-        for reason in Reason
-    }
-    return driver
 
 
 def ending(tree: InlineTree, driver: Driver, seen: dict[str, Any]) -> Any:
@@ -102,7 +91,7 @@ def test_saf_007_an_e_stop_beside_the_end_of_a_tree_is_carried_out(
     seen: dict[str, Any] = {}
     monkeypatch.setattr(process, "os", ProcessOs(seen))
     hardware = FakeHardware()
-    driver = driver_of(hardware)
+    driver = driver_of(hardware, "last moments", SlowDriver, "settle")
 
     async def press(tree: InlineTree, by: str) -> StopReport:
         report = await tree.guardian.ask(Fence(Reason.ESTOP, by, lock=True), 3.0)

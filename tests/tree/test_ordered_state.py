@@ -10,7 +10,7 @@ import msgspec
 import pytest
 import trio
 
-from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason
+from strands_actors.contract.driver import Reason
 from strands_actors.contract.wire import MotorReport
 from strands_actors.kernel.clock import Clock, MonotonicClock
 from strands_actors.supervisors.gate.messages import Accepted, LockKept, Resume, Resumed, Stop, StopReport
@@ -19,24 +19,11 @@ from strands_actors.supervisors.root.messages import Fence
 from strands_actors.supervisors.root.process import Unconfirmed
 from strands_actors.supervisors.wire.messages import RootGone
 from strands_actors.testing import FakeHardware, InlineTree, open_inline_tree, run_virtual
-from strands_actors.testing.fake import HARDWARE, FakeDriver, FakeWire
+from strands_actors.testing.fake import FakeWire
 
-from .writer import armed, freeze, setpoints
+from .writer import armed, driver_of, freeze, setpoints
 
 ESTOP = Stop(Reason.ESTOP, "test", lock=True)
-
-
-def driver_of(hardware: FakeHardware, port: str) -> Driver:
-    """Return one whose e-stop takes the power, as that of a Reachy, a Spot or an RB-Y1 may, and
-    whose other stops do not."""
-    HARDWARE[port] = hardware
-    driver = FakeDriver("fake", port, {})
-    del HARDWARE[port]
-    driver.fallbacks = {
-        reason: "hold" if reason in HOLDING_REASONS else "off" if reason is Reason.ESTOP else "stop"
-        for reason in Reason
-    }
-    return driver
 
 
 def since(tree: InlineTree, t_ns: int) -> set[str]:

@@ -6,9 +6,11 @@ from typing import Any
 
 import trio
 
+from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason
 from strands_actors.kernel.messages import Message
 from strands_actors.supervisors.gate.messages import Acquire, Lease, Resume, Resumed, Setpoint
-from strands_actors.testing import InlineTree
+from strands_actors.testing import FakeHardware, InlineTree
+from strands_actors.testing.fake import HARDWARE, FakeDriver
 
 
 class Writer:
@@ -64,3 +66,18 @@ def freeze(tree: InlineTree, actor: str) -> None:
 
     cell.work = deaf  # type: ignore[method-assign]
     cell._work_slowly = trio.sleep_forever  # type: ignore[method-assign]
+
+
+def driver_of(
+    hardware: FakeHardware, port: str, made_by: type[FakeDriver] = FakeDriver, usual: str = "stop"
+) -> Driver:
+    """Return one whose e-stop takes the power, as that of a Reachy, a Spot or an RB-Y1 may, and
+    whose other stops do not: they are ``usual``."""
+    HARDWARE[port] = hardware
+    driver = made_by("fake", port, {})
+    del HARDWARE[port]
+    driver.fallbacks = {
+        reason: "hold" if reason in HOLDING_REASONS else "off" if reason is Reason.ESTOP else usual
+        for reason in Reason
+    }
+    return driver
