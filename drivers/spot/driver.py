@@ -86,7 +86,9 @@ class Spot(Driver):
         STOP,
     )
     SERVICES: ClassVar[Mapping[str, Service]] = {
-        "stand": Service("power the motors on and stand up", within_s=STAND_S, in_motion=True, powers=True),
+        "stand": Service(
+            "power the motors on and stand up", within_s=STAND_S, in_motion=True, powers=True, needs_armed=True
+        ),
         "set_twist": Service(
             f"walk so fast for {TWIST_S:g} s, m/s and rad/s of the body, then stand",
             within_s=1.0,

@@ -99,6 +99,9 @@ class Service(msgspec.Struct, frozen=True):
     # whoever is not the robot's own program, also where ``moves`` would refuse it (to a robot that
     # is not armed yet).
     powers: bool = False
+    # Refused to a robot that is not armed, as a setpoint is: after a stop only ``resume`` lets it go
+    # on, also where a stopped robot keeps its power. For what ``moves`` this is so anyway.
+    needs_armed: bool = False
     # No service of the wire's, but a command: its arguments are an action, with the lifetime and the
     # gates of one.
     acts: bool = False

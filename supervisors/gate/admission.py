@@ -108,6 +108,9 @@ class Admission:
         refusal = _refuse_by_lease(service, message, known)
         if refusal is not None:
             return refusal
+        refusal = self._refuse_by_mode(known) if self._driver.SERVICES[service].needs_armed else None
+        if refusal is not None:
+            return about(service, refusal)
         moves = known.live_until_ns != 0 or message.first is not None
         if moves and not self._driver.SERVICES[service].in_motion:
             return Refused(

@@ -83,6 +83,28 @@ def test_saf_014_a_service_that_is_not_done(service: str, arguments: dict[str, A
     run_virtual(run)
 
 
+def test_saf_002_what_needs_an_armed_robot_waits_for_a_resume_after_a_stop(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where the wire of a stopped robot would do it: its motors may have kept their power."""
+    powers = Service("stand up", within_s=1.0, arguments={"times": 3}, powers=True, needs_armed=True)
+    monkeypatch.setattr(FakeDriver, "SERVICES", {"wave": powers})
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            assert await ask(writer, times=1) == Performed({"waved": 1})
+            await tree.gate.ask(Stop(Reason.STOP), 1.0)
+            await writer.acquire()
+            answer = await ask(writer)
+            assert isinstance(answer, Refused) and answer.code == "disarmed"
+            assert answer.reason.startswith("wave: the robot is disarmed")
+            assert len(DONE) == 1
+            await tree.gate.ask(Resume(), 1.0)
+            await writer.acquire()
+            assert await ask(writer, times=1) == Performed({"waved": 1})
+
+    run_virtual(run)
+
+
 def test_saf_009_a_service_needs_the_lease_and_the_present_epoch() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:

@@ -172,6 +172,8 @@ def test_saf_005_a_stop_stands_it_still_and_nothing_follows(spot: RealRobot, twi
     assert stopped["safe_state"] == "hold" and len(stopped["motors"]) == 10
     assert (first_safe(twin.log, began_ns).t_ns - began_ns) / 1e9 < 0.05 + SLACK_S
     assert "call resume() first" in why(spot.send_action({"vx": 0.1}))
+    assert "stand: the robot is disarmed" in why(service(spot, "stand"))
+    assert twin.log.host("enable", began_ns) == []
     time.sleep(3.5)
     assert motors(spot) == p.Motors.ON, "it stands: its e-stop is fed as long as the chain is alive"
     json_of(spot.resume())
