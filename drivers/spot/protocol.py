@@ -282,7 +282,8 @@ Quaternion = tuple[float, float, float, float]
 
 
 class Reading(NamedTuple):
-    """``joints``: wire name to position and velocity. ``pressed``: e-stops that are."""
+    """``joints``: wire name to position and velocity; NaN for what is not told: a zero is.
+    ``pressed``: e-stops that are."""
 
     motors: Motors
     pressed: tuple[str, ...]
@@ -319,8 +320,10 @@ def reading(told: Message) -> Reading:
     motors = state.get("power_state", {}).get("motor_power_state", 0)
     if motors not in tuple(Motors):
         raise MalformedFrame(f"robot state: motor power {motors}")
-    joints = {one.get("name", ""): (_number(one, "position"), _number(one, "velocity", 0.0)) for one in
-              motion.get("joint_states", ())}  # fmt: skip
+    joints = {
+        one.get("name", ""): (_number(one, "position"), _number(one, "velocity"))
+        for one in motion.get("joint_states", ())
+    }
     xyz, quaternion = _body_in_odom(motion)
     return Reading(
         Motors(motors),
@@ -336,10 +339,11 @@ def reading(told: Message) -> Reading:
     )
 
 
-def _number(message: Message, key: str, default: float = math.nan) -> float:
-    """Return a wrapped number; one that is not finite is none."""
+def _number(message: Message, key: str) -> float:
+    """Return a wrapped number; one that is not finite is none. A zero is an empty wrapper: one that
+    is missing says nothing."""
     if key not in message:
-        return default
+        return math.nan
     value = float(message[key].get("value", 0.0))
     return value if math.isfinite(value) else math.nan
 

@@ -8,10 +8,13 @@ from collections.abc import Mapping
 from strands_actors.contract.wire import Observation
 
 from .gates import BEHAVIOUR
-from .protocol import Reading
+from .protocol import Motors, Reading
 from .robots import ARM, BASE, CLAW, LEGS, wire_name
 
 Targets = tuple[float | None, ...]
+
+STILL = 0.05
+"""m/s and rad/s: below, it stands [assumed]."""
 
 _JOINTS = (*ARM, CLAW)
 _NOT_THERE = (math.nan, 0.0)
@@ -56,7 +59,20 @@ def held_at(reading: Reading) -> Targets:
     return (*(0.0 for _ in BASE), *(None if math.isnan(angle) else angle for angle in angles))
 
 
-def arm_speed(reading: Reading) -> float:
-    """Return how fast the quickest joint of arm and claw turns, rad/s; NaN: it does not say."""
+def why_moving(reading: Reading) -> str:
+    """Return why it is not known to stand still; empty: it is."""
+    if reading.motors is Motors.OFF:
+        return ""
+    if not reading.speed <= STILL:
+        return f"not confirmed: it reports speed {reading.speed:.2f}"
+    speed = _arm_speed(reading)
+    if math.isnan(speed):
+        return "not confirmed: its arm does not report its speed"
+    return "" if speed <= STILL else f"not confirmed: its arm reports {speed:.2f} rad/s"
+
+
+def _arm_speed(reading: Reading) -> float:
+    """Return how fast the quickest joint of arm and claw turns, rad/s; NaN: one does not say. A
+    joint that this robot has not is at rest."""
     speeds = [abs(reading.joints.get(wire_name(key), _NOT_THERE)[1]) for key in _JOINTS]
     return math.nan if any(map(math.isnan, speeds)) else max(speeds)

@@ -34,7 +34,7 @@ from .control import (
 )
 from .gates import COMMAND, ESTOP, LEASE
 from .messages import Message
-from .readings import Targets, arm_speed, held_at, observe
+from .readings import Targets, held_at, observe, why_moving
 from .robots import ARM, BASE, CLAW, DRIVES, KEYS, MOVES_ARM, MOVES_CLAW
 from .session import ANSWER_S, Asked, NoAnswer, OpenStream, Session
 from .stopping import LOOK_S, stop_by_estop, why_on
@@ -53,8 +53,6 @@ SIT_S = 5.0
 """Within which it sits, motors off; then its e-stop is asserted."""
 HOLD_S = 2.0
 """Within which it must be seen to stand still."""
-STILL = 0.05
-"""m/s and rad/s: below, it stands [assumed]."""
 MARGIN_S = 0.7
 """Of ``Timing.safe_s``: what is left for what comes after."""
 SERVICES = ("robot-command", "robot-state", "estop", "lease", "power", "time-sync")
@@ -324,12 +322,8 @@ class SpotWire(Wire):
             asked = session.ask("PowerCommand", {"lease": self._lease.use(), "request": p.POWER_OFF})
             self._lease.check(await session.answer(asked))
             return "not confirmed: its motors are being powered on", ()
-        if reading.motors is not p.Motors.OFF:
-            if not reading.speed <= STILL:
-                return f"not confirmed: it reports speed {reading.speed:.2f}", ()
-            if not arm_speed(reading) <= STILL:
-                return f"not confirmed: its arm reports {arm_speed(reading):.2f} rad/s", ()
-        return "", held_at(reading)
+        detail = why_moving(reading)
+        return detail, () if detail else held_at(reading)
 
     async def _sit(self) -> tuple[Outcome, str]:
         """Sit, motors off, and return the lease. Return also why that was not returned."""

@@ -96,6 +96,7 @@ def test_we_read_what_the_vendor_writes() -> None:
     state.battery_states.add().charge_percentage.value = 55.0
     state.estop_states.add(name="button", state=1)
     state.kinematic_state.joint_states.add(name="arm0.sh0").position.value = 0.25
+    state.kinematic_state.joint_states.add(name="arm0.sh1").velocity.value = 0.0
     state.kinematic_state.acquisition_timestamp.seconds = 5
     odom = state.kinematic_state.transforms_snapshot.child_to_parent_edge_map["odom"]
     odom.parent_frame_name = "body"
@@ -106,6 +107,7 @@ def test_we_read_what_the_vendor_writes() -> None:
     read = p.reading(p.reply(p.METHODS["GetRobotState"], reply.SerializeToString()))
     assert read.motors is p.Motors.ON and read.pressed == ("button",) and read.battery_pct == 55.0
     assert read.joints["arm0.sh0"][0] == 0.25 and read.stamp_ns == 5_000_000_000
+    assert math.isnan(read.joints["arm0.sh0"][1]) and read.joints["arm0.sh1"][1] == 0.0, "a zero is told"
     assert read.xyz_m == pytest.approx((1.0, 2.0, 0.0))
     assert read.rpy_rad == pytest.approx((0.0, 0.0, math.pi / 2))
     assert read.twist == pytest.approx((0.5, 0.0, 0.0)), "ahead, as the body has it"

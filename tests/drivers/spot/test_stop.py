@@ -74,6 +74,34 @@ def test_saf_005_an_arm_that_goes_on_after_a_stop_is_not_reported_as_held() -> N
     virtual(test)
 
 
+def test_saf_005_an_arm_that_does_not_tell_its_speed_is_not_known_to_stand() -> None:
+    async def test() -> None:
+        world = World()
+        wire = await ready(world)
+        seen = await wire.read()
+        joints = world.twin._joints
+        world.twin._joints = lambda: [  # type: ignore[method-assign]
+            {key: value for key, value in one.items() if key != "velocity"} for one in joints()
+        ]
+        world.twin.mechanism.halt = lambda: None  # type: ignore[method-assign]
+        await wire.write(target(world, seen, arm_sh0=3.0), Go())
+        await pass_time(world, 0.1, wire)
+        reports = await wire.make_safe("hold")
+        assert not confirmed(reports)
+        assert reports[0].detail == "not confirmed: its arm does not report its speed"
+        assert math.isnan((await wire.read()).velocity[3])
+
+    virtual(test)
+
+
+def test_a_robot_without_an_arm_is_held() -> None:
+    async def test() -> None:
+        world = World(arm=False)
+        assert confirmed(await (await ready(world)).make_safe("hold"))
+
+    virtual(test)
+
+
 def test_saf_005_a_robot_that_nobody_has_the_lease_of_is_held_only_when_it_stands() -> None:
     """The robot has taken the lease from us, and given it to nobody: what it was told before may
     still run."""
