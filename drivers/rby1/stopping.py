@@ -16,7 +16,7 @@ import trio
 
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, WireDown
-from strands_actors.drivers.common.grpc import Call, Connection
+from strands_actors.drivers.common.grpc import Call, CallFailed, Connection
 from strands_actors.drivers.common.malformed import MalformedFrame
 
 from . import protocol as p
@@ -65,6 +65,7 @@ class Stop:
         self._written = self._acknowledged = False
         self._moving: Sequence[str] = config.axes
         self._why = "not connected"
+        self._refusal = ""
         self._position: Sequence[float] = ()  # of the newest state
         self._holds = True  # what stands is held there
         self._motor_supply: int | None = None  # its place; None: the robot has not told it
@@ -103,19 +104,29 @@ class Stop:
                 self.connection = None
             return False
         with trio.move_on_after(LOOK_S):
-            return await self._stands(connection, orders)
+            if await self._stands(connection, orders):
+                return True
+        self._why = self._refusal or self._why
         return False
 
     async def _answered(self, connection: Connection, calls: Sequence[Call]) -> bool:
-        """Return whether all orders are answered in time. Raise ``WireDown`` when one is
-        refused."""
+        """Return whether all orders are answered in time. Raise ``WireDown`` when one is refused;
+        but not when the power is ordered off: the state of its supply tells, and a robot without
+        power may have nothing to cancel."""
         until_s = trio.current_time() + ANSWER_S
+        self._refusal = ""
         for call in calls:
-            answer = await connection.answer(call, until_s - trio.current_time())
+            try:
+                answer = await connection.answer(call, until_s - trio.current_time())
+            except CallFailed as failed:
+                self._refusal = self._refusal or str(failed)
+                continue
             if answer is None:
                 return False
             if refusal := _refusal(answer, call.path):
-                raise WireDown(f"{call.name}: {refusal}")
+                self._refusal = self._refusal or f"{call.name}: {refusal}"
+        if self._refusal and all(call.path != Method.POWER for call in calls):
+            raise WireDown(self._refusal)
         self._acknowledged = True
         return True
 

@@ -10,7 +10,10 @@ import pytest
 import trio
 
 from strands_actors.contract.wire import WireDown
+from strands_actors.drivers.common import protobuf as pb
+from strands_actors.drivers.common.grpc_messages import Status
 from strands_actors.drivers.common.twin import Fault
+from strands_actors.drivers.common.twin.grpc import ServerCall
 from strands_actors.drivers.rby1 import protocol as p
 from strands_actors.drivers.rby1.protocol import Control, Manager, Method, Power
 from strands_actors.drivers.rby1.stop_channel import KEPT
@@ -171,6 +174,44 @@ async def test_off_takes_the_power_and_sees_that_it_is_gone(world: World) -> Non
     again = await wire.make_safe("off")
     assert all(motor.safe for motor in again), [motor for motor in again if not motor.safe][:3]
     assert {motor.target for motor in again} == {None}, "what lies is held nowhere"
+
+
+def refused(answer: bytes) -> bytes:
+    """In the header of the answer."""
+    error = pb.varint_field(1, 9) + pb.bytes_field(2, b"nothing to cancel")
+    return pb.bytes_field(1, pb.bytes_field(4, error)) + answer
+
+
+@with_each("by_status", [False, True])
+async def test_saf_005_power_that_is_off_is_seen_though_the_robot_refuses_the_other_orders(
+    world: World, by_status: bool
+) -> None:
+    """Of a control manager that is idle there may be nothing to cancel."""
+    wire = await armed(world)
+    channel = world.stop_channel()
+    await wire.make_safe("off")
+    await trio.sleep(2.0)  # the arms have fallen
+    message = world.service.message
+
+    def refuses(call: ServerCall, t_ns: int, asked: bytes) -> None:
+        if call.path != Method.CANCEL:
+            message(call, t_ns, asked)
+        elif by_status:
+            call.end(Status.FAILED_PRECONDITION, "nothing to cancel")
+        else:
+            call.answer(refused(b""))
+
+    world.service.message = refuses  # type: ignore[method-assign]
+    for way in (wire, channel):
+        motors = await way.make_safe("off")
+        assert {(motor.written, motor.safe) for motor in motors} == {(True, True)}
+    world.controller.supplies["48v"] = True
+    world.controller.power = lambda names, on: True  # type: ignore[method-assign]
+    for way in (wire, channel):
+        motors = await way.make_safe("off")
+        assert {(motor.written, motor.safe) for motor in motors} == {(True, False)}
+        assert all("nothing to cancel" in motor.detail for motor in motors)
+    channel.close()
 
 
 @with_each(
