@@ -11,7 +11,6 @@ import trio
 
 from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.grpc import Call, Connection, OpenStream, open_grpc
-from strands_actors.drivers.common.grpc_messages import Status
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.kernel.clock import NS, Clock
 
@@ -121,9 +120,9 @@ class Session:
             if dropped:
                 self.lost = f"the robot has dropped our command: {dropped}"
         if command.status is not None:
+            # With status OK, too: what we end ourselves is not looked at here any more.
             self._command = None
-            if command.status is not Status.OK:
-                self.lost = self.lost or f"the stream of commands has ended: {command.failure()}"
+            self.lost = self.lost or f"the stream of commands has ended: {command.failure()}"
 
 
 async def open_session(config: RBY1Config, clock: Clock, open_stream: OpenStream) -> tuple[Session, dict[str, Any]]:

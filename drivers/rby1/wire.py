@@ -139,7 +139,16 @@ class RBY1Wire(Wire):
         """``reset_fault_control_manager``: what was a fault is idle; nothing is energised."""
         session = self._session()
         permit.check()
-        return {"control_manager": (await self._manager(session, ManagerOrder.RESET_FAULT)).text}
+        answer = await self._manager(session, ManagerOrder.RESET_FAULT)
+        state = _decoded(p.decode_manager_answer, answer)
+        why = _decoded(p.error_of, answer)
+        if not why and state.state not in (Manager.IDLE, Manager.ENABLED):
+            why = f"the control manager is {state.text}"
+        if why:
+            return Refused(
+                "not_reset", f"{service}: {why}", "fix the cause of the fault, then try again", state.text
+            )
+        return {"control_manager": state.text}
 
     def close(self) -> None:
         if self._session_or_none is not None:
@@ -164,9 +173,8 @@ class RBY1Wire(Wire):
                 f"arm: the robot refuses {name}: {why or p.name_of(p.Done, done)}. Look at it, then try again"
             )
 
-    async def _manager(self, session: Session, order: ManagerOrder) -> p.ManagerState:
-        answer = await session.connection.unary(Method.MANAGER, p.encode_manager_order(order), ORDER_S)
-        return _decoded(p.decode_manager_answer, answer)
+    async def _manager(self, session: Session, order: ManagerOrder) -> bytes:
+        return await session.connection.unary(Method.MANAGER, p.encode_manager_order(order), ORDER_S)
 
     async def _until(
         self, session: Session, ready: Callable[[], bool], otherwise: str, within_s: float, permit: Permit
@@ -213,11 +221,6 @@ class RBY1Wire(Wire):
         if self._session_or_none is None:
             raise WireDown("wire: not connected. Open it first")
         return self._session_or_none
-
-
-def _refused(method: Method, why: str) -> WireDown:
-    name = method.rpartition("/")[2]
-    return WireDown(f"the robot refuses {name}: {why}. Look at it, then try again")
 
 
 def _decoded(decode: Callable[[bytes], T], answer: bytes) -> T:

@@ -3,18 +3,23 @@ believed."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import msgspec
 import pytest
 import trio
 
 from strands_actors.contract.wire import PermitDenied, WireDown
+from strands_actors.drivers.common import protobuf as pb
 from strands_actors.drivers.common.grpc_messages import Status
 from strands_actors.drivers.common.twin import Fault
+from strands_actors.drivers.common.twin.grpc import ServerCall
 from strands_actors.drivers.rby1 import protocol as p
 from strands_actors.drivers.rby1.commands import Command, Finish
 from strands_actors.drivers.rby1.driver import HOLD_S
-from strands_actors.drivers.rby1.protocol import Control, Manager
+from strands_actors.drivers.rby1.protocol import Control, Manager, Method
 from strands_actors.drivers.rby1.wire import QUIET_S, RBY1Wire
+from strands_actors.kernel.messages import Refused
 from tests.drivers.common.memory_port import Permission, virtual
 
 from .rig import World, armed, cycle, in_a_world, stepped, with_each
@@ -123,6 +128,46 @@ async def test_a_fault_is_refused_before_power_on_and_can_be_cleared(world: Worl
     assert await wire.perform("reset_fault_control_manager", {}, Permission()) == {"control_manager": "IDLE (1)"}
     assert world.kinds("read") == ["config"]
     await wire.arm(Permission())
+
+
+def no_error(answer: bytes) -> bytes:
+    return p.headed(answer)
+
+
+def over_current(answer: bytes) -> bytes:
+    error = pb.varint_field(1, 9) + pb.bytes_field(2, b"motor 3 over current")
+    return pb.bytes_field(1, pb.bytes_field(4, error)) + answer
+
+
+@with_each(
+    "answered",
+    [
+        (no_error, Manager.MAJOR_FAULT, "the control manager is MAJOR_FAULT (4)"),
+        (no_error, Manager.UNKNOWN, "the control manager is UNKNOWN (0)"),
+        (over_current, Manager.MAJOR_FAULT, "motor 3 over current"),
+        (over_current, Manager.IDLE, "motor 3 over current"),
+    ],
+)
+async def test_a_fault_that_was_not_cleared_is_refused(
+    world: World, answered: tuple[Callable[[bytes], bytes], Manager, str]
+) -> None:
+    """The robot says no, or the cause is still there."""
+    headed, state, why = answered
+    world.controller.fail(Manager.MAJOR_FAULT)
+    wire = world.wire()
+    await wire.open()
+    message = world.service.message
+
+    def refuses(call: ServerCall, t_ns: int, asked: bytes) -> None:
+        if call.path == Method.MANAGER:
+            call.answer(headed(p.encode_manager_answer(p.ManagerState(state))))
+        else:
+            message(call, t_ns, asked)
+
+    world.service.message = refuses  # type: ignore[method-assign]
+    refusal = await wire.perform("reset_fault_control_manager", {}, Permission())
+    assert isinstance(refusal, Refused)
+    assert refusal.code == "not_reset" and why in refusal.text
 
 
 @in_a_world
@@ -272,6 +317,23 @@ async def test_a_stream_that_the_robot_ends_is_named(world: World) -> None:
     world.streams[-1].flush()
     await cycle(wire)
     assert "INTERNAL (out of order)" in (await wire.read()).faults["controller"]
+
+
+@in_a_world
+async def test_a_stream_that_the_robot_ends_without_an_error_is_not_opened_anew(world: World) -> None:
+    wire = await armed(world)
+    await wire.write(stepped(world, 0.02), Permission())
+    next(iter(world.service._commands)).end()
+    world.streams[-1].flush()
+    await cycle(wire)
+    assert (await wire.read()).faults["controller"].startswith("the stream of commands has ended: ")
+    with pytest.raises(PermitDenied, match="has ended"):
+        await wire.write(stepped(world, 0.02), Permission())
+    assert len(world.setpoints()) == 1
+    await wire.make_safe("stop")
+    await wire.arm(Permission())
+    assert not (await wire.read()).faults
+    await wire.write(stepped(world, 0.01), Permission())
 
 
 @in_a_world
