@@ -11,7 +11,7 @@ from strands_actors.kernel.clock import NS
 
 from . import protocol as p
 from .messages import Message
-from .session import ANSWER_S, Asked, Session
+from .session import ANSWER_S, Asked, NoAnswer, Session
 
 SAMPLE_S = 0.01
 """Between two samples of the robot's time."""
@@ -249,6 +249,29 @@ async def read_state(session: Session, within_s: float = ANSWER_S) -> p.Reading:
         return p.reading(await session.call("GetRobotState", {}, within_s))
     except MalformedFrame as malformed:
         raise WireDown(f"robot state: {malformed}") from None
+
+
+async def power_status(session: Session, number: int) -> p.Power | int:
+    """Return how far a power command is. Raise ``WireDown``. One answer that is missing is none of a
+    command's: ``SpotWire.read`` judges how long the robot may be silent."""
+    try:
+        told = await session.call("PowerCommandFeedback", {"power_command_id": number})
+    except NoAnswer:
+        return p.Power.IN_PROGRESS
+    status: int = told.get("status", 0)
+    return status
+
+
+async def is_standing(session: Session, number: int) -> bool:
+    """Return whether a command to stand has been carried out. Raise ``WireDown``, as
+    ``power_status`` does."""
+    try:
+        told = await session.call("RobotCommandFeedback", {"robot_command_id": number})
+    except NoAnswer:
+        return False
+    feedback = told.get("feedback", {}).get("synchronized_feedback", {}).get("mobility_command_feedback", {})
+    status: int = feedback.get("stand_feedback", {}).get("status", 0)
+    return status == p.OK
 
 
 class FreshState:

@@ -8,7 +8,7 @@ lease than the one before, so that one which comes late, behind a stop, is refus
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar
 
 import msgspec
@@ -29,6 +29,8 @@ from .control import (
     FreshState,
     LeaseLost,
     RobotTime,
+    is_standing,
+    power_status,
     read_state,
     see_it_report,
 )
@@ -70,6 +72,7 @@ class SpotWire(Wire):
         self._reading: p.Reading | None = None
         self._read_ns = 0
         self._faults: dict[str, str] = {}
+        self._given_up = ""  # why a command failed which the robot may carry out all the same
 
     # -- the link
 
@@ -90,7 +93,7 @@ class SpotWire(Wire):
         self._lease = BodyLease(session)
         self._estop = EstopEndpoint(session, self._config.estop_timeout_s)
         self._checked_in_ns = self._retained_ns = self._command_id = 0
-        self._faults = {}
+        self._faults, self._given_up = {}, ""
         self._session_or_none = session
         version = known.get("software_release", {}).get("version", {})
         return {
@@ -105,6 +108,8 @@ class SpotWire(Wire):
     async def read(self) -> Observation:
         """Its age is that of what it says: an answer that repeats the robot's stamp is not new."""
         session, before = self._session(), self._reading
+        if self._given_up:
+            raise WireDown(self._given_up)
         try:
             self._reading = await read_state(session)
             if before is None or self._reading.stamp_ns != before.stamp_ns:
@@ -221,18 +226,29 @@ class SpotWire(Wire):
     async def _command(self, command: Message, permit: Permit | None) -> p.Command | int:
         """Send a command, and return what the robot says to it. Raise ``WireDown``, also when it
         does not answer: it may still do it, and is stopped for that."""
-        try:
-            status = await self._commanded(command, permit)
-        except LeaseLost as lost:
-            self._note(lost)
-            return p.Command.UNKNOWN
-        if status == p.Command.NO_TIMESYNC:
-            raise WireDown("time sync: the robot's clock was set anew. Reconnect")
+        with self._or_give_up():
+            try:
+                status = await self._commanded(command, permit)
+            except LeaseLost as lost:
+                self._note(lost)
+                return p.Command.UNKNOWN
+            if status == p.Command.NO_TIMESYNC:
+                raise WireDown("time sync: the robot's clock was set anew. Reconnect")
         if status == p.Command.OK:
             self._faults.pop(COMMAND, None)
         else:
             self._faults[COMMAND] = f"the last command was refused: {p.name_of(p.Command, status)}"
         return status
+
+    @contextlib.contextmanager
+    def _or_give_up(self) -> Iterator[None]:
+        """A service that fails ends no link by itself: the next ``read`` does, so that the robot is
+        settled whatever it makes of the command."""
+        try:
+            yield
+        except WireDown as down:
+            self._given_up = str(down)
+            raise
 
     async def _commanded(self, command: Message, permit: Permit | None) -> int:
         told = await self._session().answer(self._send(command, permit))
@@ -423,7 +439,7 @@ class SpotWire(Wire):
             return refused
         number = self._command_id
         with trio.move_on_after(STAND_UP_S):
-            while not await self._is_standing(number):
+            while not await is_standing(self._session(), number):
                 permit.check()
                 await trio.sleep(LOOK_S)
             return {"standing": True}
@@ -434,8 +450,9 @@ class SpotWire(Wire):
         if (await read_state(session)).motors is p.Motors.ON:
             return None
         try:
-            asked = session.ask("PowerCommand", {"lease": self._lease.use(), "request": p.POWER_ON}, permit)
-            told = await session.answer(asked)
+            with self._or_give_up():
+                asked = session.ask("PowerCommand", {"lease": self._lease.use(), "request": p.POWER_ON}, permit)
+                told = await session.answer(asked)
             self._lease.check(told)
         except LeaseLost as lost:
             self._note(lost)
@@ -446,19 +463,13 @@ class SpotWire(Wire):
             while status == p.Power.IN_PROGRESS:
                 permit.check()
                 await trio.sleep(LOOK_S)
-                status = (await session.call("PowerCommandFeedback", {"power_command_id": number})).get("status", 0)
+                status = await power_status(session, number)
             if status == p.Power.SUCCESS:
                 return None
         why = p.name_of(p.Power, status)
         return Refused("no_power", f"stand: its motors are not powered on: {why}", "look at the robot", why)
 
     # -- parts
-
-    async def _is_standing(self, number: int) -> bool:
-        told = await self._session().call("RobotCommandFeedback", {"robot_command_id": number})
-        feedback = told.get("feedback", {}).get("synchronized_feedback", {}).get("mobility_command_feedback", {})
-        status: int = feedback.get("stand_feedback", {}).get("status", 0)
-        return status == p.OK
 
     def _refused(self, service: str, status: int) -> Refused | None:
         """Return a refusal of the robot's; None: it took the command."""

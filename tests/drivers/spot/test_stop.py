@@ -168,6 +168,61 @@ def test_saf_010_a_command_that_comes_late_behind_a_stop_is_refused_by_its_lease
     virtual(test)
 
 
+@pytest.mark.parametrize(
+    ("service", "method"), [("stand", "PowerCommand"), ("stand", "RobotCommand"), ("set_twist", "RobotCommand")]
+)
+def test_saf_010_a_service_that_is_not_answered_ends_the_link(service: str, method: str) -> None:
+    """The robot may carry it out all the same: whoever asked is told of an error, and the robot is
+    settled for it."""
+
+    async def test() -> None:
+        world = World()
+        wire = await ready(world, stands=service == "set_twist")
+        world.twin.muted = {method}
+        with pytest.raises(WireDown, match=f"{method}: .* has not answered"):
+            await wire.perform(service, {"vx": 0.5} if service == "set_twist" else {}, Go())
+        world.twin.muted = set()
+        with pytest.raises(WireDown, match=f"{method}: .* has not answered"):
+            await wire.read()
+        assert confirmed(await wire.reach("settle")) and world.twin.mechanism.motors is Motors.OFF
+        await wire.open()
+        await wire.read()
+
+    virtual(test)
+
+
+def test_saf_010_a_service_that_the_robot_refuses_for_its_clock_ends_the_link() -> None:
+    async def test() -> None:
+        world = World()
+        wire = await ready(world)
+        wire._time.clock_identifier = "the clock before"
+        with pytest.raises(WireDown, match="clock was set anew"):
+            await wire.perform("set_twist", {"vx": 0.5}, Go())
+        with pytest.raises(WireDown, match="clock was set anew"):
+            await wire.read()
+
+    virtual(test)
+
+
+@pytest.mark.parametrize("method", ["PowerCommandFeedback", "RobotCommandFeedback"])
+def test_a_look_that_is_not_answered_is_taken_again_while_it_stands_up(method: str) -> None:
+    async def test() -> None:
+        world = World()
+        wire = await ready(world, stands=False)
+        world.twin.muted = {method}
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(let_it_speak, world)
+            assert await wire.perform("stand", {}, Go()) == {"standing": True}
+        await wire.read()
+
+    virtual(test)
+
+
+async def let_it_speak(world: World) -> None:
+    await trio.sleep(1.0)
+    world.twin.muted = set()
+
+
 def test_saf_005_sitting_that_is_not_done_is_followed_by_the_e_stop() -> None:
     async def test() -> None:
         world = World()

@@ -209,6 +209,19 @@ def test_saf_010_a_command_that_waits_in_a_stopped_robot_is_followed_by_a_safe_f
     until(lambda: spot.get_observation().get("vx") == 0.0, "it stands")
 
 
+def test_saf_010_a_service_that_is_taken_and_not_answered_is_followed_by_a_safe_frame(
+    spot: RealRobot, twin: Twin
+) -> None:
+    armed(spot)
+    twin.order("mute PowerCommand")
+    began_ns = time.monotonic_ns()
+    assert "has not answered" in why(service(spot, "stand"))
+    assert first_safe(twin.log, began_ns).safe_state == "settle"
+    twin.order("mute")
+    until(lambda: state(spot) == "disarmed", "it is back, disarmed")
+    until(lambda: motors(spot) == p.Motors.OFF, "and without power")
+
+
 def test_saf_002_a_robot_that_was_away_for_a_second_ends_safe(spot: RealRobot, twin: Twin) -> None:
     """Its writer goes on all the while: what waits is bounded, and the link counts as lost."""
     walk(spot, twin, vx=0.3)
