@@ -36,6 +36,11 @@ _BATTERY_SOC = 100
 """Offset of the state of charge in a BmsState (computed from its layout; no robot has been
 heard)."""
 
+FULL_PCT = 100
+"""More is no charge of a battery."""
+NO_CHARGE = 255
+"""What the twin of ``go`` says of a battery that is not known [assumed]."""
+
 LEVEL_LOW = 0xFF
 HEAD = b"\xfe\xef"
 
@@ -80,7 +85,7 @@ class State(NamedTuple):
     dq: tuple[float, ...]
     tau: tuple[float, ...]
     temperature: tuple[int, ...]
-    soc: int | None  # percent; None where the battery has a topic of its own
+    soc: int | None  # percent; None: not known, or the battery has a topic of its own
 
 
 # -- the checksum
@@ -229,7 +234,7 @@ class StateCodec:
             machine, tick, soc = flat[0], flat[1], None
             imu = flat[2:]
         else:
-            machine, tick, soc = 0, flat[-2], flat[-3]
+            machine, tick, soc = 0, flat[-2], flat[-3] if flat[-3] <= FULL_PCT else None
             imu = flat
         end = self._start + self._stride * self._joints
         rows = [flat[self._start + offset : end : self._stride] for offset in range(1, 5)]
@@ -252,7 +257,8 @@ class StateCodec:
         if self._family == "hg":
             body = bytearray(self._struct.pack(state.machine, state.tick, *imu, temperature, *motors, 0))
         else:
-            body = bytearray(self._struct.pack(*imu, temperature, *motors, state.soc or 0, state.tick, 0))
+            soc = NO_CHARGE if state.soc is None else state.soc
+            body = bytearray(self._struct.pack(*imu, temperature, *motors, soc, state.tick, 0))
             body[:3] = (*HEAD, LEVEL_LOW)
         body[-4:] = checksum(bytes(body), self._first_motor).to_bytes(4, "little")
         return bytes(body)
@@ -274,7 +280,7 @@ def decode_battery(body: bytes | memoryview) -> int:
     if len(body) != BATTERY_BYTES:
         raise MalformedFrame(f"a BmsState has {BATTERY_BYTES} bytes, not {len(body)}")
     soc = int(body[_BATTERY_SOC])
-    if soc > 100:
+    if soc > FULL_PCT:
         raise MalformedFrame(f"a state of charge of {soc} percent")
     return soc
 

@@ -105,10 +105,9 @@ class _Session:
         if link.discarded:
             sensors["discarded_states"] = (float(link.discarded.total()),)
         faults: dict[str, str] = {}
-        if state.soc is not None:
-            sensors["battery_pct"] = (float(state.soc),)
-            sensors["battery_stamp_s"] = (link.state_ns / NS,)
-        elif self.battery is not None:
+        if state.soc is not None:  # one that is none leaves the charge of before, which grows old
+            self.battery = float(state.soc), link.state_ns / NS
+        if self.battery is not None:
             sensors["battery_pct"], sensors["battery_stamp_s"] = self.battery[:1], self.battery[1:]
         if self.fsm_id is not None:
             sensors["fsm"] = self.fsm_id

@@ -161,11 +161,16 @@ def codec_index(joint: str) -> int:
     return model_of("g1").axes.index(joint)
 
 
-def test_saf_014_an_unknown_battery_refuses(tmp_path: Path) -> None:
-    with legs(tmp_path, twin={"battery": "unknown"}) as g1:
-        code, words = g1.refused({"left_elbow": g1.robot.get_observation()["left_elbow"]})
+@pytest.mark.parametrize("kind", ["unitree_g1", "unitree_go2"])
+def test_saf_014_an_unknown_battery_refuses(tmp_path: Path, kind: str) -> None:
+    with legs(tmp_path, kind, twin={"battery": "unknown"}) as robot:
+        if kind != "unitree_g1":
+            until(lambda: robot.robot.release_sport_mode()["status"] == "success", "it is released")
+            until(lambda: robot.sensor("sport_mode_released") == 1, "the tree knows")
+        joint, rad = next(iter(robot.robot.get_observation().items()))
+        code, words = robot.refused({joint: rad})
         assert code == "battery_unknown" and "the battery's charge is not known" in words
-        assert not g1.log.host("setpoint")
+        assert not robot.log.host("setpoint")
 
 
 def test_saf_014_a_stale_fsm_id_is_no_id(tmp_path: Path) -> None:

@@ -1,0 +1,109 @@
+"""What the wire makes of what it hears, and when that was so: answers and states given to it one by
+one, on a clock of the test's own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+
+from strands_actors.contract.driver import Driver
+from strands_actors.drivers.common.rtps import CDR
+from strands_actors.drivers.unitree import protocol as p
+from strands_actors.drivers.unitree.config import UnitreeConfig
+from strands_actors.drivers.unitree.driver import G1Driver, Go2Driver
+from strands_actors.drivers.unitree.protocol import State, StateCodec
+from strands_actors.drivers.unitree.robots import model_of
+from strands_actors.drivers.unitree.wire import _Session
+from strands_actors.kernel.clock import NS, MonotonicClock
+
+DRIVERS: dict[str, type[Driver]] = {"unitree_g1": G1Driver, "unitree_go2": Go2Driver}
+
+
+class Hands(MonotonicClock):
+    """A clock that the test turns on."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.at_ns = 1000 * NS
+
+    def now_ns(self) -> int:
+        return self.at_ns
+
+    def passes(self, seconds: float) -> None:
+        self.at_ns += round(seconds * NS)
+
+
+class Rig:
+    """A session that hears what the test says, and what the conditions make of it."""
+
+    def __init__(self, robot: str, **options: Any) -> None:
+        self.clock = Hands()
+        self.model = model_of(robot)
+        self.session = _Session(UnitreeConfig(self.model, "127.9.9.9", **options), self.clock)
+        self.link = self.session.link
+        self._conditions = DRIVERS[robot](robot, "127.9.9.9", {}).conditions
+        self._codec = StateCodec(self.model)
+        self._tick = 0
+
+    def says(self, nm: float = 0.0, tick: int | None = None, soc: int = 80) -> None:
+        """A state; its tick goes on, unless one is given."""
+        self._tick = self._tick + 2 if tick is None else tick
+        count = len(self.model.joints)
+        zero, none = (0.0,) * count, (0.0,) * 3
+        charge = soc if self.model.family == "go" else None
+        upright = (1.0, 0.0, 0.0, 0.0)
+        state = State(5, self._tick, upright, none, none, zero, zero, (nm,) * count, (30,) * count, charge)
+        self.link._on_state(memoryview(CDR + self._codec.encode(state)), b"", self.clock.at_ns)
+
+    def battery(self, soc: int) -> None:
+        """As this robot tells it."""
+        if self.model.family == "go":
+            self.says(soc=soc)
+        else:
+            self.session._on_battery(memoryview(CDR + p.encode_battery(soc)), b"", self.clock.at_ns)
+            self.says()
+
+    def refusals(self) -> list[str]:
+        """Codes of all conditions that refuse now."""
+        seen = self.session.observation()
+        checked = (condition.check(seen, self.clock.at_ns) for condition in self._conditions)
+        return [refusal.code for refusal in checked if refusal is not None]
+
+
+@contextmanager
+def rig(robot: str, **options: Any) -> Iterator[Rig]:
+    made = Rig(robot, **options)
+    try:
+        yield made
+    finally:
+        made.link.close()
+
+
+# -- the battery
+
+
+@pytest.mark.parametrize("robot", DRIVERS)
+def test_saf_014_a_charge_that_is_none_is_not_known(robot: str) -> None:
+    with rig(robot) as legs:
+        legs.says()
+        legs.battery(255)
+        assert "battery_unknown" in legs.refusals()
+        assert legs.link.state is not None, "all else of that state is known"
+
+
+@pytest.mark.parametrize("robot", DRIVERS)
+def test_a_charge_that_is_none_once_leaves_the_one_before(robot: str) -> None:
+    with rig(robot) as legs:
+        legs.says()
+        legs.battery(80)
+        assert "battery_unknown" not in legs.refusals()
+        legs.clock.passes(5.0)
+        legs.battery(255)
+        assert legs.session.observation().sensors["battery_pct"] == (80.0,)
+        assert "battery_unknown" not in legs.refusals()
+        legs.clock.passes(6.0)
+        legs.battery(255)
+        assert "battery_unknown" in legs.refusals(), "it grows old"
