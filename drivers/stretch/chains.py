@@ -11,7 +11,7 @@ import msgspec
 from strands_actors.contract.wire import MotorReport, Observation, Permit
 from strands_actors.drivers.common.dynamixel import protocol, table
 from strands_actors.drivers.common.dynamixel.safing import DynamixelSafing
-from strands_actors.drivers.common.dynamixel.watchdog import FEED_S
+from strands_actors.drivers.common.dynamixel.watchdog import FEED_S, UNARMED
 from strands_actors.drivers.common.dynamixel.wire import DynamixelStopChannel, DynamixelWire
 from strands_actors.drivers.common.half_duplex import HalfDuplexBus
 from strands_actors.drivers.common.serial_port import BytePort, open_serial
@@ -25,6 +25,10 @@ from .parameters import Chain
 
 HOMED = table.Register(661)
 """Indirect data 56, where the vendor's homing routine notes that the joint is homed."""
+
+RESET = frozenset((LIMP, UNARMED))
+"""Words in ``faults`` of a servo that has lost what we set: torque, or its bus watchdog. If it was
+reset, it has forgotten its whole turns, too."""
 
 HOLD = "hold"
 
@@ -49,17 +53,16 @@ class ChainWire(DynamixelWire):
         super().__init__(config.chain_config(chain), clock, open_port)
         self._joints = chain.joints
         self._is_profiled = False
-        self.homed: tuple[bool, ...] = (False,) * len(chain.joints)
+        self.homed: dict[str, bool] = {}
+        """By joint: whether it knows where it is."""
 
     async def handshake(self, bus: HalfDuplexBus[protocol.Packet]) -> Handshake[protocol.Packet]:
         """A joint may rest anywhere in the range of the robot's YAML, several turns of its servo
         too."""
         found = await super().handshake(bus)
-        homed = []
         for axis, joint in zip(self.axes, self._joints, strict=True):
             data = await block(bus, protocol, axis, HOMED.address, HOMED.size) if joint.needs_homing else b"\1"
-            homed.append(bool(HOMED.decode(data)))
-        self.homed = tuple(homed)
+            self.homed[axis.key] = bool(HOMED.decode(data))
         return msgspec.structs.replace(found, reach={axis.id: (axis.low, axis.high) for axis in self.axes})
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
@@ -81,9 +84,25 @@ class ChainWire(DynamixelWire):
         if self._feed_until_ns is not None:
             self._feed_until_ns = self.clock.now_ns() + round(FEED_S * NS)
 
+    async def before_arming(self, permit: Permit) -> None:
+        """A servo that was reset since has lost its turns, and with them what was noted here."""
+        await super().before_arming(permit)
+        for axis, joint in zip(self.axes, self._joints, strict=True):
+            if joint.needs_homing:
+                reply = await self._of(axis, HOMED.address, HOMED.size, "whether it is homed")
+                self.homed[axis.key] = bool(HOMED.decode(reply.params))
+
     async def arm(self, permit: Permit) -> Observation:
         self._is_profiled = False
         return await super().arm(permit)
+
+    async def read(self) -> Observation:
+        """A joint whose servo seems reset does not count as homed until the next arming asks it."""
+        seen = await super().read()
+        for axis, joint in zip(self.axes, self._joints, strict=True):
+            if joint.needs_homing and not RESET.isdisjoint(seen.faults.get(axis.key, "").split(", ")):
+                self.homed[axis.key] = False
+        return seen
 
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         """Always a hold: a wrist that is let go drops what it carries."""

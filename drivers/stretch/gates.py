@@ -86,10 +86,10 @@ def gates_of(config: StretchConfig, axes: Sequence[Axis], state_ttl_s: float) ->
     return (
         _soft_limits(axes),
         stale(axes, state_ttl_s),
-        _homed(axes),
         voltage(axes),
         temperature(axes),
         motor_fault(axes, _FAULT_CODES, REMEDIES),
+        _homed(axes),  # behind a servo without torque: whether it was reset is seen when it is energised
         _wheel_speeds(config, axes),
         _wheel_watchdog(axes),
     )

@@ -115,9 +115,6 @@ class StretchWire(Wire):
             ARM: (parameters.arm.low_m, parameters.arm.high_m),
             **{axis.key: axis.limits for chain in self._chains for axis in chain.axes},
         }
-        readings.homed = {
-            axis.key: homed for chain in self._chains for axis, homed in zip(chain.axes, chain.homed, strict=True)
-        }
         readings.has_watchdog = parameters.left.has_watchdog and parameters.right.has_watchdog
 
     def handover(self) -> Sequence[int]:
@@ -178,6 +175,8 @@ class StretchWire(Wire):
             )
 
     def _observation(self) -> Observation:
+        for chain in self._chains:
+            self._readings.homed.update(chain.homed)
         return self._readings.observation([chain.observation for chain in self._chains], self._clock.now_ns())
 
     # -- commanding

@@ -17,6 +17,7 @@ from strands_actors.drivers.common.dynamixel.twin import DynamixelBus
 from strands_actors.drivers.common.model_rows import build
 from strands_actors.drivers.common.physics import Plant
 from strands_actors.drivers.common.twin import Fault, Faults
+from strands_actors.drivers.common.twin.servo_bus import COUNTS, COUNTS_PER_RAD, ZERO_COUNT
 from strands_actors.drivers.stretch import protocol as p
 from strands_actors.drivers.stretch.chains import HOMED
 from strands_actors.drivers.stretch.config import ARM, LEFT, LIFT, PIMU, RIGHT, STEPPERS, StretchConfig
@@ -43,6 +44,27 @@ BY_CURRENT = ("wrist_pitch",)
 BATTERY_RAW = 655.0
 """12.8 V"""
 CURRENT_RAW = 170.0
+
+
+class TurningServo(Servo):
+    """A servo that counts its turns. ``zero``: where it counts from once it is homed. Without power
+    it forgets its turns, and in RAM that it was homed."""
+
+    def __init__(self, plant: Plant, at: int, servo_id: int, zero: float, scale: float) -> None:
+        super().__init__(plant, at, servo_id, SERVO_MODEL, t.EXTENDED_POSITION_MODE, SERVO_V)
+        self._zero = self.zero_count = zero
+        self.counts_per_rad = scale
+
+    def power_cycle(self) -> None:
+        self.zero_count -= COUNTS * math.floor(self._count() / COUNTS)
+        super().power_cycle()
+
+    def home(self) -> None:
+        """As the homing routine leaves it: with its turns, and a note that it has them."""
+        self.zero_count = self._zero
+        self.sense()
+        self.put(t.GOAL_POSITION, self.get(t.POSITION))
+        self.write(HOMED.address, b"\1")
 
 
 @cache
@@ -98,8 +120,10 @@ class World:
             return
         for chain, bus in zip(self.config.chains, self.chains, strict=True):
             for at, found in enumerate(chain.joints):
-                if found.key == joint and found.needs_homing:
-                    bus.servos[at].write(HOMED.address, bytes((int(on),)))
+                servo = bus.servos[at]
+                if found.key == joint and found.needs_homing and isinstance(servo, TurningServo):
+                    servo.home()
+                    servo.write(HOMED.address, bytes((int(on),)))
                     return
         raise ValueError(f"{joint} needs no homing. lift, arm and wrist_yaw do")
 
@@ -143,9 +167,9 @@ class World:
             motor.position = self._home.get(name, 0.0) * self.config.motors[name].rad_per_m
             motor.let_go()
             motor.homed = True
-        for chain, bus in zip(self.config.chains, self.chains, strict=True):
+        for bus in self.chains:
             bus.plant.go_home()
-            _note_homed(chain, bus)
+            _home(bus)
         self.pose = START
 
     @property
@@ -220,15 +244,16 @@ def _bus(
     plant = Plant(build(model), keys, float(table["bandwidth"]), [home.get(key, 0.0) for key in keys])
     servos = [_servo(plant, at, joint) for at, joint in enumerate(chain.joints)]
     if gripper:
-        servos.append(_set_up(Servo(plant, len(servos), gripper, SERVO_MODEL, 4, SERVO_V)))
+        servos.append(_set_up(TurningServo(plant, len(servos), gripper, float(ZERO_COUNT), COUNTS_PER_RAD)))
     bus = DynamixelBus(plant, servos, now_s)
-    _note_homed(chain, bus)
+    _home(bus)
     return bus
 
 
 def _servo(plant: Plant, at: int, joint: Joint) -> Servo:
-    mode = t.EXTENDED_POSITION_MODE if joint.needs_homing else t.POSITION_MODE
-    servo = Servo(plant, at, joint.id, SERVO_MODEL, mode, SERVO_V)
+    if joint.needs_homing:
+        return _set_up(TurningServo(plant, at, joint.id, joint.zero, joint.scale))
+    servo = Servo(plant, at, joint.id, SERVO_MODEL, t.POSITION_MODE, SERVO_V)
     if joint.key in BY_CURRENT:
         servo = Servo(plant, at, joint.id, BY_CURRENT_MODEL, t.CURRENT_POSITION_MODE, SERVO_V)
     servo.zero_count, servo.counts_per_rad = joint.zero, joint.scale
@@ -242,7 +267,7 @@ def _set_up(servo: Servo) -> Servo:
     return servo
 
 
-def _note_homed(chain: Chain, bus: DynamixelBus) -> None:
-    needs = [*(joint.needs_homing for joint in chain.joints), True]  # the gripper does, too
-    for needs_homing, servo in zip(needs, bus.servos, strict=False):
-        servo.write(HOMED.address, bytes((int(needs_homing),)))
+def _home(bus: DynamixelBus) -> None:
+    for servo in bus.servos:
+        if isinstance(servo, TurningServo):
+            servo.home()
