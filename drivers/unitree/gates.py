@@ -64,8 +64,8 @@ def fsm(observation: Observation, now_ns: int) -> Refused | None:
     if known is None:
         why = "move: the FSM id is not known"
         return Refused("fsm_unknown", why, "check that the robot has booted", "", _HANDSHAKE)
-    number, read_s = known
-    age_s = now_ns / NS - read_s
+    number, asked_s = known
+    age_s = now_ns / NS - asked_s
     if age_s > FSM_TTL_S:
         why = f"move: FSM id is {age_s:.1f} s old (limit {FSM_TTL_S:.1f} s)"
         age, limit = f"{age_s:.1f} s", f"{FSM_TTL_S:.1f} s"
@@ -84,8 +84,8 @@ def sport_mode(observation: Observation, now_ns: int) -> Refused | None:
     remedy = "call release_sport_mode() first: the robot no longer balances by itself then"
     if known is None:
         return Refused("sport_mode_unknown", "move: the onboard mode is not known", remedy, "", "released")
-    released, read_s = known
-    age_s = now_ns / NS - read_s
+    released, asked_s = known
+    age_s = now_ns / NS - asked_s
     if age_s > MODE_TTL_S:
         why = f"move: the onboard mode is {age_s:.1f} s old (limit {MODE_TTL_S:.1f} s)"
         age = f"{age_s:.1f} s"

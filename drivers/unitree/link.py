@@ -34,6 +34,7 @@ class Service:
         self.name = name
         self._clock = clock
         self._pending: dict[int, Callable[[rpc.Response], None]] = {}
+        self._newest = 0
         self._writer = participant.writer(rpc.request_topic(name), rpc.REQUEST_TYPE, reliable=True)
         self._reader = participant.reader(
             rpc.response_topic(name), rpc.RESPONSE_TYPE, self._on_response, reliable=True
@@ -50,8 +51,9 @@ class Service:
         return self._writer.matched > 0 and self._reader.matched > 0
 
     def ask(self, api: int, on_response: Callable[[rpc.Response], None], parameter: str = "") -> None:
-        """``on_response`` is called from ``poll``, once or never."""
-        number = self._clock.now_ns()
+        """``on_response`` is called from ``poll``, once or never. The id of request and response is
+        when it was asked, in nanoseconds: what is answered was so then, or later."""
+        number = self._newest = max(self._clock.now_ns(), self._newest + 1)
         if len(self._pending) >= MAX_PENDING:
             del self._pending[next(iter(self._pending))]
         self._pending[number] = on_response

@@ -60,7 +60,7 @@ class _Session:
         self.fsm = Service(link.participant, model.service, clock) if asks else None
         if model.family == "hg":
             link.participant.reader(p.BATTERY_TOPIC, p.BATTERY_TYPE, self._on_battery)
-        self.mode: tuple[str, float] | None = None  # and when it was read, seconds
+        self.mode: tuple[str, float] | None = None  # and when it was asked, seconds
         self.fsm_id: tuple[float, float] | None = None
         self.battery: tuple[float, float] | None = None
         self._asked_ns = 0
@@ -112,8 +112,8 @@ class _Session:
         if self.fsm_id is not None:
             sensors["fsm"] = self.fsm_id
         if self.mode is not None and self.fsm is None:
-            name, read_s = self.mode
-            sensors["sport_mode_released"] = (float(not name), read_s)
+            name, asked_s = self.mode
+            sensors["sport_mode_released"] = (float(not name), asked_s)
             if name:
                 faults["sport_mode"] = repr(name)
         self._observation = Observation(
@@ -135,11 +135,11 @@ class _Session:
 
     def _on_fsm(self, response: rpc.Response) -> None:
         if not response.why:
-            self.fsm_id = float(rpc.fsm_id(response)), self.clock.now_ns() / NS
+            self.fsm_id = float(rpc.fsm_id(response)), response.id / NS
 
     def on_mode(self, response: rpc.Response) -> None:
         if not response.why:
-            self.mode = rpc.mode_name(response), self.clock.now_ns() / NS
+            self.mode = rpc.mode_name(response), response.id / NS
 
     def _on_battery(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
         with suppress(MalformedFrame):  # what cannot be read is not known, and that is refused

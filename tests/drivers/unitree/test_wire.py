@@ -12,8 +12,10 @@ import pytest
 from strands_actors.contract.driver import Driver
 from strands_actors.drivers.common.rtps import CDR
 from strands_actors.drivers.unitree import protocol as p
+from strands_actors.drivers.unitree import rpc
 from strands_actors.drivers.unitree.config import UnitreeConfig
 from strands_actors.drivers.unitree.driver import G1Driver, Go2Driver
+from strands_actors.drivers.unitree.link import Service
 from strands_actors.drivers.unitree.protocol import State, StateCodec
 from strands_actors.drivers.unitree.robots import model_of
 from strands_actors.drivers.unitree.wire import _Session
@@ -66,6 +68,20 @@ class Rig:
             self.session._on_battery(memoryview(CDR + p.encode_battery(soc)), b"", self.clock.at_ns)
             self.says()
 
+    def asked(self) -> int:
+        """Let it ask what it asks ten times a second; return the id of that question."""
+        self.clock.passes(0.1)
+        self.session.poll(self.clock.at_ns)
+        return list(self._service._pending)[-1]
+
+    def answers(self, number: int, api: int, data: str = "") -> None:
+        body = rpc.encode_response(rpc.Response(number, api, rpc.OK, data))
+        self._service._on_response(memoryview(CDR + body), b"", self.clock.at_ns)
+
+    @property
+    def _service(self) -> Service:
+        return self.session.fsm or self.session.modes
+
     def refusals(self) -> list[str]:
         """Codes of all conditions that refuse now."""
         seen = self.session.observation()
@@ -107,3 +123,44 @@ def test_a_charge_that_is_none_once_leaves_the_one_before(robot: str) -> None:
         legs.clock.passes(6.0)
         legs.battery(255)
         assert "battery_unknown" in legs.refusals(), "it grows old"
+
+
+# -- the age of an answer
+
+
+@pytest.mark.parametrize(("robot", "api", "data", "refused", "grows_old"), [
+    ("unitree_g1", rpc.GET_FSM_ID, '{"data": 801}', "fsm_unknown", "fsm_stale"),
+    ("unitree_go2", rpc.CHECK_MODE, '{"name": ""}', "sport_mode_unknown", "sport_mode_stale"),
+])  # fmt: skip
+@pytest.mark.parametrize(("late_s", "counts"), [(0.0, True), (0.9, True), (1.1, False), (2.9, False)])
+def test_saf_014_an_answer_is_as_old_as_its_question(
+    robot: str, api: int, data: str, refused: str, grows_old: str, late_s: float, counts: bool
+) -> None:
+    with rig(robot) as legs:
+        legs.says()
+        legs.battery(80)
+        assert legs.refusals() == [refused]
+        number = legs.asked()
+        legs.clock.passes(late_s)
+        legs.answers(number, api, data)
+        legs.battery(80)
+        assert legs.refusals() == ([] if counts else [grows_old])
+
+
+@pytest.mark.parametrize(("late_s", "holder"), [(0.0, "FSM 1"), (2.9, "")])
+def test_saf_005_an_old_answer_tells_nobody_who_holds_the_robot(late_s: float, holder: str) -> None:
+    with rig("unitree_g1") as g1:
+        number = g1.asked()
+        g1.clock.passes(late_s)
+        g1.answers(number, rpc.GET_FSM_ID, '{"data": 1}')
+        assert g1.session.held_by() == holder
+
+
+def test_two_questions_of_one_moment_are_answered_each() -> None:
+    with rig("unitree_go2") as go2:
+        answers: list[str] = []
+        go2.session.modes.ask(rpc.CHECK_MODE, lambda response: answers.append("first " + response.data))
+        go2.session.modes.ask(rpc.CHECK_MODE, lambda response: answers.append("second " + response.data))
+        for number, data in zip(list(go2.session.modes._pending), ("{}", '{"name": ""}'), strict=True):
+            go2.answers(number, rpc.CHECK_MODE, data)
+        assert answers == ["first {}", 'second {"name": ""}']
