@@ -24,10 +24,12 @@ Row = tuple[float, ...]
 
 
 class Move:
-    """From where the robot is through ``stages``: targets, each with the seconds it takes."""
+    """From where the robot is through ``stages``: targets, each with the seconds it takes.
+    ``listed``: whether the daemon tells that it runs, as it does of those begun by REST."""
 
-    def __init__(self, uuid: str, stages: Sequence[tuple[Row, float]]) -> None:
+    def __init__(self, uuid: str, stages: Sequence[tuple[Row, float]], listed: bool = True) -> None:
         self.uuid = uuid
+        self.listed = listed
         self._stages = list(stages)
         self._from: Row = ()
         self._passed_s = 0.0

@@ -44,7 +44,7 @@ CAMERA = "/api/camera/specs"
 SDK = "/ws/sdk"
 UPDATES = "/api/move/ws/updates"
 
-OK = 200
+OK, NOT_FOUND = 200, 404
 MODES = ("disabled", "enabled", "gravity_compensation")
 """By the number under which the mode is observed."""
 

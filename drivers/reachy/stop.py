@@ -1,12 +1,15 @@
 """How a Reachy Mini is brought to a safe state, by the wire and by the root's stop channel alike.
 
 The first frame goes over the daemon's WebSocket, on a connection that is open or made for it: only
-there a move can be ended whoever began it. What confirms it is asked over HTTP: no move is listed
-any more, at two looks, and the motors are in the mode that was ordered.
+there a move can be ended whoever began it. A ping behind the frames is answered once they were
+read: no list has the moves that were begun over a WebSocket. What confirms the rest is asked over
+HTTP: face tracking is off, no move is listed any more, at two looks, and the motors are in the mode
+that was ordered.
 """
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Sequence
 
 import trio
@@ -45,12 +48,16 @@ def frames(safe_state: str) -> tuple[str, ...]:
 
 class Stopper:
     """For one daemon. ``socket``: an open connection to ``/ws/sdk``, if there is one; it stays
-    open."""
+    open. ``heard``: whether another task receives on it."""
 
-    def __init__(self, host: str, number: int, socket: WebSocket | None = None) -> None:
+    def __init__(
+        self, host: str, number: int, socket: WebSocket | None = None, heard: Callable[[], bool] = lambda: False
+    ) -> None:
         self._where = host, number
         self._socket = socket
+        self._heard = heard
         self._own: WebSocket | None = None
+        self._pinged = 0  # behind the frames that were sent last
         self._port = HttpPort(host, number)
         self.written = self.acknowledged = False
 
@@ -87,12 +94,16 @@ class Stopper:
         for frame in frames(safe_state):
             self._socket.send(frame)
         self.written = True
+        self._pinged = self._socket.ping()
 
     async def _look(self, safe_state: str) -> str:
-        """End the moves that are listed; return why the robot is not known to be safe."""
+        """End the moves that are listed, and face tracking; return why the robot is not known to be
+        safe."""
         for uuid in await self._running():
             await self._port.ask("POST", p.STOP, p.encode_uuid(uuid), within_s=ANSWER_S)
         self.acknowledged = True
+        tracks = await self._end_tracking()
+        await self._read_by_daemon()
         if left := await self._running():
             return f"not confirmed: {len(left)} moves are running"
         if safe_state == SafeState.LIMP:
@@ -100,7 +111,33 @@ class Stopper:
             mode = p.MODES[p.decode_mode(answer.body)]
             if mode != "disabled":
                 return f"not confirmed: the motors are {mode}"
-        return ""
+        return tracks
+
+    async def _end_tracking(self) -> str:
+        """Return why face tracking may go on. A daemon without that path has none."""
+        answer = await self._port.ask("POST", p.TRACKING_OFF, within_s=ANSWER_S)
+        if answer.status == p.NOT_FOUND:
+            return ""
+        if answer.status == p.OK and p.decode_object(answer.body).get("enabled") is False:
+            return ""
+        return f"not confirmed: {p.TRACKING_OFF} is answered with status {answer.status}: it may track a face"
+
+    async def _read_by_daemon(self) -> None:
+        """Wait until it has read the frames: what is asked before that says nothing of what they
+        end. Raise ``WireDown``."""
+        socket, why = self._socket, ""
+        if socket is None:
+            return
+        async with trio.open_nursery() as nursery:
+            if socket is self._own or not self._heard():
+                nursery.start_soon(_drain, socket)
+            try:
+                await socket.ponged(self._pinged, ANSWER_S)
+            except WireDown as down:
+                why = str(down)
+            nursery.cancel_scope.cancel()
+        if why:
+            raise WireDown(why)
 
     async def _running(self) -> Sequence[str]:
         answer = await self._port.ask("GET", p.RUNNING, within_s=ANSWER_S)
@@ -109,6 +146,13 @@ class Stopper:
                 f"{self._port.name}: {p.RUNNING} is answered with status {answer.status}. Check the daemon"
             )
         return p.decode_running(answer.body)
+
+
+async def _drain(socket: WebSocket) -> None:
+    """Receive, so that a pong is heard."""
+    with contextlib.suppress(WireDown):
+        while True:
+            await socket.receive()
 
 
 class ReachyStopChannel(StopChannel):

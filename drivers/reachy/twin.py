@@ -2,8 +2,8 @@
 is not installed.
 
 As daemon 1.13.0 it takes any number, tells "ok" with the motors off, ignores targets and further
-moves while one is played, and answers nothing to what is said on ``/ws/sdk``. It plays no sound and
-sees no face.
+moves while one is played, and answers nothing to what is said on ``/ws/sdk``: a move that is begun
+there is in no list. It plays no sound and sees no face.
 """
 
 from __future__ import annotations
@@ -54,7 +54,6 @@ STATUS_S = 1.0
 VERSION = "1.13.0"
 
 _BAD = 422
-_NOT_FOUND = 404
 _ERROR = 500
 _SLEEP: Row = (20.0, 0.0, 0.0, 0.0, 0.0, -20.0, 0.0, -60.0, 60.0)
 _MOVES = ("amazed1", "cheerful1", "yes1")
@@ -124,7 +123,7 @@ class ReachyTwin:
             case p.MOTORS:
                 return _tell({"mode": body.mode})
             case p.RUNNING:
-                return _tell([{"uuid": body.move.uuid}] if body.move is not None else [])
+                return _tell([{"uuid": body.move.uuid}] if body.move is not None and body.move.listed else [])
             case p.VOLUME:
                 return _tell({"volume": self._volume, "platform": "Twin", "device": "none"})
             case p.TRACKED_FACE:
@@ -137,7 +136,7 @@ class ReachyTwin:
                 return _tell(self._full())
         if target.startswith(p.LIST_MOVES):
             return _tell(list(_MOVES))
-        return _tell({"detail": "Not Found"}, "other", _NOT_FOUND)
+        return _tell({"detail": "Not Found"}, "other", p.NOT_FOUND)
 
     def _write(self, target: str, data: bytes) -> Answer:
         body = self.body
@@ -176,7 +175,7 @@ class ReachyTwin:
             return self._set_mode(target.removeprefix(p.SET_MODE))
         if target.startswith(p.PLAY):
             return self._play_recorded(target.rpartition("/")[2])
-        return _tell({"detail": "Not Found"}, "other", _NOT_FOUND)
+        return _tell({"detail": "Not Found"}, "other", p.NOT_FOUND)
 
     def _set_mode(self, mode: str) -> Answer:
         if mode not in p.MODES:
@@ -193,7 +192,7 @@ class ReachyTwin:
 
     def _play_recorded(self, name: str) -> Answer:
         if name not in _MOVES:
-            return _tell({"detail": f"no move {name}"}, "other", _NOT_FOUND)
+            return _tell({"detail": f"no move {name}"}, "other", p.NOT_FOUND)
         neutral = (0.0,) * len(self.body.here)
         nod = (15.0, *neutral[1:])
         return self._play([(nod, 0.4), (neutral, 0.4)])
@@ -285,7 +284,7 @@ class ReachyTwin:
             case "task" if isinstance(told.get("req"), dict):
                 goto = told["req"]
                 row = self._target({**goto, "head": _pose_of(goto.get("head"))}, "head", "antennas", "body_yaw")
-                body.play(Move(str(told.get("uuid")), [(row, max(0.01, _finite(goto, "duration")))]))
+                body.play(Move(str(told.get("uuid")), [(row, max(0.01, _finite(goto, "duration")))], listed=False))
                 return "setpoint", None
             case "stop_move":
                 self._cancel()
@@ -301,7 +300,7 @@ class ReachyTwin:
             case "set_full_target" | "set_target" | "set_antennas" | "set_body_yaw" | "goto_target":
                 row = self._target({**told, "head": _pose_of(told.get("head"))}, "head", "antennas", "body_yaw")
                 if told["type"] == "goto_target":
-                    body.play(Move(str(uuid.uuid4()), [(row, max(0.01, _finite(told, "duration")))]))
+                    body.play(Move(str(uuid.uuid4()), [(row, max(0.01, _finite(told, "duration")))], listed=False))
                 else:
                     body.aim_at(row)
                 return "setpoint", None

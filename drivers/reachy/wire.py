@@ -285,7 +285,7 @@ class ReachyWire(Wire):
         if not self._where[0]:
             return await stop_everywhere(self._config, safe_state)
         socket = self._sdk if self._pending() is None and not self._given_up else None
-        stopper = Stopper(*self._where, socket)
+        stopper = Stopper(*self._where, socket, lambda: self._nursery is not None)
         try:
             detail = await stopper.run(safe_state, STOP_S, lambda: self._pending() is not None)
         finally:

@@ -17,6 +17,8 @@ from strands_actors.contract.wire import PermitDenied, WireDown
 from strands_actors.drivers.common.http_client import HttpClient
 from strands_actors.drivers.common.http_messages import Request
 from strands_actors.drivers.common.twin import Fault, TcpServer, WireLog
+from strands_actors.drivers.common.twin.http import Answer
+from strands_actors.drivers.common.twin.websocket import WebSocketClient
 from strands_actors.drivers.reachy import protocol as p
 from strands_actors.drivers.reachy import services
 from strands_actors.drivers.reachy.body import Move
@@ -111,6 +113,75 @@ def test_saf_005_torque_that_stays_on_is_no_limp_robot() -> None:
             reports = await channel(server.address).make_safe("limp")
             assert all(one.written and not one.safe for one in reports)
             assert reports[0].detail == "not confirmed: the motors are enabled"
+
+    trio.run(main)
+
+
+@pytest.mark.parametrize("heard", ["by nobody", "by the wire"])
+@pytest.mark.parametrize("safe_state", ["hold", "limp"])
+def test_saf_005_no_stop_is_confirmed_before_the_daemon_has_read_it(
+    monkeypatch: pytest.MonkeyPatch, safe_state: str, heard: str
+) -> None:
+    """It sends and reads nothing on its WebSocket; over HTTP it answers. No list has the move."""
+
+    async def only_tell(twin: ReachyTwin, client: WebSocketClient) -> None:
+        await twin._stream(client, twin._sdk_frames)
+
+    monkeypatch.setattr(ReachyTwin, "_hear_sdk", only_tell)
+
+    async def main() -> None:
+        async with daemon() as (twin, server):
+            twin.body.end_move()
+            twin.tracking = True
+            twin.body.play(Move("b9cbfc2f-79b0-4181-bce4-8ce04b277b91", [(FAR, 9.0)], listed=False))
+            if heard == "by the wire":
+                async with wired(server.address) as wire:
+                    reports = await wire.make_safe(safe_state)
+            else:
+                reports = await channel(server.address).make_safe(safe_state)
+            assert twin.body.move is not None
+            assert all(one.written and one.acknowledged and not one.safe for one in reports)
+            assert "no pong" in reports[0].detail
+            assert not twin.tracking, "what is ended over HTTP, is"
+
+    trio.run(main)
+
+
+@pytest.mark.parametrize("answer", [Answer(500, b""), Answer(p.OK, b'{"enabled": true}'), Answer(p.OK, b"[]")])
+def test_saf_005_face_tracking_that_is_not_known_to_be_off_is_no_held_robot(answer: Answer) -> None:
+    async def main() -> None:
+        async with daemon() as (twin, server):
+            write = twin._write
+            twin._write = lambda target, data: (  # type: ignore[method-assign]
+                answer if target == p.TRACKING_OFF else write(target, data)
+            )
+            reports = await channel(server.address).make_safe("hold")
+            assert all(one.written and not one.safe for one in reports)
+            assert twin.body.move is None and "not confirmed: " in reports[0].detail
+
+    trio.run(main)
+
+
+def test_saf_005_a_daemon_that_cannot_track_is_confirmed() -> None:
+    async def main() -> None:
+        async with daemon() as (twin, server):
+            write = twin._write
+            twin._write = lambda target, data: write(target.replace("tracking", "none"), data)  # type: ignore[method-assign]
+            assert all(one.safe for one in await channel(server.address).make_safe("hold"))
+
+    trio.run(main)
+
+
+def test_saf_005_a_wire_that_hears_nothing_any_more_still_sees_its_stop_read() -> None:
+    """Its link was lost elsewhere, and the WebSocket is open."""
+
+    async def main() -> None:
+        async with daemon() as (twin, server):
+            wire = ReachyWire(config(server.address), MonotonicClock())
+            await wire.open()
+            assert all(one.safe for one in await wire.reach("hold"))
+            assert twin.body.move is None
+            wire.close()
 
     trio.run(main)
 
