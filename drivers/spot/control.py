@@ -15,6 +15,13 @@ from .session import ANSWER_S, Asked, NoAnswer, Session
 
 SAMPLE_S = 0.01
 """Between two samples of the robot's time."""
+SYNC_S = 5.0
+"""Within which the robot's clock must be known."""
+SYNC_AGAIN_S = 60.0
+"""It is asked again so long after."""
+SYNCED_S = 600.0
+"""What is as old, and could not be asked again, is not relied on any more: two clocks that are
+0.01 % apart are 0.06 s apart then [assumed]."""
 
 
 class LeaseLost(Exception):
@@ -32,22 +39,25 @@ class RobotTime:
         self._session = session
         self._skew_ns: int | None = None
         self.clock_identifier = ""
-        self.synced_ns = 0
+        self._synced_ns = self._asked_ns = 0
 
-    async def sync(self, within_s: float) -> None:
-        """Exchange stamps until the robot says that it is enough. Raise ``WireDown``."""
+    async def sync(self) -> None:
+        """Exchange stamps until the robot says that it is enough. Until then commands end by what
+        was known before. Raise ``WireDown``."""
+        self._asked_ns = self._session.host_ns()
         previous: Message = {}
-        with trio.move_on_after(within_s):
+        clock = self.clock_identifier
+        with trio.move_on_after(SYNC_S):
             while True:
                 sent_ns = self._session.host_ns()
-                body: Message = {"clock_identifier": self.clock_identifier} if self.clock_identifier else {}
+                body: Message = {"clock_identifier": clock} if clock else {}
                 told = await self._session.call("TimeSyncUpdate", {**body, **previous}, ANSWER_S)
                 heard_ns = self._session.host_ns()
-                self.clock_identifier = told.get("clock_identifier", "")
+                clock = told.get("clock_identifier", "")
                 state = told.get("state", {})
-                if state.get("status") == p.OK and self.clock_identifier:
+                if state.get("status") == p.OK and clock:
                     self._skew_ns = p.stamp_ns(state.get("best_estimate", {}).get("clock_skew", {}))
-                    self.synced_ns = self._session.host_ns()
+                    self.clock_identifier, self._synced_ns = clock, self._session.host_ns()
                     return
                 header = told.get("header", {})
                 stamps = {
@@ -58,7 +68,20 @@ class RobotTime:
                 }
                 previous = {"previous_round_trip": stamps}
                 await trio.sleep(SAMPLE_S)
-        raise WireDown(f"time sync: the robot's clock is not known after {within_s:g} s. Check the robot")
+        raise WireDown(f"time sync: the robot's clock is not known after {SYNC_S:g} s. Check the robot")
+
+    async def renew(self) -> None:
+        """Ask again when that is due. It may take as long as the first time, and need not succeed at
+        once. Raise ``WireDown`` when what is known is too old."""
+        now_ns = self._session.host_ns()
+        age_s = (now_ns - self._synced_ns) / NS
+        if now_ns - self._asked_ns < SYNC_AGAIN_S * NS:
+            return
+        try:
+            await self.sync()
+        except WireDown:
+            if age_s >= SYNCED_S:
+                raise
 
     @property
     def skew_s(self) -> float:

@@ -18,7 +18,7 @@ from strands_actors.drivers.common.grpc import Call, CallFailed, Connection, Str
 from strands_actors.drivers.common.grpc_messages import ClientEnd, Header
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.tls_port import open_tls
-from strands_actors.kernel.clock import Clock
+from strands_actors.kernel.clock import NS, Clock
 
 from . import protocol as p
 from .config import SpotConfig
@@ -30,6 +30,12 @@ ANSWER_S = 0.3
 """Within which a call is answered, where nobody says otherwise. The vendor's client waits 30 s."""
 LOGIN_S = 2.0
 """Within which a login is answered."""
+RENEW_S = 3600.0
+"""A token is renewed when it is as old; it is good for 12 h."""
+RENEW_AGAIN_S = 60.0
+"""Between two attempts at it."""
+TOKEN_S = 11 * 3600.0
+"""One that is as old, and could not be renewed, is not relied on any more."""
 
 
 class NoAnswer(WireDown):
@@ -66,8 +72,7 @@ class Session:
         self.client = own_name()
         """The name under which the robot knows us: a lease or an e-stop endpoint of this name is
         ours."""
-        self.token_ns = 0
-        """When the token was given."""
+        self._token_ns = self._tried_ns = 0
 
     def host_ns(self) -> int:
         """Return the host's time, as the robot is told it: from its own beginning on it runs
@@ -87,15 +92,31 @@ class Session:
 
     async def log_in(self) -> None:
         """Get a token. Raise ``WireDown``."""
+        self._tried_ns = self._clock.now_ns()
         user, password = self._config.login()
-        told = await self.call("GetAuthToken", {"username": user, "password": password}, LOGIN_S)
+        try:
+            told = await self.call("GetAuthToken", {"username": user, "password": password}, LOGIN_S)
+        finally:
+            self._leave(p.AUTHORITIES["auth"])
         status = told.get("status", 0)
         if status != p.OK or not told.get("token"):
             why = p.LOGIN_STATUS.get(status, f"status {status}")
             raise WireDown(f"login: {why}. Check BOSDYN_CLIENT_USERNAME and BOSDYN_CLIENT_PASSWORD")
         self._token = told["token"]
-        self.token_ns = self._clock.now_ns()
-        self._leave(p.AUTHORITIES["auth"])
+        self._token_ns = self._clock.now_ns()
+
+    async def renew(self) -> None:
+        """Get a new token when that is due. It may take as long as a login, and need not succeed at
+        once: the old one is good for hours. Raise ``WireDown`` when it runs out."""
+        now_ns = self._clock.now_ns()
+        age_s, since_s = (now_ns - self._token_ns) / NS, (now_ns - self._tried_ns) / NS
+        if age_s < RENEW_S or since_s < RENEW_AGAIN_S:
+            return
+        try:
+            await self.log_in()
+        except WireDown:
+            if age_s >= TOKEN_S:
+                raise
 
     async def call(self, name: str, body: Mapping[str, object], within_s: float = ANSWER_S) -> Message:
         """Ask and wait; connect first where that is needed. Raise ``NoAnswer`` when none comes in

@@ -9,7 +9,7 @@ import trio
 from strands_actors.contract.stop_channels import KeptSession
 from strands_actors.contract.wire import MotorReport, WireDown
 from strands_actors.drivers.common.outcome import Outcome, names_of
-from strands_actors.kernel.clock import NS, Clock
+from strands_actors.kernel.clock import Clock
 
 from .config import SpotConfig
 from .control import EstopEndpoint
@@ -20,8 +20,6 @@ Reports = tuple[MotorReport, ...]
 
 LOOK_AGAIN_S = 2.0
 """Between two looks whether the session is still good."""
-TOKEN_S = 3600.0
-"""A token is renewed when it is as old; it is good for 12 h."""
 STOP_S = 1.7
 """How long the robot is watched; less than ``ANSWER_S``. It is asked again until it confirms."""
 
@@ -53,8 +51,7 @@ class EstopChannel(KeptSession[SpotConfig, Session]):
     async def keep_up(self, session: Session) -> None:
         while True:
             await session.call("GetEstopConfig", {})
-            if self.clock.now_ns() - session.token_ns > TOKEN_S * NS:
-                await session.log_in()
+            await session.renew()
             await trio.sleep(LOOK_AGAIN_S)
 
     async def make_safe_by(self, session: Session | None, safe_state: str) -> Reports:

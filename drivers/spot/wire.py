@@ -41,13 +41,10 @@ from .robots import ARM, BASE, CLAW, DRIVES, KEYS, MOVES_ARM, MOVES_CLAW
 from .session import ANSWER_S, Asked, NoAnswer, OpenStream, Session
 from .stopping import LOOK_S, stop_by_estop, why_on
 
-SYNC_S = 5.0
-"""Within which the robot's clock must be known."""
+RENEW_LOOK_S = 1.0
+"""Between two looks whether the token, or the robot's clock, is to be asked for again."""
 RETAIN_S = 1.0
 """Between two signs that the lease is still used."""
-SYNC_AGAIN_S = 60.0
-TOKEN_S = 3600.0
-"""A token is renewed when it is as old; it is good for 12 h."""
 RELEASED_S = 1.5
 """Within which a robot reports that its e-stop is released."""
 POWER_ON_S, STAND_UP_S = 20.0, 10.0
@@ -84,7 +81,7 @@ class SpotWire(Wire):
             known = (await session.call("GetRobotId", {})).get("robot_id", {})
             await session.open(SERVICES)
             self._time = RobotTime(session)
-            await self._time.sync(SYNC_S)
+            await self._time.sync()
             await see_it_report(session, self._config.silent_s)
             opened = True
         finally:
@@ -127,9 +124,20 @@ class SpotWire(Wire):
     def _silent_s(self) -> float:
         return (self._clock.now_ns() - self._read_ns) / NS
 
+    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        """Ask for a new token and for the robot's clock beside the calls: either may take longer
+        than a call, and what is known is good for a while."""
+        session = self._session()
+        task_status.started()
+        while True:
+            await session.renew()
+            await self._time.renew()
+            await trio.sleep(RENEW_LOOK_S)
+
     async def feed(self) -> None:
         """Check in at a third of the endpoint's time-out, and say that the lease is used."""
-        session, now_ns = self._session(), self._clock.now_ns()
+        self._session()  # raises when there is none
+        now_ns = self._clock.now_ns()
         with contextlib.suppress(NoAnswer):  # ``read`` judges how long it may be silent
             if self._estop.level is p.StopLevel.NONE and now_ns - self._checked_in_ns >= self._check_in_ns:
                 await self._check_in(now_ns)
@@ -139,10 +147,6 @@ class SpotWire(Wire):
                     await self._lease.retain()
                 except LeaseLost as lost:
                     self._note(lost)
-            if session.host_ns() - self._time.synced_ns > SYNC_AGAIN_S * NS:
-                await self._time.sync(ANSWER_S)
-            if now_ns - session.token_ns > TOKEN_S * NS:
-                await session.log_in()
 
     async def _check_in(self, now_ns: int) -> None:
         """A check-in that comes after the time-out would lift an e-stop that has come by then: it is

@@ -182,6 +182,10 @@ class MemoryStream:
     def close(self) -> None:
         self._open = False
 
+    @property
+    def is_open(self) -> bool:
+        return self._open
+
     def close_in_order(self) -> None:
         self.close()
 

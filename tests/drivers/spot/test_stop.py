@@ -381,6 +381,22 @@ def test_saf_003_the_stop_channel_connects_anew_when_its_connection_is_dead() ->
     virtual(test)
 
 
+def test_a_stop_channel_whose_login_is_not_renewed_keeps_its_session_and_tries_every_minute() -> None:
+    async def test() -> None:
+        world = World()
+        channel = world.stop_channel()
+        async with trio.open_nursery() as nursery:
+            await nursery.start(channel.serve)
+            session = channel.session
+            world.twin.muted = {"GetAuthToken"}
+            await trio.sleep(1.2 * 3600.0)
+            assert 10 < len(world.of("GetAuthToken")) < 20, "every minute"
+            assert channel.session is session
+            nursery.cancel_scope.cancel()
+
+    virtual(test)
+
+
 def test_a_stop_by_a_channel_without_anything_of_ours_leaves_the_robot_alone() -> None:
     async def test() -> None:
         world = World()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +12,13 @@ import trio
 
 from strands_actors.contract.wire import PermitDenied, WireDown
 from strands_actors.drivers.spot import protocol as p
+from strands_actors.drivers.spot import session
 from strands_actors.drivers.spot.config import PASSWORD, USERNAME, parse_port
 from strands_actors.drivers.spot.protocol import Motors
 from strands_actors.drivers.spot.session import own_name
+from strands_actors.drivers.spot.wire import SpotWire
 from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.wire.serving import Serving
 from tests.drivers.common.memory_port import virtual
 
 from .rig import Go, World, confirmed, let_a_tablet_drive, pass_time, ready, target, velocity
@@ -297,6 +302,105 @@ def test_saf_004_a_check_in_that_comes_after_the_time_out_is_not_sent() -> None:
         assert world.twin.mechanism.motors is Motors.OFF
 
     virtual(test)
+
+
+# -- what is renewed beside the calls
+
+
+@pytest.mark.parametrize("says", ["nothing", "too many attempts"])
+def test_a_login_that_is_not_renewed_delays_no_call_and_ends_the_link_when_the_token_runs_out(
+    monkeypatch: pytest.MonkeyPatch, says: str
+) -> None:
+    async def test() -> None:
+        world = World()
+        wire = world.wire()
+        await wire.open()
+        async with served(wire) as serving:
+            if says == "nothing":
+                world.twin.muted = {"GetAuthToken"}
+            else:
+                world.twin._log_in = lambda request: {"status": 4}  # type: ignore[method-assign]
+            await trio.sleep(3599.0)
+            for _ in range(100):
+                began_s = trio.current_time()
+                await wire.feed()
+                await wire.read()
+                assert trio.current_time() - began_s < world.driver.timing.call_s / 2
+                await trio.sleep(0.1)
+            assert len(world.of("GetAuthToken")) == 2, "at first, and after an hour"
+            await trio.sleep(300.0)
+            assert 5 <= len(world.of("GetAuthToken")) <= 8, "and every minute"
+            serving.check()
+            monkeypatch.setattr(session, "TOKEN_S", 3600.0 + 400.0)
+            await trio.sleep(200.0)
+            with pytest.raises(WireDown, match=r"GetAuthToken|too many attempts"):
+                serving.check()
+
+    virtual(test)
+
+
+def test_a_token_is_renewed_every_hour_and_a_failure_after_a_minute() -> None:
+    async def test() -> None:
+        world = World()
+        wire = world.wire()
+        await wire.open()
+        async with served(wire) as serving:
+            world.twin.muted = {"GetAuthToken"}
+            await trio.sleep(3650.0)
+            world.twin.muted = set()
+            await trio.sleep(2 * 3600.0 - 60.0)
+            assert len(world.of("GetAuthToken")) == 4, "at first, in vain, a minute later, an hour later"
+            assert not [one for one in world.streams if one.is_open and one.authority == p.AUTHORITIES["auth"]]
+            await trio.sleep(3600.0)
+            serving.check()
+
+    virtual(test)
+
+
+def test_a_clock_that_is_not_told_again_ends_the_link_only_when_what_is_known_is_old() -> None:
+    async def test() -> None:
+        world = World()
+        wire = await ready(world)
+        seen = await wire.read()
+        async with served(wire) as serving:
+            world.twin.muted = {"TimeSyncUpdate"}
+            await pass_time(world, 70.0, wire)
+            assert len(world.of("TimeSyncUpdate")) == 3, "twice at first, then after a minute"
+            await wire.write(target(world, seen, vx=0.5), Go())
+            await pass_time(world, 0.3, wire)
+            assert world.twin.mechanism.runs[0] == pytest.approx(0.5), "it walks by the clock that is known"
+            serving.check()
+            await trio.sleep(600.0)
+            with pytest.raises(WireDown, match="TimeSyncUpdate"):
+                serving.check()
+
+    virtual(test)
+
+
+def test_a_clock_that_takes_a_while_to_be_told_again_delays_no_call() -> None:
+    async def test() -> None:
+        world = World()
+        wire = await ready(world)
+        before_s = wire._time.skew_s
+        async with served(wire) as serving:
+            world.twin._sync_s, world.twin._sync_since_s = 2.0, None
+            world.twin._skew_s += 7.0  # its clock was set anew, and is named as before
+            await pass_time(world, 65.0, wire)
+            serving.check()
+            assert wire._time.skew_s == pytest.approx(before_s + 7.0, abs=0.05)
+
+    virtual(test)
+
+
+@contextlib.asynccontextmanager
+async def served(wire: SpotWire) -> AsyncIterator[Serving]:
+    """Serve a wire as the transport does."""
+    serving = Serving()
+    async with trio.open_nursery() as nursery:
+        nursery.start_soon(serving.run, wire)
+        await serving.ready.wait()
+        yield serving
+        nursery.cancel_scope.cancel()
 
 
 # -- leases
