@@ -94,8 +94,8 @@ class Stretch(Driver):
     }
     firmware_watchdog = (
         "the wheels' velocity watchdog (bit 64 of their gains) is armed and acknowledged whenever the robot is "
-        "connected, and what is in flash is read back: without a command of velocity for some time they stand "
-        "[the time is not known; assumed: 0.5 s]. Lift and arm go to their last goal and hold. "
+        "connected, and what is in flash is read back: without a command of velocity for 1.0 s they fall into "
+        "their safety mode, which lets them roll out. Lift and arm go to their last goal and hold. "
         "Servos: bus watchdog (register 98), after 0.3 s they stop where they are, torque on"
     )
 

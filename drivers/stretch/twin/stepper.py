@@ -21,8 +21,8 @@ MOVES_RAD_S = 0.05
 
 
 class StepperMotor:
-    """Positions in motor radians. ``watchdog_s``: after so long without a command of a velocity it
-    stands, where its gains say so."""
+    """Positions in motor radians. ``watchdog_s``: so long it goes on with a velocity that nobody tells
+    it again, where its gains say so; then it falls into its safety mode."""
 
     def __init__(self, name: str, number: int, gains: p.Gains, position: float, watchdog_s: float) -> None:
         self.name = name
@@ -96,6 +96,11 @@ class StepperMotor:
         self.is_stopped = on
         self.is_dirty = False
         self.waiting = None
+        self._fall_safe()
+
+    def _fall_safe(self) -> None:
+        """Into the safety mode, which holds where the gains say so and else lets go, until the next
+        command."""
         self.command = p.Command(p.Mode.SAFETY)
         self._goal = self.position
         self.hand = Hand.WIRE if self._safety_holds else Hand.NONE
@@ -144,21 +149,25 @@ class StepperMotor:
         if self.stuck:
             self.velocity = 0.0
             return
+        if self._is_overdue:
+            self._fall_safe()
         wanted, change = self._wanted()
         before = self.velocity
         self.velocity += max(-change * step_s, min(change * step_s, wanted - before))
         self.position += (before + self.velocity) / 2 * step_s
+
+    @property
+    def _is_overdue(self) -> bool:
+        runs = self.mode in (p.Mode.VELOCITY, p.Mode.VELOCITY_PROFILE) and self.has(p.Config.VELOCITY_WATCHDOG)
+        return runs and self.time_s - self._told_s > self.watchdog_s
 
     def _wanted(self) -> tuple[float, float]:
         """Return the velocity that it is after, and the acceleration with which."""
         told = self.command
         match self.mode:
             case p.Mode.VELOCITY | p.Mode.VELOCITY_PROFILE:
-                overdue = self.time_s - self._told_s > self.watchdog_s and self.has(p.Config.VELOCITY_WATCHDOG)
-                has_profile = told.mode == p.Mode.VELOCITY_PROFILE and not overdue
-                return 0.0 if overdue else told.velocity, (
-                    told.acceleration or BRAKE_RAD_S2 if has_profile else BRAKE_RAD_S2
-                )
+                has_profile = told.mode == p.Mode.VELOCITY_PROFILE
+                return told.velocity, told.acceleration or BRAKE_RAD_S2 if has_profile else BRAKE_RAD_S2
             case p.Mode.POSITION_PROFILE | p.Mode.STEP_PROFILE | p.Mode.POSITION:
                 gain = told.acceleration or BRAKE_RAD_S2
                 return self._towards(abs(told.velocity) or 25.0, gain), max(gain, BRAKE_RAD_S2)

@@ -103,6 +103,24 @@ def test_the_runstop_lets_go_of_arm_and_wheels_and_holds_the_lift() -> None:
     assert robot.steppers["arm"].mode == p.Mode.SAFETY, "nor does it go on with an old one"
 
 
+@pytest.mark.parametrize("mode", [p.Mode.VELOCITY, p.Mode.VELOCITY_PROFILE])
+def test_the_wheels_watchdog_lets_go_after_a_second_until_the_next_command(mode: p.Mode) -> None:
+    robot = world()
+    wheel = robot.steppers["left_wheel"]
+    drives = p.Command(mode, velocity=5.0, acceleration=20.0)
+    wheel.gains = wheel.gains._replace(config=wheel.gains.config & ~int(p.Config.SYNC))
+    wheel.take(drives)
+    robot.run(0.99)
+    assert (wheel.mode, wheel.velocity) == (mode, pytest.approx(5.0))
+    robot.run(0.02)
+    assert wheel.mode == p.Mode.SAFETY and wheel.velocity > 4.0, "it does not brake"
+    robot.run(0.5)
+    assert wheel.velocity == 0.0 and not wheel.status().has(p.Diag.RUNSTOP)
+    wheel.take(drives)
+    robot.run(0.5)
+    assert (wheel.mode, wheel.velocity) == (mode, pytest.approx(5.0))
+
+
 def test_a_robot_is_at_rest_when_all_that_moved_has_been_told() -> None:
     robot = world()
     robot.steppers["lift"].take(robot.config.goal("lift", 0.6))

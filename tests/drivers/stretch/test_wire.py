@@ -243,10 +243,15 @@ def test_the_twins_watchdog_stops_the_wheels_and_lift_and_arm_go_on() -> None:
         await wire.open()
         await wire.arm(Permission())
         await wire.write(target(LIFT_ALONE | BASE_ALONE, lift=0.6, vx=0.1), Permission())
-        for _ in range(4):
+        for _ in range(9):
             await trio.sleep(0.1)
             rig.world.pass_time()
-        assert rig.world.metres_per_s("left_wheel") > 0.02
+        assert rig.world.metres_per_s("left_wheel") == pytest.approx(0.1)
+        for _ in range(2):
+            await trio.sleep(0.1)
+            rig.world.pass_time()
+        assert rig.world.steppers["left_wheel"].mode == p.Mode.SAFETY
+        assert 0.0 < rig.world.metres_per_s("left_wheel") < 0.1, "let go of, it rolls out"
         for _ in range(12):
             await trio.sleep(0.1)
             rig.world.pass_time()
