@@ -2,9 +2,21 @@
 
 from __future__ import annotations
 
+import os
+
 import msgspec
 
 from strands_actors.drivers.common.tcp_port import parse_address
+
+_LONGEST = 1024
+"""Bytes of a place."""
+
+
+def tell_place(host: str, number: int) -> int:
+    """Return a descriptor of memory that says where the daemon was found, for ``at_told``."""
+    told = os.memfd_create("reachy")
+    os.pwrite(told, f"[{host}]:{number}".encode(), 0)
+    return told
 
 
 class ReachyConfig(msgspec.Struct, frozen=True):
@@ -25,6 +37,13 @@ class ReachyConfig(msgspec.Struct, frozen=True):
         """Return where the daemon may be. Raise ``ValueError`` for a ``port`` that is no address of
         a service."""
         return tuple(self._address(place) for place in ((self.port,) if self.port else self.places))
+
+    def at_told(self, told: int) -> ReachyConfig:
+        """Return it with the one place that ``tell_place`` told. Closes the descriptor."""
+        try:
+            return msgspec.structs.replace(self, port=os.pread(told, _LONGEST, 0).decode())
+        finally:
+            os.close(told)
 
     def _address(self, place: str) -> tuple[str, int]:
         scheme, found, rest = place.partition("://")

@@ -10,6 +10,8 @@ that was ordered.
 from __future__ import annotations
 
 import contextlib
+import errno
+import os
 from collections.abc import Callable, Sequence
 
 import trio
@@ -48,7 +50,8 @@ def frames(safe_state: str) -> tuple[str, ...]:
 
 class Stopper:
     """For one daemon. ``socket``: an open connection to ``/ws/sdk``, if there is one; it stays
-    open. ``heard``: whether another task receives on it."""
+    open. ``heard``: whether another task receives on it. ``detail``: why it is not known to be
+    safe; empty: it is."""
 
     def __init__(
         self, host: str, number: int, socket: WebSocket | None = None, heard: Callable[[], bool] = lambda: False
@@ -60,12 +63,12 @@ class Stopper:
         self._pinged = 0  # behind the frames that were sent last
         self._port = HttpPort(host, number)
         self.written = self.acknowledged = False
+        self.detail = f"not confirmed: {self._port.name} is silent"
 
     async def run(self, safe_state: str, within_s: float, pending: Callable[[], bool] = nothing_pending) -> str:
         """Bring the robot to ``safe_state``; return why that is not confirmed, empty: it is. Never
         raises. Where a WebSocket is open the first frame leaves before the first wait. ``pending``:
         whether an earlier command has not been answered, which may be carried out later."""
-        detail = "silent"
         with trio.move_on_after(within_s):
             while True:
                 owed = pending()  # what is answered while we look may have been carried out after that
@@ -74,14 +77,21 @@ class Stopper:
                     detail = await self._look(safe_state)
                     if not detail and owed:
                         detail = "not confirmed: an earlier command has not been answered"
+                    self.detail = detail
                     if not detail:
                         return ""
                 except MalformedFrame as malformed:
-                    detail = f"not confirmed: {malformed}"
+                    self.detail = f"not confirmed: {malformed}"
                 except WireDown as down:
-                    detail = f"not confirmed: {down}" if self.written else str(down)
+                    self.detail = f"not confirmed: {down}" if self.written else str(down)
                 await trio.sleep(AGAIN_S)
-        return detail
+        return self.detail
+
+    @property
+    def nobody_there(self) -> bool:
+        """Return whether the connection is refused: no daemon runs there. One that does not answer
+        may be the robot's."""
+        return not self.written and os.strerror(errno.ECONNREFUSED) in self.detail
 
     def close(self) -> None:
         self._port.close()
@@ -156,10 +166,11 @@ async def _drain(socket: WebSocket) -> None:
 
 
 class ReachyStopChannel(StopChannel):
-    """The root's way to the robot: connections made when they are needed."""
+    """The root's way to the robot: connections made when they are needed. ``descriptors``: the place
+    where the wire found it (``config.tell_place``), or none."""
 
     def __init__(self, config: ReachyConfig, descriptors: Sequence[int], clock: Clock) -> None:
-        self._config = config
+        self._config = config.at_told(descriptors[0]) if descriptors else config
 
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         return await stop_everywhere(self._config, safe_state)
@@ -169,16 +180,15 @@ class ReachyStopChannel(StopChannel):
 
 
 async def stop_everywhere(config: ReachyConfig, safe_state: str) -> tuple[MotorReport, ...]:
-    """Stop the robot at each address where it may be: at most one is no daemon's. Never raises."""
+    """Stop the robot at each address where it may be. Where no daemon runs there is none; each of the
+    others has to confirm, since nobody knows which is the robot's. Never raises."""
     try:
         stoppers = [Stopper(host, number) for host, number in config.addresses()]
     except ValueError as error:
         return Outcome(False, False, str(error)).reports(config.axes, config.ids)
-    found: dict[Stopper, str] = {}
 
     async def stop(stopper: Stopper, scope: trio.CancelScope) -> None:
-        found[stopper] = await stopper.run(safe_state, STOP_S)
-        if not found[stopper]:  # the others are given as long as a connection may take
+        if not await stopper.run(safe_state, STOP_S):  # the others are given as long as a connection may take
             scope.deadline = min(scope.deadline, trio.current_time() + CONNECT_S)
 
     try:
@@ -188,8 +198,10 @@ async def stop_everywhere(config: ReachyConfig, safe_state: str) -> tuple[MotorR
     finally:
         for stopper in stoppers:
             stopper.close()
-    reached = [stopper for stopper in stoppers if stopper.written]
-    open_ = [found.get(stopper, "not confirmed: silent") for stopper in reached or stoppers]
-    acknowledged = any(stopper.acknowledged for stopper in reached)
-    outcome = Outcome(bool(reached), acknowledged, next((detail for detail in open_ if detail), ""))
+    asked = [stopper for stopper in stoppers if not stopper.nobody_there] or stoppers
+    outcome = Outcome(
+        written=any(stopper.written for stopper in asked),
+        acknowledged=all(stopper.acknowledged for stopper in asked),
+        detail=next((stopper.detail for stopper in asked if stopper.detail), ""),
+    )
     return outcome.reports(config.axes, config.ids)

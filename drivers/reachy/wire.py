@@ -10,7 +10,8 @@ target while a move runs, and a second move too, so a command ends the move of t
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+import os
+from collections.abc import Mapping, Sequence
 from contextlib import aclosing
 from typing import Any, ClassVar
 
@@ -27,7 +28,7 @@ from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
 
 from . import protocol as p
-from .config import ReachyConfig
+from .config import ReachyConfig, tell_place
 from .services import Moves, Services
 from .stop import STOP_S, Stopper, stop_everywhere
 
@@ -62,6 +63,7 @@ class ReachyWire(Wire):
         self._config = config
         self._clock = clock
         self._where = "", 0  # of the daemon that was found
+        self._told: int | None = None  # the same, as a descriptor
         self._sdk: WebSocket | None = None
         self._updates: WebSocket | None = None
         self._commands: HttpPort | None = None
@@ -88,6 +90,7 @@ class ReachyWire(Wire):
                 self._hear(await self._sdk.receive())
         if not math.isnan(status.battery_pct):
             self._sensors["battery_pct"] = (status.battery_pct,)
+        self._told = tell_place(*self._where)
         return {
             "service": self._url,
             "daemon_version": status.version,
@@ -187,7 +190,14 @@ class ReachyWire(Wire):
             raise PermitDenied("the command before has not been answered")
         return await services.perform(service, arguments, permit, await self.read())
 
+    def handover(self) -> Sequence[int]:
+        """Hand the root the place where the daemon was found: another robot's may run elsewhere."""
+        return () if self._told is None else (self._told,)
+
     def close(self) -> None:
+        if self._told is not None:
+            os.close(self._told)
+            self._told = None
         for socket in (self._sdk, self._updates):
             if socket is not None:
                 socket.close()

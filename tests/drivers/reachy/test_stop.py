@@ -3,6 +3,7 @@ their robots."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from itertools import count
@@ -51,7 +52,8 @@ async def daemon() -> AsyncIterator[tuple[ReachyTwin, TcpServer]]:
 
 def config(*places: str) -> ReachyConfig:
     driver = Reachy("reachy_mini", "", {})
-    return msgspec.structs.replace(driver.config, places=places)
+    found: ReachyConfig = msgspec.structs.replace(driver.config, places=places)
+    return found
 
 
 def channel(*places: str) -> ReachyStopChannel:
@@ -83,16 +85,40 @@ def test_saf_005_the_channel_finds_the_daemon_that_was_searched_for(safe_state: 
     trio.run(main)
 
 
-def test_saf_005_each_place_is_stopped_and_one_that_is_silent_is_named() -> None:
+@pytest.mark.parametrize("safe_state", ["hold", "limp"])
+def test_saf_005_each_place_is_stopped_and_one_that_is_silent_is_named(safe_state: str) -> None:
+    """It may be the robot's, and the other one another robot's."""
+
     async def main() -> None:
         async with daemon() as (one, first), daemon() as (two, second):
-            reports = await channel(first.address, second.address).make_safe("hold")
+            reports = await channel(first.address, second.address).make_safe(safe_state)
             assert all(report.safe for report in reports)
             assert one.body.move is None and two.body.move is None
             two.body.play(Move("b9cbfc2f-79b0-4181-bce4-8ce04b277b90", [(FAR, 9.0)]))
             second.freeze(3.0)
-            reports = await channel(first.address, second.address).make_safe("hold")
-            assert all(report.safe for report in reports), "what takes no connection may be no daemon"
+            reports = await channel(first.address, second.address).make_safe(safe_state)
+            assert all(report.written and not report.safe for report in reports)
+            assert second.address in reports[0].detail
+
+    trio.run(main)
+
+
+def test_saf_005_the_channel_is_told_where_the_wire_found_the_daemon() -> None:
+    """Another robot's runs by now at a place that comes first."""
+
+    async def main() -> None:
+        async with daemon() as (other, first), daemon() as (twin, second):
+            places = config(first.address, second.address)
+            wire = ReachyWire(config(NOWHERE, second.address), MonotonicClock())
+            assert list(wire.handover()) == []
+            await wire.open()
+            (told,) = wire.handover()
+            for path in [ReachyStopChannel(places, [os.dup(told)], MonotonicClock()) for _ in range(2)]:
+                twin.body.play(Move("b9cbfc2f-79b0-4181-bce4-8ce04b277b90", [(FAR, 9.0)]))
+                assert all(report.safe for report in await path.make_safe("hold"))
+                assert twin.body.move is None and other.body.move is not None
+            wire.close()
+            assert list(wire.handover()) == []
 
     trio.run(main)
 
