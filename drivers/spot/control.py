@@ -182,10 +182,12 @@ class EstopEndpoint:
     async def find(self) -> bool:
         """Look for an endpoint of our name in the robot's configuration; return whether there is
         one. Raise ``WireDown``."""
-        config = (await self._session.call("GetEstopConfig", {})).get("active_config", {})
-        ours = [one for one in config.get("endpoints", ()) if one.get("name") == self._session.client]
-        self._endpoint = ours[0] if ours else {}
-        return bool(ours)
+        told = await self._session.call("GetEstopConfig", {})
+        try:
+            self._endpoint = p.endpoint_of(told, self._session.client)
+        except MalformedFrame as malformed:
+            raise WireDown(f"e-stop: {malformed}") from None
+        return self.is_known
 
     async def set_up(self) -> None:
         """Make our endpoint the robot's only one, and register it. With motors on the robot refuses.

@@ -273,6 +273,21 @@ def challenge_response(challenge: int) -> int:
     return challenge ^ UINT64
 
 
+def endpoint_of(told: Message, name: str) -> Message:
+    """Return the endpoint of this name in a ``GetEstopConfig``'s answer; empty: it is another's.
+    Raise ``MalformedFrame`` when it tells no configuration: ours may be in force."""
+    if "active_config" not in told:
+        raise MalformedFrame("GetEstopConfig: no configuration in its answer")
+    return next((one for one in told["active_config"].get("endpoints", ()) if one.get("name") == name), {})
+
+
+def body_owner(told: Message) -> str:
+    """Return who has the lease of the body, from a ``ListLeases``'s answer; empty: nobody."""
+    ours = (one for one in told.get("resources", ()) if one.get("resource") == LEASE_RESOURCE)
+    owner: str = next(ours, {}).get("lease_owner", {}).get("client_name", "")
+    return owner
+
+
 # -- what it reports
 
 

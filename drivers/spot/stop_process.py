@@ -21,7 +21,9 @@ Reports = tuple[MotorReport, ...]
 LOOK_AGAIN_S = 2.0
 """Between two looks whether the session is still good."""
 STOP_S = 1.7
-"""How long the robot is watched; less than ``ANSWER_S``. It is asked again until it confirms."""
+"""How long an attempt may take; less than ``ANSWER_S``. It is asked again until it confirms."""
+WATCH_S = 1.5
+"""How long the robot is watched, where it need not be connected first."""
 
 
 class EstopChannel(KeptSession[SpotConfig, Session]):
@@ -63,7 +65,7 @@ class EstopChannel(KeptSession[SpotConfig, Session]):
             except WireDown as down:
                 return Outcome(False, False, str(down)).reports(*names_of(self.config.axes))
             endpoint = EstopEndpoint(session, self.config.estop_timeout_s)
-            outcome = await stop_by_estop(session, endpoint, safe_state, STOP_S)
+            outcome = await stop_by_estop(session, endpoint, safe_state, WATCH_S)
             if not outcome.acknowledged:
                 self.replace(None)  # what it was given may be dead: the next attempt connects anew
             return outcome.reports(*names_of(self.config.axes))

@@ -60,14 +60,18 @@ class _Stop:
             detail = await self._assert()
             if detail:
                 return detail
-        if self.is_anothers:
-            return ""
-        return why_on(await self._fresh.read())
+        detail = why_on(await self._fresh.read())
+        if not detail or not self.is_anothers:
+            return detail
+        owner = p.body_owner(await self._session.call("ListLeases", {}))
+        if owner not in ("", self._session.client):
+            return ""  # he drives it, and none of our commands is taken any more
+        return f"{detail}, and its e-stop is another's"
 
     async def _assert(self) -> str:
         if not self._endpoint.is_known and not await self._endpoint.find():
-            # The robot lets nobody change its endpoints while motors are on: nothing of ours has
-            # energised it, and whoever drives it now is none of our business.
+            # It was set up anew while motors were off. That says nothing of what our lease has done
+            # since then.
             self.is_anothers = self.acknowledged = True
             return ""
         asked = self._endpoint.say(self._level)

@@ -207,10 +207,19 @@ async def ready(world: World, stands: bool = True) -> SpotWire:
 
 
 def let_a_tablet_drive(world: World) -> None:
-    """Another has the e-stop, and the motors are on."""
+    """Another has e-stop and lease, and the motors are on."""
+    let_a_tablet_have_the_e_stop(world)
+    world.twin.leases.acquire("tablet-7", take=True)
+    world.twin.mechanism.motors = Motors.ON
+
+
+def let_a_tablet_have_the_e_stop(world: World) -> None:
+    """Another sets it up, and lets the robot be powered."""
     estop = world.twin.estop
     estop.set_config(
-        {"endpoints": [{"role": ESTOP_ROLE, "name": "tablet", "timeout": duration(3600.0)}]}, "", False
+        {"endpoints": [{"role": ESTOP_ROLE, "name": "tablet-7", "timeout": duration(3600.0)}]},
+        estop.config.get("unique_id", ""),
+        False,
     )
     (endpoint,) = estop.config["endpoints"]
     estop.register(endpoint, estop.config["unique_id"])
@@ -218,7 +227,6 @@ def let_a_tablet_drive(world: World) -> None:
     estop.check_in(
         {"endpoint": endpoint, "challenge": first, "response": challenge_response(first), "stop_level": 4}
     )
-    world.twin.mechanism.motors = Motors.ON
 
 
 # -- for gates

@@ -16,7 +16,16 @@ from strands_actors.drivers.spot import protocol as p
 from strands_actors.drivers.spot.protocol import Motors
 from tests.drivers.common.memory_port import virtual
 
-from .rig import Go, World, confirmed, let_a_tablet_drive, pass_time, ready, target
+from .rig import (
+    Go,
+    World,
+    confirmed,
+    let_a_tablet_drive,
+    let_a_tablet_have_the_e_stop,
+    pass_time,
+    ready,
+    target,
+)
 
 # -- safe
 
@@ -393,6 +402,43 @@ def test_a_stop_channel_whose_login_is_not_renewed_keeps_its_session_and_tries_e
             assert 10 < len(world.of("GetAuthToken")) < 20, "every minute"
             assert channel.session is session
             nursery.cancel_scope.cancel()
+
+    virtual(test)
+
+
+def test_saf_005_an_answer_without_the_e_stops_configuration_is_not_one_without_our_endpoint() -> None:
+    async def test() -> None:
+        world = World()
+        wire = await ready(world)
+        await wire.write(target(world, await wire.read(), vx=1.0), Go())
+        answer = world.twin.answer
+        world.twin.answer = lambda name, request: (  # type: ignore[method-assign]
+            ({}, ("read", None)) if name == "GetEstopConfig" else answer(name, request)
+        )
+        channel = world.stop_channel()
+        reports = await channel.make_safe("settle")
+        assert not confirmed(reports)
+        assert reports[0].detail == "not confirmed: e-stop: GetEstopConfig: no configuration in its answer"
+        world.twin.answer = answer  # type: ignore[method-assign]
+        assert confirmed(await channel.make_safe("settle")) and world.twin.mechanism.motors is Motors.OFF
+        channel.close()
+
+    virtual(test)
+
+
+def test_saf_005_a_robot_that_our_lease_has_powered_is_not_safe_because_its_e_stop_is_anothers() -> None:
+    async def test() -> None:
+        world = World()
+        wire = await ready(world, stands=False)
+        let_a_tablet_have_the_e_stop(world)
+        assert await wire.perform("stand", {}, Go()) == {"standing": True}
+        channel = world.stop_channel()
+        reports = await channel.make_safe("settle")
+        assert not confirmed(reports)
+        assert reports[0].detail == "not confirmed: its motors are on, and its e-stop is another's"
+        world.twin.mechanism.cut()
+        assert confirmed(await channel.make_safe("settle"))
+        channel.close()
 
     virtual(test)
 

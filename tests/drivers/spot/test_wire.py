@@ -150,10 +150,17 @@ def test_an_endpoint_that_another_has_with_motors_on_is_left_to_him() -> None:
         let_a_tablet_drive(world)
         wire = world.wire()
         await wire.open()
+        assert confirmed(await wire.make_safe("settle")), "nothing of ours is energised"
+        world.twin.leases.owner = ""
         with pytest.raises(WireDown, match="no endpoint of ours"):
             await wire.arm(Go())
-        assert confirmed(await wire.make_safe("settle")), "nothing of ours is energised"
+        assert world.twin.leases.owner == "", "nor is it kept from him"
+        reports = await wire.make_safe("settle")
+        assert not confirmed(reports), "nobody drives it, and its motors are on"
+        assert reports[0].detail == "not confirmed: its motors are on, and its e-stop is another's"
         assert world.safe() == [] and world.twin.mechanism.motors is Motors.ON
+        world.twin.mechanism.cut()
+        assert confirmed(await wire.make_safe("settle"))
 
     virtual(test)
 
