@@ -283,8 +283,8 @@ def endpoint_of(told: Message, name: str) -> Message:
 
 def body_owner(told: Message) -> str:
     """Return who has the lease of the body, from a ``ListLeases``'s answer; empty: nobody."""
-    ours = (one for one in told.get("resources", ()) if one.get("resource") == LEASE_RESOURCE)
-    owner: str = next(ours, {}).get("lease_owner", {}).get("client_name", "")
+    body: Message = next((one for one in told.get("resources", ()) if one.get("resource") == LEASE_RESOURCE), {})
+    owner: str = body.get("lease_owner", {}).get("client_name", "")
     return owner
 
 
