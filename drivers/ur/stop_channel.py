@@ -98,7 +98,7 @@ class _Stop:
                         continue
                     self.playing = sample["runtime_state"] != p.RuntimeState.STOPPED
                     self.moving = {
-                        at for at, rad_s in enumerate(sample["actual_qd"]) if abs(rad_s) >= STANDING_RAD_S
+                        at for at, rad_s in enumerate(sample["actual_qd"]) if not abs(rad_s) < STANDING_RAD_S
                     }
         except WireDown as down:
             self.trouble.append(str(down))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 import trio
@@ -120,6 +122,18 @@ def test_a_clock_that_stands_still_confirms_nothing(twin: Twin, host: str) -> No
             trio.run(plain.look, host)
     finally:
         twin.fault("ok")
+
+
+def test_saf_005_a_speed_that_is_no_number_confirms_nothing(host: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    tell = plain.Samples.next
+
+    async def tell_nan(samples: plain.Samples) -> dict[str, Any]:
+        return {**await tell(samples), "actual_qd": (0.0, *(math.nan,) * 5)}
+
+    monkeypatch.setattr(plain.Samples, "next", tell_nan)
+    reports = trio.run(stop, at(host))
+    assert [report.safe for report in reports] == [True, *(False,) * 5]
+    assert reports[1].detail == "moves"
 
 
 @pytest.mark.parametrize("names", [("actual_q",), ("actual_q", "robot_status_bits")], ids=" and ".join)
