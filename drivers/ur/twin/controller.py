@@ -160,7 +160,9 @@ class Controller:
             self.note(f"a secondary program is not run: {self.mode.name}, remote control {self.remote}")
 
     def stop_program(self) -> None:
+        """A pause ends with the program that was paused."""
         self._starting = None
+        self.paused = False
         if self.program is not None:
             self.program = None
             self._watched.clear()

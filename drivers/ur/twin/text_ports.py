@@ -82,6 +82,8 @@ class Dashboard:
                 controller.stop_program()
                 return p.DASHBOARD_STOPPED
             case "pause":
+                if not controller.busy:
+                    return "Failed to execute: pause"
                 controller.paused = True
                 return "Pausing program"
             case "play":

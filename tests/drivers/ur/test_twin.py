@@ -140,6 +140,28 @@ def test_the_dashboard_brings_the_arm_up(world: World) -> None:
     assert "could not understand" in dashboard.answer("dance")
 
 
+def test_a_pause_ends_with_its_program(world: World) -> None:
+    dashboard = Dashboard(world.controller, "ur5e")
+    assert dashboard.answer("pause") == "Failed to execute: pause"
+    world.start()
+    assert dashboard.answer("pause") == "Pausing program"
+    assert world.controller.runtime_state == p.RuntimeState.PAUSED
+    assert dashboard.answer("stop") == p.DASHBOARD_STOPPED
+    world.start()
+    dashboard.answer("pause")
+    world.controller.start_program(program_of(p.STOP_SCRIPT, world.controller))
+    world.run(1.0)
+    assert world.controller.runtime_state == p.RuntimeState.STOPPED, "one that replaces it is not paused"
+    world.start()
+    world.command(c.Command.SERVO_J, 0.2, *HOME_RAD[1:])
+    dashboard.answer("pause")
+    world.run(0.5)
+    stood = world.pan
+    assert dashboard.answer("play") == "Starting program"
+    world.run(1.0)
+    assert abs(world.pan - 0.2) < 0.01 < abs(stood - 0.2), "played, it goes on"
+
+
 def test_local_control_takes_no_programs(world: World) -> None:
     world.controller.remote = False
     world.controller.start_program(program_of(SCRIPT, world.controller))
