@@ -71,6 +71,14 @@ class Broken(Steady):
         return await super().read()
 
 
+class Ahead(Steady):
+    """Its pictures are stamped by another clock."""
+
+    async def read(self) -> Picture:
+        seen = await super().read()
+        return Picture(seen.image, time.time_ns())
+
+
 class Wide(Steady):
     """Another size than the one that was asked for."""
 
@@ -95,6 +103,10 @@ async def plugged(settings: CameraSettings) -> Steady:
 
 async def broken(settings: CameraSettings) -> Steady:
     return Broken(settings)
+
+
+async def ahead(settings: CameraSettings) -> Steady:
+    return Ahead(settings)
 
 
 async def wide(settings: CameraSettings) -> Steady:

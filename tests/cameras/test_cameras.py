@@ -148,12 +148,16 @@ def test_what_a_camera_does_wrong_is_said_by_name(new_arm: NewArm) -> None:
             "wide": {"type": OWN + "wide", **SMALL},
             "broken": {"type": OWN + "broken", **SMALL},
             "nowhere": {"type": OWN + "nobody", **SMALL},
+            "ahead": {"type": OWN + "ahead", **SMALL},
         }
     )
     until(lambda: told(arm, "wide")["state"] == "refused", "another size is refused")
     assert "it gives 80 x 40, and 48 x 32 is asked for" in told(arm, "wide")["why"]
     until(lambda: told(arm, "broken")["why"] == "ZeroDivisionError: of a user's own code", "and told")
     until(lambda: "has no attribute 'nobody'" in (told(arm, "nowhere")["why"] or ""), "there is no such source")
+    until(lambda: "give time.monotonic_ns() of the picture" in (told(arm, "ahead")["why"] or ""), "another clock's")
+    with pytest.raises(StaleFrame, match="there is no picture yet"):
+        arm.read_camera("ahead", 60_000)
     assert status(arm)["state"] == "armed"
 
 
@@ -165,6 +169,15 @@ def test_a_reader_follows_a_robot_that_comes_again_and_names_what_is_not_there(n
         attach_camera("so101", "ear")
     reader = attach_camera("so101", "eye")
     picture(reader)
+    for wrong in ("50", [50], -1, 0, float("nan"), float("inf"), True):
+        with pytest.raises(ValueError, match="give milliseconds, above 0"):
+            arm.read_camera("eye", wrong)  # type: ignore[arg-type]
+        with pytest.raises(ValueError, match="give seconds, above 0"):
+            reader.newest(wrong)  # type: ignore[arg-type]
+    for nothing in (["eye"], {}, None):
+        with pytest.raises(ValueError, match=r"no camera .*\. there are eye"):
+            arm.read_camera(nothing)  # type: ignore[arg-type]
+    arm.read_camera("eye", 1e308)
     arm.cleanup()
     assert cameras_of("so101") == []
     until(lambda: isinstance(reader.newest(), Stale), "it has ended")

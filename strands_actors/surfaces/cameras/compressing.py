@@ -18,16 +18,17 @@ QUALITY = 80
 
 
 class Compressor:
-    """One picture at a time: those that come meanwhile are left out. ``problem``: why there are
-    none."""
+    """One picture at a time: those that come meanwhile are left out. ``problem``: why the newest
+    one, or any, was not compressed."""
 
     def __init__(self, ring: FrameRing) -> None:
         self._ring = ring
         self._busy = False
+        self._cannot = False  # whatever the picture is
         self.problem = ""
 
     def wants(self, now_ns: int) -> bool:
-        return not self._busy and not self.problem and now_ns < self._ring.wanted_until_ns
+        return not self._busy and not self._cannot and now_ns < self._ring.wanted_until_ns
 
     async def compress(self, image: NDArray[numpy.uint8], captured_ns: int, number: int) -> None:
         self._busy = True
@@ -44,7 +45,8 @@ class Compressor:
 
     def _can(self) -> bool:
         self.problem = missing("cameras", "JPEG")
-        return not self.problem
+        self._cannot = bool(self.problem)
+        return not self._cannot
 
 
 def jpeg(image: NDArray[numpy.uint8]) -> bytes:

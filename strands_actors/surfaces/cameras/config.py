@@ -146,9 +146,9 @@ def _type(who: str, words: Mapping[str, Any], own: Sequence[str], simulated: boo
     if kind is None:
         kind = OPENCV if words.get("index_or_path") is not None or not (simulated or own) else ""
         kind = kind or (ROBOT if own else SCENE)
-    if kind in NOT_READ:
+    if isinstance(kind, str) and kind in NOT_READ:
         raise ValueError(f"{who} is of type {kind!r}, which this version does not read. {NOT_READ[kind]}")
-    if not isinstance(kind, str) or (kind not in (OPENCV, SCENE, ROBOT) and ":" not in kind):
+    if not isinstance(kind, str) or (kind not in (OPENCV, SCENE, ROBOT) and not all(kind.partition(":"))):
         raise ValueError(
             f"{who} is of type {kind!r}. use {OPENCV}, {SCENE}, {ROBOT}, or module:function of your own"
         )
@@ -182,12 +182,14 @@ def _place(who: str, given: object) -> int | str:
         given = os.fspath(given)
     if isinstance(given, str) and given.isdecimal():
         given = int(given)
-    if isinstance(given, bool) or not isinstance(given, int | str) or given in ("", -1):
-        raise ValueError(
-            f"{who}: index_or_path is {given!r}. give its number (0) or its path ('/dev/video0'); "
-            "a path below /dev/v4l/by-id stays the same when it is plugged in again"
-        )
-    return given
+    if isinstance(given, int) and not isinstance(given, bool) and given >= 0:
+        return given
+    if isinstance(given, str) and given:
+        return given
+    raise ValueError(
+        f"{who}: index_or_path is {given!r}. give its number (0) or its path ('/dev/video0'); "
+        "a path below /dev/v4l/by-id stays the same when it is plugged in again"
+    )
 
 
 def _size(who: str, words: Mapping[str, Any]) -> tuple[int | None, int | None]:

@@ -8,7 +8,9 @@ from typing import Any
 
 import msgspec
 
+from strands_actors.contract.axis import finite
 from strands_actors.contract.cameras import CameraSettings
+from strands_actors.contract.plain_numbers import as_python
 from strands_actors.kernel.channels.frame_ring import create
 
 from .config import MAX_SIDE, ROBOT, SCENE, source_of, stale_s
@@ -89,10 +91,10 @@ class Cameras:
 
     def look(self, name: str, max_age_ms: float | None = None) -> Frame | Stale:
         """As ``read``, without ``StaleFrame``."""
-        if name not in self._settings:
+        if not isinstance(name, str) or name not in self._settings:
             known = f"there are {', '.join(self._settings)}" if self._settings else "this robot was given none"
             raise ValueError(f"read_camera: no camera {name!r}. {known}")
-        if max_age_ms is not None and (isinstance(max_age_ms, bool) or not max_age_ms > 0):
+        if max_age_ms is not None and not (finite(as_python(max_age_ms)) or 0.0) > 0.0:
             raise ValueError(f"read_camera: max_age_ms is {max_age_ms!r}. give milliseconds, above 0")
         reader = self._readers.get(name)
         if reader is None:

@@ -45,6 +45,8 @@ NICE = 5
 DEFAULT_FPS = 30.0
 OPEN_S = 15.0
 READ_S = 5.0
+AHEAD_S = 0.1
+"""A picture is not from later than now; a clock that is not this one is ahead by years."""
 """A source that gives nothing for so long is given up, and this process with it."""
 PAUSES_S = (0.5, 1.0, 2.0, 4.0)
 """Before the source is opened again, the first time, the second, ...; the last one from then on."""
@@ -142,6 +144,9 @@ class Camera(Actor):
                 continue
             if picture.captured_ns <= last_ns:
                 raise WireDown("it gives the same picture again")
+            ahead_s = (picture.captured_ns - self.context.clock.now_ns()) / 1e9
+            if ahead_s > AHEAD_S:  # it would look new for ever
+                raise WireDown(f"captured_ns is {ahead_s:g} s from now. give time.monotonic_ns() of the picture")
             last_ns = picture.captured_ns
             self._put(picture)
             await trio.lowlevel.checkpoint()

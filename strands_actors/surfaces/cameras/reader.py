@@ -8,6 +8,8 @@ import os
 import threading
 import time
 
+from strands_actors.contract.axis import finite
+from strands_actors.contract.plain_numbers import as_python
 from strands_actors.kernel.channels.frame_ring import FrameRing, NoRing, Shot
 
 from . import told as words
@@ -36,12 +38,15 @@ class CameraReader:
 
     def newest(self, max_age_s: float | None = None) -> Frame | Stale:
         """The newest picture, or why there is none that is new enough. ``max_age_s``: how old it
-        may be; by default three periods of the camera, and at least 0.2 s."""
+        may be; by default three periods of the camera, and at least 0.2 s. Raise ``ValueError`` for
+        an age that is none."""
+        if max_age_s is not None and not (finite(as_python(max_age_s)) or 0.0) > 0.0:
+            raise ValueError(f"newest: max_age_s is {max_age_s!r}. give seconds, above 0")
         with self._lock:
             ring = self._open()
             if ring is None:
                 return Stale(self._missing())
-            stale_ns = ring.stale_ns if max_age_s is None else round(max_age_s * 1e9)
+            stale_ns = ring.stale_ns if max_age_s is None else max_age_s * 1e9
             shot = ring.read()
             now_ns = time.monotonic_ns()
             if shot is None or now_ns - shot.captured_ns > stale_ns:
@@ -111,7 +116,7 @@ class CameraReader:
             return "this reader was closed"
         return f"no camera {self.camera!r} of {self.robot} runs"
 
-    def _stale(self, ring: FrameRing | None, shot: Shot | None, now_ns: int, stale_ns: int) -> Stale:
+    def _stale(self, ring: FrameRing | None, shot: Shot | None, now_ns: int, stale_ns: float) -> Stale:
         if ring is None:
             return Stale(self._missing())
         told = words.decode(ring.told)
