@@ -185,7 +185,7 @@ class Telemetry(Actor):
                 "writes": status.writes,
                 "reads": status.reads,
             }
-            if status.observation is not None:
+            if status.observation is not None and self._is_fresh(status):
                 health |= self._charge_and_heat(status.observation)
                 health["sensors"] = {
                     name: row

@@ -164,7 +164,8 @@ def test_saf_012_no_sensor_tells_an_old_value_as_a_new_one(
     read = FakeWire._observe
 
     def with_imu(wire: FakeWire) -> Observation:
-        return msgspec.structs.replace(read(wire), sensors={"gyro_rad_s": (0.1, 0.2, 0.3)})
+        row = {"gyro_rad_s": (0.1, 0.2, 0.3), "load_pct": (3.0,), "temperature_c": (20.0, 21.0)}
+        return msgspec.structs.replace(read(wire), sensors=row)
 
     monkeypatch.setattr(FakeWire, "_observe", with_imu)
     monkeypatch.setattr(FakeDriver, "SENSORS", (Sensor("imu", {"gyro": "gyro_rad_s"}),))
@@ -173,18 +174,25 @@ def test_saf_012_no_sensor_tells_an_old_value_as_a_new_one(
         hardware = FakeHardware()
         async with robot_on_mesh(hardware) as (robot, tree, _):
             hardware.read_s = 0.06
-            imu, state = f"strands/{robot}/imu", f"strands/{robot}/state"
-            subscriber = join(plain, imu, state)
+            imu, state, health = (f"strands/{robot}/{topic}" for topic in ("imu", "state", "health"))
+            subscriber = join(plain, imu, state, health)
             seen: list[zenoh.Sample] = []
+            healthy: list[zenoh.Sample] = []
             await until(lambda: len(more(seen, subscriber.take(imu))) >= 5, "the imu")
             late_s = max(sent_s(sample) - told(sample)["t"] for sample in seen)
             assert late_s > 0.03, "t is when it was read"
+            await until(lambda: more(healthy, subscriber.take(health)), "its health")
+            assert told(healthy[-1])["temps"] == {"a": 20.0, "b": 21.0}
+            assert "load_pct" in told(healthy[-1])["sensors"]
             setattr(hardware, fault, False)
             await trio.sleep(1.5)
-            subscriber.take(imu), subscriber.take(state)
+            subscriber.take(imu), subscriber.take(state), subscriber.take(health)
             await trio.sleep(0.5)
             assert subscriber.take(state) and not subscriber.take(imu)
             assert (await tree.status()).observation is not None, "it would have been told"
+            healthy.clear()
+            await until(lambda: more(healthy, subscriber.take(health)), "its health, still")
+            assert not {"temps", "sensors"} & set(told(healthy[-1]))
 
     for fault in ("answers", "plugged"):
         run(functools.partial(test, fault))
