@@ -174,9 +174,10 @@ def test_a_reader_follows_a_robot_that_comes_again_and_names_what_is_not_there(n
             arm.read_camera("eye", wrong)  # type: ignore[arg-type]
         with pytest.raises(ValueError, match="give seconds, above 0"):
             reader.newest(wrong)  # type: ignore[arg-type]
-    for nothing in (["eye"], {}, None):
+    none: tuple[Any, ...] = (["eye"], {}, None)
+    for nothing in none:
         with pytest.raises(ValueError, match=r"no camera .*\. there are eye"):
-            arm.read_camera(nothing)  # type: ignore[arg-type]
+            arm.read_camera(nothing)
     arm.read_camera("eye", 1e308)
     arm.cleanup()
     assert cameras_of("so101") == []
