@@ -13,10 +13,12 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
+from strands_actors.surfaces.cli import dataset as commands
 from strands_actors.surfaces.dataset.compact import compact
 from strands_actors.surfaces.dataset.dataset import Dataset, Index
 from strands_actors.surfaces.dataset.errors import DatasetError
 from strands_actors.surfaces.dataset.repair import repair
+from strands_actors.surfaces.dataset.run import Summary
 from strands_actors.surfaces.dataset.show import show
 
 from .made import add_episode, begin, check, fill, info_of, row
@@ -97,6 +99,22 @@ def test_a_dataset_shows_what_is_wrong_and_touches_nothing(root: Path) -> None:
     assert shown.uncounted == ["data/chunk-000/file-007.parquet"]
     assert [(one.folder, one.task) for one in shown.unfinished] == [(folder.name, "wave")]
     assert shown.cameras == {"front": "96x64 av1", "wrist": "64x80 av1"}
+
+
+def test_a_summary_says_what_was_put_aside_and_where_it_lies(
+    capsys: pytest.CaptureFixture[str], root: Path
+) -> None:
+    dataset = Dataset(root)
+    add_episode(dataset, 3)
+    dataset.close()
+    stranger = "data/chunk-000/file-007.parquet"
+    os.link(root / "data/chunk-000/file-000.parquet", root / stranger)
+    told = f"not counted, put aside in {root}/.staging/uncounted: {stranger}"
+    summary = Summary(str(root), "so101", 1.0, [], 1, [stranger], "", "done")
+    assert told in commands._summed_up(summary).splitlines()
+    assert commands.repair(root, drop=False, as_json=False) == 0
+    assert told in capsys.readouterr().out.splitlines()
+    assert (root / ".staging/uncounted" / stranger).exists()
 
 
 # -- a copy in few files

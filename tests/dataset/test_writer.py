@@ -16,6 +16,7 @@ import pytest
 from strands_actors.surfaces.dataset.dataset import ASIDE, Dataset, Index
 from strands_actors.surfaces.dataset.errors import DatasetError
 from strands_actors.surfaces.dataset.layout import CameraShape, Layout
+from strands_actors.surfaces.dataset.show import show
 from strands_actors.surfaces.dataset.staging import FINISHED, Row, StagedEpisode
 from strands_actors.surfaces.dataset.statistics import PictureFigures, aggregate, of_column
 from strands_actors.surfaces.dataset.storage import Storage
@@ -227,6 +228,47 @@ def test_what_is_not_counted_is_not_there_for_lerobot_before_the_next_episode_is
     assert again.swept == ["data/chunk-000/file-001.parquet"] and not stranger.exists()
     assert (root / ".staging" / ASIDE / "data/chunk-000/file-001.parquet").exists(), "not ours: kept"
     assert check(root) == 1
+
+
+@pytest.mark.parametrize(
+    "name", ["data/train/mine.parquet", "videos/a/b/mine.mp4", "data/chunk-000/file-000.parquet"]
+)
+@pytest.mark.parametrize("staging", [False, True])
+def test_a_folder_with_somebody_elses_files_is_no_dataset_and_stays_as_it_is(
+    root: Path, name: str, staging: bool
+) -> None:
+    """The last one: a dataset that has lost its ``info.json``."""
+    (root / name).parent.mkdir(parents=True)
+    (root / name).write_bytes(b"precious")
+    (root / "meta").mkdir()
+    (root / "meta/notes.staged").write_bytes(b"precious")
+    if staging:
+        (root / ".staging").mkdir()
+    before = files(root)
+    with pytest.raises(DatasetError, match=f"has no meta/info.json, and files .*: {name} .1 files.. give a new"):
+        Dataset(root)
+    assert files(root) == before == {name, "meta/notes.staged"}
+
+
+def test_only_what_is_called_like_a_file_of_ours_is_put_aside_and_nothing_that_was_put_aside_is_lost(
+    root: Path,
+) -> None:
+    dataset = Dataset(root)
+    add_episode(dataset, 3)
+    dataset.close()
+    mine = ("data/train/mine.parquet", "meta/mine.staged", "videos/a/b/mine.mp4")
+    for name in mine:
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).write_bytes(b"precious")
+    for text in ("first", "second"):
+        (root / "data/chunk-000/file-001.parquet").write_text(text)
+        again = Dataset(root)
+        again.close()
+        assert again.swept == ["data/chunk-000/file-001.parquet"]
+    assert files(root) >= set(mine)
+    aside = root / ".staging" / ASIDE / "data/chunk-000"
+    assert [path.read_text() for path in sorted(aside.iterdir())] == ["second", "first"]
+    assert show(root).strange == ["data/train/mine.parquet", "videos/a/b/mine.mp4"] and not show(root).uncounted
 
 
 def test_a_folder_of_an_episode_that_is_counted_already_goes(root: Path) -> None:

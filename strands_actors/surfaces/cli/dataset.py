@@ -14,8 +14,10 @@ from rich.console import Console
 from rich.table import Table
 
 from strands_actors.surfaces.dataset.compact import compact as make_compact
+from strands_actors.surfaces.dataset.dataset import ASIDE
 from strands_actors.surfaces.dataset.errors import DatasetError
 from strands_actors.surfaces.dataset.keys import HELP, STDIN, read_keys, read_words, single_keys
+from strands_actors.surfaces.dataset.layout import STAGING
 from strands_actors.surfaces.dataset.page import serve_keys
 from strands_actors.surfaces.dataset.repair import repair as do_repair
 from strands_actors.surfaces.dataset.run import Command, EpisodeSummary, Onlooker, Summary, record_episodes
@@ -132,9 +134,15 @@ def _summed_up(summary: Summary) -> str:
         f"{summary.dataset}: {len(summary.episodes)} episodes in {summary.seconds:.1f} s, "
         f"{summary.total_episodes} in all; {summary.ended}"
     )
+    if summary.swept:
+        lines.append(f"not counted, put aside in {_aside(summary.dataset)}: {', '.join(summary.swept)}")
     if summary.left:
         lines.append(summary.left)
     return "\n".join(lines)
+
+
+def _aside(dataset: str) -> Path:
+    return Path(dataset) / STAGING / ASIDE
 
 
 def _told(one: EpisodeSummary) -> str:
@@ -167,6 +175,8 @@ def _print(shown: Shown) -> None:
         print(f"not finished: {left.folder}: {what}")
     if shown.uncounted:
         print(f"not counted: {', '.join(shown.uncounted)}")
+    if shown.strange:
+        print(f"not of this dataset, and LeRobot would read it, move it away: {', '.join(shown.strange)}")
     if shown.unfinished or shown.uncounted:
         print(
             f"`strands-actors dataset repair {os.path.normpath(shown.dataset)}` makes episodes of what can be used"
@@ -182,7 +192,7 @@ def repair(root: Path, drop: bool, as_json: bool) -> int:
         print(json.dumps(msgspec.to_builtins(report)))
     else:
         for name in report.swept:
-            print(f"not counted, put aside: {name}")
+            print(f"not counted, put aside in {_aside(report.dataset)}: {name}")
         for one in report.repaired:
             print(one.problem or f"episode {one.episode}: {one.frames} frames, {one.marks or 'nothing missing'}")
         for name in report.dropped:

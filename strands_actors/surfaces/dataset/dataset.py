@@ -8,8 +8,8 @@ file it finds.
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
-import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO, Any
@@ -38,6 +38,7 @@ from .layout import (
     FileSlot,
     Layout,
     difference_of,
+    is_own_name,
     layout_of,
     read_info,
     tasks_of,
@@ -110,7 +111,9 @@ class Index:
 
     def uncounted(self) -> list[Path]:
         """Return the files that LeRobot would find, or might, and that are not counted."""
-        found = [*self.root.glob("meta/**/*" + STAGED_SUFFIX)]
+        found = [
+            path for path in self.root.glob("meta/*" + STAGED_SUFFIX) if is_own_name(path.relative_to(self.root))
+        ]
         for pattern in ("data/*/*.parquet", "meta/episodes/*/*.parquet", "videos/*/*/*.mp4"):
             found += [path for path in self.root.glob(pattern) if path not in self.files]
         return sorted(found)
@@ -201,28 +204,38 @@ class Dataset:
                     self.recovered.append(self.commit(folder))
 
     def _sweep(self, index: Index) -> None:
-        for gone in self.staging.glob(REMOVED + "*"):
-            shutil.rmtree(gone)
         ours: set[Path] = set()
+        done: list[Path] = []
         for folder in staged_folders(self.staging):
             placing = folder / PLACING
             if placing.exists():
                 number, *names = json.loads(placing.read_bytes())
                 if number < len(self.episodes):  # it was counted; only its folder was left
-                    self.storage.remove(folder)
+                    done.append(folder)
                 else:
                     ours |= {self.root / name for name in names}
-        uncounted = index.uncounted()
-        for path in uncounted:
-            if path in ours or path.name.endswith(STAGED_SUFFIX):
-                self.storage.remove(path)
+        uncounted = [path.relative_to(self.root) for path in index.uncounted()]
+        if self._info is None:
+            self._require_empty([path for path in uncounted if self.root / path not in ours])
+        for folder in [*self.staging.glob(REMOVED + "*"), *done]:
+            self.storage.remove(folder)
+        for path in filter(is_own_name, uncounted):  # what is called otherwise is somebody's: it stays
+            if self.root / path in ours or path.name.endswith(STAGED_SUFFIX):
+                self.storage.remove(self.root / path)
             else:
-                aside = self.staging / ASIDE / path.relative_to(self.root)
-                self.storage.place(path, aside)
-            self.swept.append(str(path.relative_to(self.root)))
+                self.storage.place(self.root / path, _free(self.staging / ASIDE / path))
+                self.swept.append(str(path))
         if (uncounted or ours) and self._info is not None:
             self._write(self.root / TASKS, _parquet(tasks_table(self._tasks)))
             self._write(self.root / STATS, lambda file: file.write(json.dumps(self._figures, indent=4).encode()))
+
+    def _require_empty(self, strange: list[Path]) -> None:
+        """Before the first episode there is nothing of ours to put aside."""
+        if strange:
+            raise DatasetError(
+                f"{self.root} has no {INFO}, and files that would be taken for a dataset's: {strange[0]} "
+                f"({len(strange)} files). give a new folder; if this was a dataset, put its {INFO} back"
+            )
 
     # -- the commit
 
@@ -301,6 +314,12 @@ class Dataset:
             self.storage.place(staged, self.root / name)
         for folder in {(self.root / name).parent for name in files}:
             self.storage.sync_path(folder)
+
+
+def _free(path: Path) -> Path:
+    """Return the path, or one beside it that is not taken: what was put aside before stays."""
+    names = itertools.chain([path.name], (f"{path.stem}-{number}{path.suffix}" for number in itertools.count(2)))
+    return next(each for name in names if not (each := path.with_name(name)).exists())
 
 
 def _parquet(table: pa.Table) -> Callable[[IO[bytes]], object]:

@@ -6,6 +6,7 @@ Pure, but for reading what is there.
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,10 @@ INFO = Path("meta/info.json")
 STATS = Path("meta/stats.json")
 TASKS = Path("meta/tasks.parquet")
 STAGING = Path(".staging")
+_OWN = re.compile(
+    r"(data|meta/episodes)/chunk-\d+/file-\d+\.parquet|videos/[^/]+/chunk-\d+/file-\d+\.mp4"
+    r"|meta/(info\.json|stats\.json|tasks\.parquet)\.staged"
+)
 
 
 class CameraShape(msgspec.Struct, frozen=True):
@@ -136,6 +141,11 @@ class FileSlot(msgspec.Struct, frozen=True, order=True):
 
     def video(self, key: str) -> Path:
         return self._below(f"videos/{key}", ".mp4")
+
+
+def is_own_name(path: Path) -> bool:
+    """Whether a file of a dataset, or one on its way to be one, is called so: ``path`` in its folder."""
+    return _OWN.fullmatch(path.as_posix()) is not None
 
 
 def read_info(root: Path) -> dict[str, Any] | None:

@@ -26,7 +26,7 @@ class Repaired(msgspec.Struct, frozen=True):
 
 class Report(msgspec.Struct, frozen=True):
     dataset: str
-    swept: list[str]  # what nothing counted, and LeRobot would have read
+    swept: list[str]  # what nothing counted, and LeRobot would have read: it lies in .staging/uncounted
     repaired: list[Repaired]
     dropped: list[str]
     total_episodes: int

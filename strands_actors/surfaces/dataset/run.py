@@ -71,7 +71,7 @@ class Summary(msgspec.Struct, frozen=True):
     seconds: float
     episodes: list[EpisodeSummary]  # of this recording
     total_episodes: int
-    swept: list[str]  # what nothing counted when the dataset was opened
+    swept: list[str]  # what nothing counted when the dataset was opened: it lies in .staging/uncounted
     left: str  # what is left to repair
     ended: str
 

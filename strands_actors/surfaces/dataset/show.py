@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 
 from .dataset import Index
-from .layout import STAGING
+from .layout import STAGING, is_own_name
 from .repair import Unfinished, require_dataset, unfinished_in
 
 
@@ -35,7 +35,8 @@ class Shown(msgspec.Struct, frozen=True):
     bytes: int
     episodes: list[ShownEpisode]
     good: list[int]  # with nothing wrong: what to train on, --dataset.episodes
-    uncounted: list[str]  # what LeRobot would read though nothing counts it
+    uncounted: list[str]  # what LeRobot would read though nothing counts it, and `repair` puts aside
+    strange: list[str]  # the same, under names that are not ours: nobody touches it
     unfinished: list[Unfinished]
 
 
@@ -45,6 +46,7 @@ def show(root: Path) -> Shown:
     index = Index(root)
     info = index.info or {"fps": 0, "features": {}}
     fps = int(info["fps"])
+    uncounted = [path.relative_to(root) for path in index.uncounted()]
     episodes = [
         ShownEpisode(
             one.index,
@@ -70,7 +72,8 @@ def show(root: Path) -> Shown:
         sum(path.stat().st_size for path in _files(root)),
         episodes,
         [one.episode for one in episodes if not one.marks],
-        [str(path.relative_to(root)) for path in index.uncounted()],
+        [str(path) for path in uncounted if is_own_name(path)],
+        [str(path) for path in uncounted if not is_own_name(path)],
         unfinished_in(root),
     )
 
