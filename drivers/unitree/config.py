@@ -15,4 +15,4 @@ class UnitreeConfig(msgspec.Struct, frozen=True):
     """Ours on its network, by name or address; empty: the one that leads there."""
     domain: int = 0
     simulator: bool = False
-    """Unitree's own: its states may have no checksum, and it has no services."""
+    """Unitree's own: its states may have neither checksum nor tick, and it has no services."""

@@ -53,8 +53,8 @@ class LegsOptions(DriverOptions, frozen=True):
         bool,
         option(
             "True or False: whether it is Unitree's own simulator, unitree_mujoco. It has no mode and no FSM "
-            "that could be asked, and its states may come without checksum: never of a robot. On this host its "
-            "port is 127.0.0.1"
+            "that could be asked, and its states may come without checksum and without a tick that goes on: never "
+            "of a robot. On this host its port is 127.0.0.1"
         ),
     ] = False
     network_interface: Annotated[

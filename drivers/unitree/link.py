@@ -14,6 +14,7 @@ from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.network_interfaces import address_of
 from strands_actors.drivers.common.rtps import CDR, Participant, own_address
+from strands_actors.drivers.common.stamps import Stamps
 from strands_actors.kernel.clock import Clock
 
 from . import protocol as p
@@ -83,6 +84,9 @@ class Link:
         self.model = model
         self.state: State | None = None
         self.state_ns = 0
+        """When the newest came whose tick had changed; 0: none yet. One that repeats its tick, from a
+        loop that is stuck, tells nothing new, and the first may be one of these."""
+        self._ticks = None if config.simulator else Stamps()  # a simulator need not count any
         self.discarded: Counter[str] = Counter()
         """States that were not taken, by why not, since the link was opened."""
         self._codec = CommandCodec(model)
@@ -109,7 +113,10 @@ class Link:
             return "no LowState comes"
         whys = [f"{number} {why}" for why, number in self.discarded.items()]
         what = f"all {next(iter(self.discarded))}" if len(whys) == 1 else ", ".join(whys)
-        return f"{count} LowStates come, {what}: a simulator? For Unitree's own, unitree_mujoco, say simulator=True"
+        return (
+            f"{count} LowStates come, {what}: a simulator? For Unitree's own, unitree_mujoco, say simulator=True. "
+            "A robot that goes on so has to be restarted"
+        )
 
     def poll(self) -> None:
         self.participant.poll()
@@ -139,10 +146,21 @@ class Link:
 
     def _on_state(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
         try:
-            self.state = self._decode(payload[4:])
+            state = self._decode(payload[4:])
         except WrongChecksum:
             self.discarded["with a wrong checksum"] += 1
         except MalformedFrame as malformed:
             self.discarded[f"that cannot be read ({malformed})"] += 1
         else:
+            self._take(state, t_ns)
+
+    def _take(self, state: State, t_ns: int) -> None:
+        ticks = self._ticks
+        if ticks is not None:
+            ticks.take(state.tick, t_ns)
+            if ticks.new_ns != t_ns:
+                self.discarded["that repeat their tick"] += 1
+                return
+        self.state = state
+        if ticks is None or ticks.goes_on:
             self.state_ns = t_ns

@@ -45,7 +45,7 @@ async def bring_down(
             if passed_s > AT_MOST_S or (passed_s > AT_LEAST_S and (all(_obeys(link, zero_ns)) or held_by())):
                 break
     if link.state_ns < began_ns:
-        said = "no LowState came" if link.heard else "the robot does not hear us"
+        said = "no new LowState came" if link.heard else "the robot does not hear us"
         return reports(link.model, written, said)
     obeys, holder = _obeys(link, zero_ns), held_by()
     if holder and not all(obeys):

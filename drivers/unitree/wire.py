@@ -64,7 +64,7 @@ class _Session:
         self.fsm_id: tuple[float, float] | None = None
         self.battery: tuple[float, float] | None = None
         self._asked_ns = 0
-        self._seen_ns = -1
+        self._seen_ns = 0
         self.discarded_before = 0
         """States that were not taken before the newest one that was."""
         self._observation = Observation(0, (math.nan,) * len(model.joints), (0,) * len(model.joints))
@@ -162,8 +162,8 @@ class UnitreeWire(Wire):
         link, where = session.link, self._config.port
         await self._until(lambda: link.participant.peers > 0, FIND_S, f"{where}: nobody answers. Check port=")
         await self._until(lambda: link.heard, FIND_S, f"{where}: nobody there takes {p.COMMAND_TOPIC}")
-        await self._look(lambda: link.state is not None or link.discarded.total() >= ENOUGH, FIND_S)
-        if link.state is None:
+        await self._look(lambda: link.state_ns > 0 or link.discarded.total() >= ENOUGH, FIND_S)
+        if link.state is None or not link.state_ns:
             raise WireDown(f"{where}: {link.unusable}")
         if self._config.simulator:
             await self._look(lambda: False, STRANGER_S)  # a robot's services would be found meanwhile

@@ -37,7 +37,7 @@ OPTIONS = {
     "silence_s": "damp after so long without a LowCmd (default 0: never)",
     "battery": "state of charge, percent (default 80), or unknown",
     "fsm": "FSM id it wakes up in (default 801)",
-    "simulator": "speak as Unitree's own simulator: no checksum, mode_machine, service or battery (default: false)",
+    "simulator": "speak as Unitree's own simulator: without checksum, tick, mode_machine, services and battery",
 }
 
 BATTERY_EVERY = 50
@@ -137,6 +137,8 @@ class UnitreeServer(DdsServer):
         if self._nan:
             q = (math.nan if key == self._nan else rad for key, rad in zip(self._model.axes, state.q, strict=True))
             state = state._replace(q=tuple(q))
+        if self._simulator:
+            state = state._replace(tick=0)
         body = self._states.encode(state)
         if self._simulator:
             body = body[:-4] + bytes(4)

@@ -3,11 +3,12 @@ one, on a clock of the test's own."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import AsyncGenerator, Iterator
 from contextlib import contextmanager
 from typing import Any
 
 import pytest
+import trio
 
 from strands_actors.contract.driver import Driver
 from strands_actors.drivers.common.rtps import CDR
@@ -15,9 +16,10 @@ from strands_actors.drivers.unitree import protocol as p
 from strands_actors.drivers.unitree import rpc
 from strands_actors.drivers.unitree.config import UnitreeConfig
 from strands_actors.drivers.unitree.driver import G1Driver, Go2Driver
-from strands_actors.drivers.unitree.link import Service
+from strands_actors.drivers.unitree.link import Link, Service
 from strands_actors.drivers.unitree.protocol import State, StateCodec
 from strands_actors.drivers.unitree.robots import model_of
+from strands_actors.drivers.unitree.safing import bring_down
 from strands_actors.drivers.unitree.wire import _Session
 from strands_actors.kernel.clock import NS, MonotonicClock
 
@@ -36,6 +38,12 @@ class Hands(MonotonicClock):
 
     def passes(self, seconds: float) -> None:
         self.at_ns += round(seconds * NS)
+
+    async def ticks(self, period_s: float) -> AsyncGenerator[int, None]:
+        while True:
+            await trio.lowlevel.checkpoint()
+            self.passes(period_s)
+            yield self.at_ns
 
 
 class Rig:
@@ -164,3 +172,58 @@ def test_two_questions_of_one_moment_are_answered_each() -> None:
         for number, data in zip(list(go2.session.modes._pending), ("{}", '{"name": ""}'), strict=True):
             go2.answers(number, rpc.CHECK_MODE, data)
         assert answers == ["first {}", 'second {"name": ""}']
+
+
+# -- the tick of a state
+
+
+@pytest.mark.parametrize(("simulator", "counts"), [(False, False), (True, True)])
+@pytest.mark.parametrize("robot", DRIVERS)
+def test_saf_012_a_state_that_repeats_its_tick_is_not_new(robot: str, simulator: bool, counts: bool) -> None:
+    """A simulator's may not go on at all."""
+    with rig(robot, simulator=simulator) as legs:
+        legs.says(tick=7)
+        legs.clock.passes(0.002)
+        legs.says(tick=9)
+        new_ns = legs.clock.at_ns
+        assert "stale" not in legs.refusals()
+        for _ in range(60):
+            legs.clock.passes(0.002)
+            legs.says(nm=5.0, tick=9)
+        assert ("stale" not in legs.refusals()) is counts
+        assert legs.link.state_ns == (legs.clock.at_ns if counts else new_ns)
+        assert legs.link.state is not None and any(legs.link.state.tau) is counts
+        legs.clock.passes(0.002)
+        legs.says(tick=0)  # it has restarted, and counts again
+        assert "stale" not in legs.refusals()
+
+
+@pytest.mark.parametrize("robot", DRIVERS)
+def test_saf_012_the_first_state_may_be_one_that_repeats(robot: str) -> None:
+    """It says which machine it is, and no more."""
+    with rig(robot) as legs:
+        for _ in range(3):
+            legs.clock.passes(0.002)
+            legs.says(tick=7)
+        assert legs.link.state is not None and legs.link.state_ns == 0
+        assert "no_state" in legs.refusals()
+        assert "2 LowStates come, all that repeat their tick" in legs.link.unusable
+        legs.says(tick=9)
+        assert legs.link.state_ns == legs.clock.at_ns and "no_state" not in legs.refusals()
+
+
+@pytest.mark.parametrize("robot", DRIVERS)
+@pytest.mark.parametrize(("nm", "goes_on", "said"), [
+    (0.0, True, ""), (60.0, True, "it still shows torque"), (0.0, False, "no new LowState came"),
+])  # fmt: skip
+def test_saf_005_a_stop_is_confirmed_by_a_new_state_without_torque(
+    robot: str, nm: float, goes_on: bool, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with rig(robot) as legs:
+        legs.says(tick=7)
+        legs.says(tick=9)
+        legs.clock.passes(0.002)
+        monkeypatch.setattr(Link, "heard", True)
+        monkeypatch.setattr(legs.link, "poll", lambda: legs.says(nm, None if goes_on else 9))
+        motors = trio.run(bring_down, legs.link, "zero_torque")
+        assert {(motor.safe, motor.detail) for motor in motors} == {(not said, said)}
