@@ -3,6 +3,8 @@ missing."""
 
 from __future__ import annotations
 
+import math
+
 from strands_actors.surfaces.dataset.frames import NS, PATIENCE_S, Assembler, Axes, missed
 from strands_actors.surfaces.dataset.staging import Row
 from strands_actors.surfaces.recording.rows import Command, Gap, Lifecycle, Safe, Seen
@@ -28,7 +30,7 @@ class Robot:
     def moves(self, at: float, a: float, accepted: float | None = None, lease: int = 1) -> None:
         """Asked to move to ``a``; refused unless ``accepted`` is given."""
         outcome = "refused" if accepted is None else "accepted"
-        target = {} if accepted is None else {"a": accepted, "v": 0.5}
+        target: dict[str, float | None] = {} if accepted is None else {"a": accepted, "v": 0.5}
         command = Command("setpoint", "", outcome, lease, action={"a.pos": a}, target=target)
         self.assembler.hear([("command", ms(at), command)])
 
@@ -129,6 +131,28 @@ def test_without_a_state_there_is_no_frame_and_the_next_says_so() -> None:
     assert [row.gap for row in robot.rows(1300, 1400)] == [3, 0]
     assert robot.rows(1300 + 1000) == [], "what it read last is too old by now"
     assert robot.assembler.take_gap() == 1 and robot.assembler.take_gap() == 0
+
+
+def test_an_axis_that_is_nan_was_not_read_and_is_named() -> None:
+    """So a wire tells that it never was: ``Observation``."""
+    robot = Robot()
+    robot.sees(990, 1.0, v=math.nan)
+    assert list(robot.assembler.unread) == ["v"] and not robot.assembler.has_state(ms(1000))
+    assert robot.rows(1000) == []
+    robot.sees(1090, 1.0)
+    robot.moves(1095, 5.0, accepted=math.nan)
+    (row,) = robot.rows(1100)
+    assert not robot.assembler.unread and row.gap == 1
+    assert row.action == (1.0, 0.5), "an axis that was told nothing stays"
+
+
+def test_a_request_that_no_column_can_have_is_not_recorded() -> None:
+    robot = Robot()
+    robot.sees(990, 1.0)
+    robot.moves(995, 5.0, accepted=5.0)
+    robot.moves(1010, 1e39)  # infinite in a float32
+    (row,) = robot.rows(1000)
+    assert row.requested == (5.0, 0.5)
 
 
 def test_a_robot_is_read_while_it_is_read() -> None:

@@ -19,7 +19,7 @@ import msgspec
 import pyarrow.parquet as pq
 import pytest
 
-from strands_actors import Robot, record_dataset
+from strands_actors import Robot, record_dataset, register_native_driver, register_robot
 from strands_actors.surfaces import cli
 from strands_actors.surfaces.dataset import DatasetError
 from strands_actors.surfaces.dataset.dataset import Index
@@ -31,6 +31,7 @@ from tests.cli.command import Command, refusal_code
 from tests.cli.terminal import Terminal
 
 from .made import check, decoded, info_of
+from .pan import Pan
 
 PATIENCE_S = 90.0
 AXES = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
@@ -121,6 +122,15 @@ def test_a_script_records_episodes_and_what_was_asked_stands_beside_what_was_don
     assert last["requested_action"][0] == 400.0 and abs(last["action"][0]) <= 10.0
     assert all(0.0 <= row["age_ms"] < 5000 for row in rows)
     assert all(abs(row["observation.state"][0]) <= 15 for row in rows)
+
+
+def test_an_axis_that_nothing_reads_is_named_and_nothing_is_recorded(tmp_path: Path) -> None:
+    register_robot("pan")
+    register_native_driver("pan", Pan)
+    with Robot("pan", mode="real", port="/dev/x") as arm:
+        arm.get_observation()
+        with pytest.raises(DatasetError, match="nothing is read of gripper of pan"):
+            record_dataset(arm, tmp_path / "set", task="wave").__enter__()
 
 
 def test_saf_001_a_slow_disk_costs_frames_which_are_counted_and_no_setpoint(

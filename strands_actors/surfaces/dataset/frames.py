@@ -12,6 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import TypeVar
 
 import msgspec
+import numpy as np
 
 from strands_actors.surfaces.recording.rows import Command, Gap, Lifecycle, Safe, Seen
 from strands_actors.surfaces.recording.views import Row as JournalRow
@@ -26,6 +27,7 @@ LOST_S = 0.5
 """Without a state that is younger there is no frame."""
 PATIENCE_S = 1.0
 """How long a frame waits for the journal; then it is made of what there is."""
+LARGEST = float(np.finfo(np.float32).max)
 MOVING = ("armed",)
 """The modes in which a target is in force. In every other the robot stays, or is limp."""
 
@@ -96,6 +98,8 @@ class Assembler:
         self._heard_ns = 0
         self._due: deque[Due] = deque()
         self._gap = 0
+        self.unread: tuple[str, ...] = ()
+        """The axes of which the newest observation has nothing."""
 
     @property
     def waiting(self) -> int:
@@ -123,8 +127,9 @@ class Assembler:
             self._heard_ns = max(self._heard_ns, at_ns)
 
     def _see(self, row: Seen) -> None:
-        known = {key: value for key, value in row.position.items() if value is not None}
-        if all(key in known for key in self._axes.keys):
+        known = _numbers(row.position)
+        self.unread = tuple(key for key in self._axes.keys if key not in known)
+        if not self.unread:
             self._states.put(row.t_ns, (known, row.oldest_ns or row.t_ns))
 
     def _command(self, at_ns: int, row: Command) -> None:
@@ -136,10 +141,10 @@ class Assembler:
         if row.outcome != "accepted" and self._lease and row.lease != self._lease:
             return
         before = self._wanted[-1][1] if self._wanted else _STAYS
-        asked = {key.removesuffix(".pos"): float(value) for key, value in row.action.items() if _is_number(value)}
+        asked = {key.removesuffix(".pos"): value for key, value in _numbers(row.action).items()}
         if row.outcome == "accepted":
             self._lease = row.lease
-            target = {key: value for key, value in row.target.items() if value is not None}
+            target = _numbers(row.target)
             self._wanted.put(at_ns, _Wanted(target, target | asked))
         elif before.target is not None or asked:
             self._wanted.put(at_ns, _Wanted(before.target, before.requested | asked))
@@ -212,5 +217,10 @@ def missed(at_ns: int, last_ns: int, period_ns: int) -> int:
     return max(0, round((at_ns - last_ns) / period_ns) - 1) if last_ns else 0
 
 
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < float("inf")
+def _numbers(values: Mapping[str, object]) -> dict[str, float]:
+    """Those that a column can have: what was never read is NaN, and statistics of it are no JSON."""
+    return {
+        key: float(value)
+        for key, value in values.items()
+        if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST
+    }

@@ -233,7 +233,7 @@ class Session:
         if self._order.episodes is not None and self._finished >= self._order.episodes:
             return "the last episode is being saved"
         if not self._assembler.has_state(self._clock.now_ns()):
-            return f"nothing is read of {self._order.robot}"
+            return self._nothing_read()
         if dark := [name for name, reader in self._cameras.items() if frame_of(reader.newest()) is None]:
             return f"no picture of {', '.join(dark)}"
         free = self._dataset.storage.free_bytes(self._dataset.root)
@@ -313,7 +313,11 @@ class Session:
             self.is_ready = True
             self._tell(Event("ready", self._number, text=self._about()))
         elif now_ns - self._opened_ns > FIRST_S * NS:
-            self._fail(DatasetError(f"nothing is read of {self._order.robot}"))
+            self._fail(DatasetError(self._nothing_read()))
+
+    def _nothing_read(self) -> str:
+        unread = ", ".join(self._assembler.unread)
+        return f"nothing is read of {f'{unread} of ' if unread else ''}{self._order.robot}"
 
     def _by_itself(self, now_ns: int, seconds: float) -> None:
         if self._state is State.RECORDING and now_ns - self._began_ns >= seconds * NS:
