@@ -21,6 +21,10 @@ from .config import Endpoint
 BAUD = 576_000
 READY_S = 2.0
 """Within which a serial line's other end must be ready."""
+UNASKED_S = 0.3
+"""So long it is waited for that it says so by itself: one that has just started does ten times a second."""
+SAID_AGAIN_S = 0.25
+"""After which a request is written again to one that does not say that it took it."""
 
 
 class Link(Protocol):
@@ -137,19 +141,25 @@ class SerialLink(Link):
         self.name = name
 
     async def bridge(self) -> None:
-        """Synchronise, and ask for CRTP over CPX. Raise ``WireDown``."""
+        """Synchronise, and ask for CRTP over CPX. Raise ``WireDown``. A robot that has talked to another
+        process of ours since it was switched on does not say by itself that it is ready, but after a
+        frame."""
         self._ready = False
         with trio.move_on_after(READY_S):
-            while not self._ready:
-                self._take(await self._port.read())
+            await self._until_ready(UNASKED_S)
             self._port.write(cpx.READY)
             for request in (cpx.BRIDGE, cpx.CLIENT):
                 self._ready = False
-                self._port.write(cpx.uart_frame(cpx.packet(cpx.Function.SYSTEM, request)))
                 while not self._ready:
-                    self._take(await self._port.read())
+                    self._port.write(cpx.uart_frame(cpx.packet(cpx.Function.SYSTEM, request)))
+                    await self._until_ready(SAID_AGAIN_S)
             return
         raise WireDown(f"{self.name}: nobody is ready there. Check the line and its rate, {BAUD} baud")
+
+    async def _until_ready(self, within_s: float) -> None:
+        with trio.move_on_after(within_s):
+            while not self._ready:
+                self._take(await self._port.read())
 
     async def write(self, packet: bytes, permit: Permit | None = None) -> None:
         frame = cpx.uart_frame(cpx.packet(cpx.Function.CRTP, packet))
@@ -179,6 +189,10 @@ class SerialLink(Link):
             self._port.write(cpx.READY)
         self._waiting += carried(full)
 
+    async def hung_up(self) -> None:
+        """Return once the adapter is gone."""
+        await self._port.hung_up()
+
     def handover(self) -> Sequence[int]:
         return (self._port.fileno(),)
 
@@ -186,9 +200,24 @@ class SerialLink(Link):
         self._port.close()
 
 
-async def open_link(endpoint: Endpoint, descriptors: Sequence[int] = ()) -> Link:
-    """Open a link that needs no USB. ``descriptors``: what ``Link.handover`` of an earlier one
-    gave. Raise ``WireDown``."""
+def adopt_line(descriptor: int, path: str) -> SerialLink:
+    """Take over what ``SerialLink.handover`` of another process gave."""
+    return SerialLink(adopt_serial(descriptor, path), f"serial://{path}")
+
+
+async def open_line(path: str) -> SerialLink:
+    """Raise ``WireDown``."""
+    line = SerialLink(open_serial(path, BAUD), f"serial://{path}")
+    try:
+        await line.bridge()
+    except BaseException:
+        line.close()
+        raise
+    return line
+
+
+async def open_link(endpoint: Endpoint) -> Link:
+    """Open a link that needs no USB. Raise ``WireDown``."""
     match endpoint.kind:
         case "udp":
             return UdpLink(open_udp(endpoint.host, endpoint.number))
@@ -196,16 +225,8 @@ async def open_link(endpoint: Endpoint, descriptors: Sequence[int] = ()) -> Link
             tcp = TcpLink(await open_tcp(endpoint.host, endpoint.number))
             tcp.bridge()
             return tcp
-        case "serial" if descriptors:
-            return SerialLink(adopt_serial(descriptors[0], endpoint.path), f"serial://{endpoint.path}")
         case "serial":
-            serial = SerialLink(open_serial(endpoint.path, BAUD), f"serial://{endpoint.path}")
-            try:
-                await serial.bridge()
-            except BaseException:
-                serial.close()
-                raise
-            return serial
+            return await open_line(endpoint.path)
     raise WireDown(f"{endpoint.kind}: only the wire process has this link")
 
 

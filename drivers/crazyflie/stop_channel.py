@@ -1,6 +1,7 @@
 """The root's way to a Crazyflie: a peer of its own, that speaks only when it has to.
 
-On UDP the drone answers whoever spoke last, so the socket is open and silent until then. A radio's
+On UDP the drone answers whoever spoke last, so the socket is open and silent until then. A serial
+line is a duplicate of the wire's descriptor; where that is dead, the port opened anew. A radio's
 dongle is the wire process's; when that is gone, a process of its own opens it, so that no USB
 library is loaded in the root.
 """
@@ -12,23 +13,25 @@ from collections.abc import Sequence
 import trio
 
 from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.stop_channels import DuplicateDescriptor
 from strands_actors.contract.stop_process import OwnProcess
 from strands_actors.contract.wire import MotorReport, StopChannel, WireDown
 from strands_actors.drivers.common.outcome import Outcome
 from strands_actors.kernel.clock import Clock
 
 from .config import CrazyflieConfig
-from .links import Link, open_link
+from .links import Link, SerialLink, adopt_line, open_line, open_link
 from .robots import AXES
 from .session import Session
 from .stopping import STOP_S, bring_down
 
 
 class CrazyflieStopChannel(StopChannel):
-    """Of both kinds: which one, the port says."""
+    """Of three kinds: which one, the port says."""
 
     def __init__(self, config: CrazyflieConfig, descriptors: Sequence[int], clock: Clock) -> None:
-        kind = _UsbProcess if config.endpoint().is_usb else _OwnLink
+        endpoint = config.endpoint()
+        kind = _UsbProcess if endpoint.is_usb else _SerialLine if endpoint.kind == "serial" else _OwnLink
         self._channel: StopChannel = kind(config, descriptors, clock)
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
@@ -47,9 +50,10 @@ def _within(safe_state: str) -> str:
 
 
 class _OwnLink(StopChannel):
+    """UDP or TCP: nothing is handed over."""
+
     def __init__(self, config: CrazyflieConfig, descriptors: Sequence[int], clock: Clock) -> None:
         self._config = config
-        self._descriptors = tuple(descriptors)
         self._clock = clock
         self._link: Link | None = None
 
@@ -60,9 +64,8 @@ class _OwnLink(StopChannel):
 
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         try:
-            descriptors, self._descriptors = self._descriptors, ()  # they may be dead the next time
             link, self._link = self._link, None
-            link = link or await open_link(self._config.endpoint(), descriptors)
+            link = link or await open_link(self._config.endpoint())
             try:
                 return (await bring_down(Session(link, self._clock), safe_state)).reports(AXES)
             finally:
@@ -74,6 +77,31 @@ class _OwnLink(StopChannel):
         if self._link is not None:
             self._link.close()
         self._link = None
+
+
+class _SerialLine(DuplicateDescriptor[CrazyflieConfig, SerialLink]):
+    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        """Let go of a port that was unplugged: while somebody has it open, the adapter gets another
+        name when it comes back."""
+        task_status.started()
+        if self.port is not None:
+            await self.port.hung_up()
+            self.close()
+
+    def adopt(self, descriptor: int) -> SerialLink:
+        return adopt_line(descriptor, self.config.endpoint().path)
+
+    async def open_port(self) -> SerialLink:
+        return await open_line(self.config.endpoint().path)
+
+    async def make_safe_on(self, port: SerialLink, safe_state: str) -> tuple[MotorReport, ...]:
+        outcome = await bring_down(Session(port, self.clock), safe_state)
+        if not outcome.written:
+            raise WireDown(outcome.detail)
+        return outcome.reports(AXES)
+
+    def failed(self, why: str) -> tuple[MotorReport, ...]:
+        return Outcome(False, False, why).reports(AXES)
 
 
 class _UsbProcess(OwnProcess[CrazyflieConfig]):

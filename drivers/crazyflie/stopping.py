@@ -46,7 +46,8 @@ async def bring_down(
 ) -> Outcome:
     """Bring it to a safe state that ends its flight, and look that it is. ``land_s``: how long a
     landing takes; None: as long as the height needs, which the drone knows. Never raises; the first
-    frame leaves before the first wait."""
+    frame leaves before the first wait. A link that is lost, and may not carry anything again, is not
+    tried any longer: whoever asks opens another."""
     descent = _Descent(session, safe_state, land_s)
     detail = "silent"
     with trio.move_on_after(within_s):
@@ -57,6 +58,8 @@ async def bring_down(
                     return Outcome(True, True, "")
             except (WireDown, ProcessSpent) as failure:
                 detail = str(failure)
+                if not session.link.outlives_a_loss:
+                    break
             await trio.sleep(LOOK_S)
     return Outcome(descent.written, descent.acknowledged, detail)
 
