@@ -27,7 +27,7 @@ MOST_FRAMES = 18
 
 class Board:
     """Everything raises ``WireDown`` once the port is gone. Who waits for an answer has the line to
-    itself until then; ``send`` and ``send_first`` wait for nobody."""
+    itself until then; ``send``, ``send_first`` and ``tell`` wait for nobody."""
 
     def __init__(self, name: str, port: BytePort, clock: Clock) -> None:
         self.name = name
@@ -35,6 +35,7 @@ class Board:
         self.bus: HalfDuplexBus[f.Frame] = HalfDuplexBus(port, f.Decoder(), clock, BAUD, overhead=f.OVERHEAD)
         self.info = p.BoardInfo("", "", "", (0, 0), 0)
         self._line = trio.Lock()
+        self._is_owed = False  # an answer to ``tell`` that can be told from others
 
     def close(self) -> None:
         self.port.close()
@@ -48,6 +49,24 @@ class Board:
         frame that this, or the death of its writer, has cut in two ends before ours begins."""
         self.port.discard_output()
         self.bus.send(f.RESYNC + f.push(call))
+
+    def tell(self, call: bytes) -> None:
+        """As ``send``, for a call that ``was_told`` is asked about."""
+        self._is_owed = not (self.bus.quiet or self._line.locked())
+        if not self._is_owed:
+            self.send(call)
+            return
+        self.port.discard_input()  # acknowledgements that nobody has waited for
+        self.bus.send_owed(f.push(call), {f.PUSH_ACK: 0})
+
+    async def was_told(self) -> bool:
+        """Return whether the last ``tell`` was acknowledged; False, too, where that cannot be told
+        from another answer that is on its way."""
+        if not self._is_owed:
+            return False
+        async with self._line:
+            await self.bus.hear_out()
+        return not self.bus.quiet
 
     async def identify(self, kind: p.Kind) -> None:
         """Ask who it is, over the transport that every firmware speaks. Raise ``WireDown`` for

@@ -17,11 +17,17 @@ from strands_actors.drivers.common.velocity_base import LIFETIME_S, parse_twist
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
 
-from .config import BASE, StretchConfig
+from .config import ARM, BASE, LIFT, StretchConfig
+from .readings import CONTACT, UNHELD
 
 ROUNDING = 1e-9
 _HOMING = "run the homing routine on the robot: stretch_robot_home.py"
 _FAULT_CODES = {**FAULT_CODES, "silent": "silent"}
+_STOPPED_ITSELF = {
+    CONTACT: ("contact", "has met something, and was stopped by its board", "clear its way, then call resume()"),
+    UNHELD: ("safety_mode", "is in its safety mode", "check its board and its supply, then call resume()"),
+}
+"""Word in ``faults`` of lift or arm -> code, what it is, and what to do."""
 
 
 # -- parsing
@@ -68,13 +74,23 @@ def named_in(values: Sequence[float], axes: Sequence[str]) -> frozenset[str]:
 
 
 def conditions() -> tuple[Condition, ...]:
-    return (Condition(_runstop, Reason.FAULT, always=True),)
+    return Condition(_runstop, Reason.FAULT, always=True), Condition(_went_on, Reason.FAULT, always=True)
 
 
 def _runstop(observation: Observation, now_ns: int) -> Refused | None:
     if observation.sensors.get("runstop", (0.0,)) == (0.0,):
         return None
     return Refused("runstop", "move: runstop pressed", "release it on the robot, then resume()", "pressed")
+
+
+def _went_on(observation: Observation, now_ns: int) -> Refused | None:
+    """Refuse to go on with a lift or an arm that its own board has stopped."""
+    for joint in (LIFT, ARM):
+        for word in observation.faults.get(joint, "").split(", "):
+            if word in _STOPPED_ITSELF:
+                code, what, remedy = _STOPPED_ITSELF[word]
+                return Refused(code, f"move: {joint} {what}", remedy, word, "none")
+    return None
 
 
 # -- gates

@@ -15,6 +15,11 @@ SERVO_ROWS = ("voltage_v", "voltage_min_v", "voltage_max_v", "temperature_c", "t
 """Sensors of the chains, as a servo's gates take them; NaN for an axis that is no servo."""
 
 
+CONTACT, UNHELD = "contact", "safety mode"
+"""Words in ``faults`` of lift and arm, of one that we have energised: it has met something, at which
+its board stopped it; or its board is in its safety mode though no runstop is pressed."""
+
+
 class Readings:
     """``homed`` and ``limits``: by joint; limits are those of now."""
 
@@ -25,6 +30,8 @@ class Readings:
         self._pimu: p.PimuStatus | None = None
         self._stamp_ns: dict[str, int] = {}
         self._silent_since_ns: dict[str, int] = {}  # of those that did not answer when last asked
+        self._held: set[str] = set()  # steppers that were energised, until they are let go of
+        self._met: set[str] = set()  # of these: who has met something since
         self._odometry = Odometry(config.parameters.separation_m)
         self.limits: dict[str, tuple[float, float]] = {}
         self.homed: dict[str, bool] = {}
@@ -38,7 +45,18 @@ class Readings:
             self._silent_since_ns.setdefault(board, now_ns)
             return True
         self._steppers[board] = status
+        if board in self._held and (status.has(p.Diag.CONTACT) or _met_between(before, status)):
+            self._met.add(board)
         return before is None or status.timestamp_us > before.timestamp_us
+
+    def holds(self, board: str, status: p.StepperStatus, now_ns: int) -> None:
+        """Take what a stepper reports that was just energised: what it met before is over."""
+        self.stepper(board, status, now_ns)
+        self._held.add(board)
+        self._met.discard(board)
+
+    def let_go(self) -> None:
+        self._held.clear()
 
     def pimu(self, status: p.PimuStatus | None, now_ns: int) -> bool:
         """Take what the power board reports; False, and what is no report: as of a stepper."""
@@ -141,7 +159,25 @@ class Readings:
 
     def _faults(self) -> dict[str, str]:
         axes_of = {LIFT: (LIFT,), ARM: (ARM,), LEFT: BASE, RIGHT: BASE, PIMU: ()}
-        return {axis: "silent" for board in self._silent_since_ns for axis in axes_of[board]}
+        words = {joint: [self._word_of(joint)] for joint in (LIFT, ARM)}
+        for board in self._silent_since_ns:
+            for axis in axes_of[board]:
+                words.setdefault(axis, []).append("silent")
+        return {axis: told for axis, all_ in words.items() if (told := ", ".join(filter(None, all_)))}
+
+    def _word_of(self, joint: str) -> str:
+        status = self._steppers.get(joint)
+        if joint in self._met:
+            return CONTACT
+        is_safe = status is not None and status.mode == p.Mode.SAFETY and not status.has(p.Diag.RUNSTOP)
+        return UNHELD if is_safe and joint in self._held else ""
+
+
+def _met_between(before: p.StepperStatus | None, now: p.StepperStatus) -> bool:
+    """Whether a stepper that follows a goal had met something, and was told a new goal before that
+    was read: at a goal its board counts contacts alone, else also what it holds against."""
+    follows = before is not None and before.mode == now.mode == p.Mode.POSITION_PROFILE
+    return follows and before is not None and now.contacts != before.contacts
 
 
 def _servos(chains: Sequence[Observation]) -> dict[str, tuple[float, ...]]:

@@ -2,8 +2,9 @@
 asked at once.
 
 A setpoint goes to what its action names. The wheels' velocity is sent again while it lives, which
-is what their firmware's watchdog needs; lift, arm and servos go to a goal by profiles of their
-own.
+is what their firmware's watchdog needs; lift, arm and servos go to a goal by profiles of their own.
+Lift and arm are told a goal once: to a board that has stopped at a contact, the same goal is a new
+command, by which it would push again.
 """
 
 from __future__ import annotations
@@ -48,6 +49,7 @@ class StretchWire(Wire):
         self._chains: list[ChainWire] = []
         self._readings = Readings(config, 0)
         self._armed = False
+        self._goals: dict[str, p.Command] = {}  # of lift and arm: what they have acknowledged and go to
 
     # -- the link
 
@@ -129,6 +131,7 @@ class StretchWire(Wire):
             chain.close()
         self._boards, self._chains = {}, []
         self._armed = False
+        self._goals = {}
 
     # -- reading
 
@@ -191,6 +194,7 @@ class StretchWire(Wire):
             raise WireDown("arm: the runstop is pressed. Release it on the robot")
         permit.check()
         self._armed = True
+        self._goals = {}
         for name in STEPPERS:
             self._boards[name].send(self._config.hold(name).call())
         await together(*(partial(chain.arm, permit) for chain in self._chains))
@@ -203,9 +207,11 @@ class StretchWire(Wire):
             if status is None or status.mode != p.Mode.HOLD:
                 found = "nothing" if status is None else f"mode {status.mode}"
                 raise WireDown(f"arm: {name} was told to hold and reports {found}. Check its cable and the runstop")
+            self._readings.holds(name, status, self._clock.now_ns())
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
-        """To what the action names; every frame leaves at once, none is waited for."""
+        """To what the action names; every frame leaves at once. Then lift and arm are heard: who does
+        not acknowledge a goal is told it again with the next re-send."""
         self._check_open()
         if not self._armed:
             raise PermitDenied("not armed")
@@ -216,14 +222,18 @@ class StretchWire(Wire):
         if any(axis in named for axis in BASE):
             for wheel, speed_m_s in zip((LEFT, RIGHT), config.wheels(target["vx"], target["wz"]), strict=True):
                 self._boards[wheel].send(config.drive(wheel, speed_m_s).call())
-        for joint in (LIFT, ARM):
-            if joint in named:
-                self._boards[joint].send(config.goal(joint, target[joint]).call())
+        wanted = {joint: config.goal(joint, target[joint]) for joint in (LIFT, ARM) if joint in named}
+        told = {joint: goal for joint, goal in wanted.items() if self._goals.get(joint) != goal}
+        for joint, goal in told.items():
+            self._goals.pop(joint, None)
+            self._boards[joint].tell(goal.call())
         for chain in self._chains:
             if any(axis.key in named for axis in chain.axes):
                 await chain.write(tuple(target[axis.key] for axis in chain.axes), permit)
             else:
                 chain.go_on()
+        heard = await together(*(partial(self._boards[joint].was_told) for joint in told))
+        self._goals.update(row for row, was_told in zip(told.items(), heard, strict=True) if was_told)
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
         """``set_soft_limits``: from now on; the firmware of lift and arm keeps them, too."""
@@ -250,8 +260,10 @@ class StretchWire(Wire):
 
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         """Every board at once. After a hold, for a late writer, the robot is ready as before."""
+        self._goals = {}
         if safe_state == SafeState.STOP:
             self._armed = False
+            self._readings.let_go()
         names = boards_for(safe_state)
         if not self._boards:
             return tuple(unreachable(name, "not connected") for name in names)

@@ -117,14 +117,16 @@ class StretchServer:
         self._frost.freeze(seconds)
 
     def order(self, words: Sequence[str]) -> bool:
-        """``runstop on|off``; ``homed JOINT on|off``; ``unplug-board NAME`` and ``plug-board NAME``,
-        by the name of its device."""
+        """``runstop on|off``; ``homed JOINT on|off``; ``contact JOINT on|off``; ``unplug-board NAME``
+        and ``plug-board NAME``, by the name of its device."""
         match words:
             case ["runstop", "on" | "off" as how]:
                 self._world.pass_time()
                 self._world.set_runstop(how == "on")
             case ["homed", joint, "on" | "off" as how]:
                 self._world.set_homed(joint, how == "on")
+            case ["contact", joint, "on" | "off" as how]:
+                self._world.set_contact(joint, how == "on")
             case ["unplug-board", name] if name in self._lines:
                 self._lines[name].unplug()
             case ["plug-board", name] if name in self._lines:

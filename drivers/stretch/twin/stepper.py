@@ -16,6 +16,8 @@ BRAKE_RAD_S2 = 400.0
 [assumed]."""
 ROLL_RAD_S2 = 30.0
 """What a motor that is let go of slows down by [assumed]."""
+CONTACT_S = 0.05
+"""So long a guarded motor pushes before its firmware calls it a contact."""
 NEAR_RAD = 0.02
 MOVES_RAD_S = 0.05
 
@@ -33,6 +35,7 @@ class StepperMotor:
         self.homed = True
         self.stuck = False
         self.is_stopped = False  # by the runstop
+        self.wall: float | None = None  # something that it cannot get past
         self.power_cycle()
         self.homed = True
 
@@ -51,6 +54,9 @@ class StepperMotor:
         self._goal = self.position
         self._told_s = 0.0
         self._steps = 0
+        self.contacts = 0
+        self._is_in_contact = False
+        self._pushed_s = 0.0
 
     def has(self, bit: p.Config) -> bool:
         return bool(self.gains.config & bit)
@@ -78,6 +84,7 @@ class StepperMotor:
         if self.is_stopped:
             return  # the runstop is on: nothing is taken
         self._told_s = self.time_s
+        self._is_in_contact = False
         if command.mode == p.Mode.STEP_PROFILE:
             if command.step != self._steps:
                 self._goal = self._within(self.position + command.position)
@@ -155,6 +162,20 @@ class StepperMotor:
         before = self.velocity
         self.velocity += max(-change * step_s, min(change * step_s, wanted - before))
         self.position += (before + self.velocity) / 2 * step_s
+        self._feel(step_s)
+
+    def _feel(self, step_s: float) -> None:
+        """The wall; who pushes against it, and is guarded, falls into its safety mode until the next
+        command."""
+        if self.wall is None or self.position <= self.wall:
+            self._pushed_s = 0.0
+            return
+        self.position, self.velocity = self.wall, 0.0
+        self._pushed_s += step_s
+        if self._pushed_s > CONTACT_S and self.has(p.Config.GUARDED) and self.mode not in p.AT_REST:
+            self.contacts += 1
+            self._is_in_contact = True
+            self._fall_safe()
 
     @property
     def _is_overdue(self) -> bool:
@@ -170,6 +191,7 @@ class StepperMotor:
                 return told.velocity, told.acceleration or BRAKE_RAD_S2 if has_profile else BRAKE_RAD_S2
             case p.Mode.POSITION_PROFILE | p.Mode.STEP_PROFILE | p.Mode.POSITION:
                 gain = told.acceleration or BRAKE_RAD_S2
+                self._goal = self._within(self._goal)  # limits may have been narrowed since
                 return self._towards(abs(told.velocity) or 25.0, gain), max(gain, BRAKE_RAD_S2)
             case p.Mode.HOLD:
                 return 0.0, BRAKE_RAD_S2
@@ -196,6 +218,7 @@ class StepperMotor:
             p.Diag.MOVING: abs(self.velocity) > MOVES_RAD_S,
             p.Diag.PROFILE_MOVING: runs and abs(self.velocity) > MOVES_RAD_S,
             p.Diag.CALIBRATED: True,
+            p.Diag.CONTACT: self._is_in_contact,
             p.Diag.SAFETY_EVENT: self.is_stopped,
             p.Diag.WAITS_FOR_SYNC: self.waiting is not None,
             p.Diag.IN_SYNC_MODE: self.has(p.Config.SYNC),
@@ -209,7 +232,7 @@ class StepperMotor:
             diag=int(sum(bit for bit, is_set in bits.items() if is_set)),
             timestamp_us=round(self.time_s * 1e6),
             debug=0.0,
-            contacts=0,
+            contacts=self.contacts,
             trajectory=0.0,
             waypoint=0,
             voltage=630.0,  # raw: 12 V

@@ -127,6 +127,14 @@ class World:
                     return
         raise ValueError(f"{joint} needs no homing. lift, arm and wrist_yaw do")
 
+    def set_contact(self, joint: str, on: bool) -> None:
+        """Put something right above the lift, or in front of the arm. Raise ``ValueError`` for
+        another joint."""
+        if joint not in (LIFT, ARM):
+            raise ValueError(f"{joint} meets nothing here. lift and arm do")
+        self.pass_time()
+        self.steppers[joint].wall = self.steppers[joint].position if on else None
+
     def sync(self) -> None:
         self.syncs += 1
         for motor in self.steppers.values():
@@ -167,6 +175,7 @@ class World:
             motor.position = self._home.get(name, 0.0) * self.config.motors[name].rad_per_m
             motor.let_go()
             motor.homed = True
+            motor.wall = None
         for bus in self.chains:
             bus.plant.go_home()
             _home(bus)

@@ -127,8 +127,16 @@ def test_saf_014_a_runstop_ends_what_is_live_and_refuses_everything() -> None:
     pressed = seen(runstop=(1.0,))
     for action in ({"lift": 0.5}, {"vx": 0.1}, {"vx": 0.0}):
         assert refused(action, pressed)[0] == "runstop"
-    (condition,) = DRIVER.conditions
-    assert condition.always and condition.check(seen(), NOW_NS) is None
+    assert all(each.always and each.check(seen(), NOW_NS) is None for each in DRIVER.conditions)
+
+
+@pytest.mark.parametrize(("word", "code"), [("contact", "contact"), ("safety mode", "safety_mode")])
+def test_saf_014_a_lift_or_arm_that_its_board_has_stopped_ends_what_is_live(word: str, code: str) -> None:
+    for joint in ("lift", "arm"):
+        stopped = msgspec.structs.replace(seen(), faults={joint: f"{word}, silent"})
+        for action in ({"lift": 0.5}, {"arm": 0.2}, {"vx": 0.1}):
+            assert refused(action, stopped) == (code, word, "none")
+    accepted({"lift": 0.5}, msgspec.structs.replace(seen(), faults={"lift": "silent"}))
 
 
 def test_saf_013_no_twist_without_the_wheels_watchdog() -> None:

@@ -217,6 +217,37 @@ def test_a_runstop_that_is_pressed_ends_what_is_live_and_is_released_on_the_robo
     json_of(stretch.send_action({"lift": 0.5}))
 
 
+def test_an_arm_that_meets_something_is_not_sent_against_it_again_and_everything_holds(
+    stretch: RealRobot, twin: Twin
+) -> None:
+    armed(stretch)
+    twin.order("contact arm on")
+    began_ns = time.monotonic_ns()
+    json_of(stretch.send_action({"arm": 0.4}))
+    until(lambda: "arm has met something" in str(status(stretch)["cause"]), "it is told")
+    until(lambda: state(stretch) == "disarmed", "and ends the motion")
+    first_safe(twin.log, began_ns, "hold")
+    assert len(commands(twin.log.host("setpoint", began_ns))) == 1, "it pushes once"
+    twin.log.no_setpoint_after_safe(began_ns)
+    twin.order("contact arm off")
+    json_of(stretch.resume())
+    json_of(stretch.send_action({"arm": 0.15}))
+    until(lambda: stretch.get_observation()["arm"] == pytest.approx(0.15, abs=1e-3), "it is there")
+
+
+def test_a_lifts_goal_is_told_once_and_the_wheels_velocity_again(stretch: RealRobot, twin: Twin) -> None:
+    armed(stretch)
+    began_ns = time.monotonic_ns()
+    json_of(stretch.send_action({"lift": 0.6}))
+    until(lambda: twin.log.host("setpoint", began_ns), "it is told")
+    time.sleep(0.35)
+    for _ in range(8):
+        json_of(stretch.set_twist(vx=0.05))
+        time.sleep(0.1)
+    modes = [one.mode for one in commands(twin.log.host("setpoint", began_ns))]
+    assert modes.count(p.Mode.POSITION_PROFILE) == 1 and modes.count(p.Mode.VELOCITY_PROFILE) > 8
+
+
 @pytest.mark.parametrize("joint", ["lift", "arm", "wrist_yaw"])
 def test_saf_014_what_is_not_homed_is_refused_with_what_to_run(twin: Twin, run_dir: Path, joint: str) -> None:
     twin.order(f"homed {joint} off")

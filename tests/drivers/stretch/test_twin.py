@@ -121,6 +121,43 @@ def test_the_wheels_watchdog_lets_go_after_a_second_until_the_next_command(mode:
     assert (wheel.mode, wheel.velocity) == (mode, pytest.approx(5.0))
 
 
+@pytest.mark.parametrize("is_guarded", [True, False])
+def test_who_pushes_against_something_is_stopped_by_its_board_until_the_next_command(is_guarded: bool) -> None:
+    robot = world()
+    arm, goal = robot.steppers["arm"], robot.config.goal("arm", 0.4)
+    config = arm.gains.config & ~int(p.Config.SYNC)
+    arm.gains = arm.gains._replace(config=config if is_guarded else config & ~int(p.Config.GUARDED))
+    robot.set_contact("arm", True)
+    for times in (1, 2):
+        arm.take(goal)
+        assert not arm.status().has(p.Diag.CONTACT)
+        robot.run(0.5)
+        assert robot.metres("arm") == pytest.approx(0.1)
+        assert arm.status().has(p.Diag.CONTACT) is is_guarded
+        assert arm.status().contacts == (times if is_guarded else 0)
+        assert arm.mode == (p.Mode.SAFETY if is_guarded else p.Mode.POSITION_PROFILE)
+    arm.take(robot.config.goal("arm", 0.05))
+    robot.run(2.0)
+    assert robot.metres("arm") == pytest.approx(0.05, abs=1e-3), "it may go back"
+    robot.set_contact("arm", False)
+    arm.take(goal)
+    robot.run(4.0)
+    assert robot.metres("arm") == pytest.approx(0.4, abs=1e-3)
+    with pytest.raises(ValueError, match="wrist_yaw meets nothing here"):
+        robot.set_contact("wrist_yaw", True)
+
+
+def test_limits_that_are_narrowed_on_the_way_hold_for_the_goal_too() -> None:
+    robot = world()
+    lift = robot.steppers["lift"]
+    lift.gains = lift.gains._replace(config=lift.gains.config & ~int(p.Config.SYNC))
+    lift.take(robot.config.goal("lift", 0.7))
+    scale = robot.config.motors["lift"].rad_per_m
+    lift.limits = (0.0, 0.52 * scale)
+    robot.run(4.0)
+    assert robot.metres("lift") == pytest.approx(0.52, abs=1e-3)
+
+
 def test_a_robot_is_at_rest_when_all_that_moved_has_been_told() -> None:
     robot = world()
     robot.steppers["lift"].take(robot.config.goal("lift", 0.6))

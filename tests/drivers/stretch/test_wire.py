@@ -147,14 +147,14 @@ def test_a_setpoint_goes_to_what_it_names_and_to_nothing_else() -> None:
         wire = rig.wire()
         await wire.open()
         await wire.arm(Permission())
-        for mask, ports in (
-            (LIFT_ALONE, {LIFT}),
-            (BASE_ALONE, {LEFT, RIGHT}),
-            (WRIST_ALONE, {WRIST}),
-            (LIFT_ALONE | BASE_ALONE, {LIFT, LEFT, RIGHT}),
+        for lift_m, mask, ports in (
+            (0.6, LIFT_ALONE, {LIFT}),
+            (0.6, BASE_ALONE, {LEFT, RIGHT}),
+            (0.6, WRIST_ALONE, {WRIST}),
+            (0.7, LIFT_ALONE | BASE_ALONE, {LIFT, LEFT, RIGHT}),
         ):
             rig.kinds.clear()
-            await wire.write(target(mask, lift=0.6, vx=0.1, wrist_yaw=0.1), Permission())
+            await wire.write(target(mask, lift=lift_m, vx=0.1, wrist_yaw=0.1), Permission())
             assert set(rig.told("setpoint", "config")) == ports
 
     virtual(test)
