@@ -133,6 +133,22 @@ def test_an_axis_that_nothing_reads_is_named_and_nothing_is_recorded(tmp_path: P
             record_dataset(arm, tmp_path / "set", task="wave").__enter__()
 
 
+def test_a_script_is_told_when_its_folder_is_moved_away(arm: Any, tmp_path: Path) -> None:
+    root = tmp_path / "set"
+    with (
+        pytest.raises(DatasetError, match="is not the folder any more"),
+        record_dataset(arm, root, task="wave") as recording,
+    ):
+        with recording.episode():
+            wave(arm, 0.5)
+        root.rename(tmp_path / "moved")
+        root.mkdir()
+        with recording.episode():
+            wave(arm, 0.5)
+    assert len(recording.saved) == 1 == check(tmp_path / "moved")
+    assert not (root / "meta").exists()
+
+
 def test_saf_001_a_slow_disk_costs_frames_which_are_counted_and_no_setpoint(
     arm: Any, twin: Twin, tmp_path: Path
 ) -> None:

@@ -341,6 +341,23 @@ def test_one_writer_at_a_time(root: Path) -> None:
     Dataset(root).close()
 
 
+@pytest.mark.parametrize("replaced", [False, True])
+def test_a_folder_that_was_moved_away_gets_no_episode(root: Path, tmp_path: Path, replaced: bool) -> None:
+    """A stick that was taken out leaves its mount point: an empty folder of the same name."""
+    dataset = Dataset(root)
+    add_episode(dataset, 3)
+    root.rename(tmp_path / "moved")
+    if replaced:
+        root.mkdir()
+    with pytest.raises(DatasetError, match="is not the folder any more that was opened"):
+        add_episode(dataset, 4)
+    with pytest.raises(DatasetError, match="is not the folder any more"):
+        dataset.free_bytes()
+    assert len(dataset.episodes) == 1 and not (root / "meta").exists() and check(tmp_path / "moved") == 1
+    (folder,) = (root / ".staging").iterdir()
+    assert (folder / FINISHED).exists(), "what was recorded since is not lost"
+
+
 @pytest.mark.parametrize(
     ("other", "told"),
     [

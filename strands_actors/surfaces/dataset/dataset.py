@@ -188,6 +188,19 @@ class Dataset:
             raise DatasetError(f"{self.root} has other features: {difference}. use another folder")
         return ours if ours.units else msgspec.structs.replace(ours, units=layout.units)
 
+    def require_place(self) -> None:
+        """Raise ``DatasetError`` when the folder is another than the one that was opened."""
+        if not self._lock.is_of(self.root):
+            raise DatasetError(
+                f"{self.root} is not the folder any more that was opened: it was moved, or its disk taken away. "
+                "put it back; what was counted is there, and an episode that ran is in its .staging"
+            )
+
+    def free_bytes(self) -> int:
+        """Return what the disk has left. Raise ``DatasetError``, ``OSError``."""
+        self.require_place()
+        return self.storage.free_bytes(self.root)
+
     def close(self) -> None:
         """Let others write. What is empty goes."""
         if self.staging.is_dir() and not any(self.staging.iterdir()):
@@ -242,6 +255,7 @@ class Dataset:
     def commit(self, folder: Path) -> Episode:
         """Make a staged episode the next one. Raise ``DatasetError`` when nothing of it can be
         used; it stays where it is."""
+        self.require_place()
         staged = read_staged(folder)
         layout = self.require(staged.about.layout)
         frames = self._usable(staged)

@@ -143,7 +143,11 @@ async def _record(
 
             def progress(seconds: float, session: Session) -> None:
                 if session.is_ready:
-                    now = session.progress()
+                    try:
+                        now = session.progress()
+                    except (DatasetError, OSError) as failure:
+                        recorder.fail(failure)
+                        return
                     operator.show(now)
                     show(now)
 

@@ -236,7 +236,10 @@ class Session:
             return self._nothing_read()
         if dark := [name for name, reader in self._cameras.items() if frame_of(reader.newest()) is None]:
             return f"no picture of {', '.join(dark)}"
-        free = self._dataset.storage.free_bytes(self._dataset.root)
+        try:
+            free = self._dataset.free_bytes()
+        except (DatasetError, OSError) as problem:
+            return str(problem)
         if free < LEAST_FREE_BYTES:
             return f"the disk has {free / 1e6:.0f} MB left, an episode needs {LEAST_FREE_BYTES / 1e6:.0f}"
         return ""
@@ -393,7 +396,7 @@ class Session:
     # -- for who looks on, and the end
 
     def progress(self) -> Progress:
-        """Once a second."""
+        """Once a second. Raise ``DatasetError``, ``OSError``."""
         runs = self._state is not State.IDLE
         seen, self._seen = self._seen, 0
         return Progress(
@@ -405,7 +408,7 @@ class Session:
             float(seen),
             self._gaps,
             self._late,
-            self._dataset.storage.free_bytes(self._dataset.root),
+            self._dataset.free_bytes(),
         )
 
     async def leave(self) -> str:

@@ -75,6 +75,14 @@ class Lock:
             os.close(self._descriptor)
             raise DatasetError(f"{folder}: another process writes into it. end that one first") from None
 
+    def is_of(self, folder: Path) -> bool:
+        """Whether this is still the folder of that name: it may have been moved, or its disk taken
+        away."""
+        try:
+            return os.path.samestat(os.stat(folder), os.fstat(self._descriptor))
+        except OSError:
+            return False
+
     def release(self) -> None:
         if self._descriptor >= 0:
             os.close(self._descriptor)
