@@ -55,6 +55,37 @@ def test_what_would_open_a_robot_unasked_is_refused(config: MeshConfig, told: st
         Robot("so101", mode="real", transport="twin", mesh=config)
 
 
+FILES = {"ca": "a", "certificate": "b", "key": "c"}
+
+
+@pytest.mark.parametrize(
+    ("fields", "told"),
+    [
+        ({"listen": "tcp/127.0.0.1:7447", "insecure": "false"}, "insecure is 'false'. give True or False"),
+        ({"listen": "tcp/127.0.0.1:7447", "insecure": 1}, "insecure is 1. give True or False"),
+        ({"listen": 5}, "listen is 5. give an endpoint like 'tls/0.0.0.0:7447', or a list of them"),
+        ({"listen": None}, "listen is None. give"),
+        ({"listen": b"tls/0.0.0.0:1"}, "listen is b'tls/0.0.0.0:1'. give"),
+        ({"listen": {"tcp/127.0.0.1:1": 2}}, "listen is {'tcp/127.0.0.1:1': 2}. give"),
+        ({"connect": [5]}, "connect is [5]. give"),
+        ({"tls": FILES}, "give TLS(ca, certificate, key)"),
+        ({"tls": TLS(5, 5, 5)}, "tls.ca is 5. give a path"),  # type: ignore[arg-type]
+        ({"access": {"viewers": "v"}}, "access is {'viewers': 'v'}. give Access(viewers, operators)"),
+        ({"access": Access(operators=7)}, "access.operators is 7. give a name, or a list"),  # type: ignore[arg-type]
+    ],
+)
+def test_saf_014_a_field_of_another_kind_opens_nothing(fields: dict[str, Any], told: str) -> None:
+    with pytest.raises(ValueError) as refused:
+        Robot("so101", mode="real", transport="twin", mesh=MeshConfig(**fields))
+    assert told in str(refused.value)
+
+
+@pytest.mark.parametrize("path", [5, None, b"mesh.toml", ["mesh.toml"]])
+def test_what_is_no_path_is_told_so(path: Any) -> None:
+    with pytest.raises(ValueError, match=r"mesh: the file is .*\. give its path, as text"):
+        MeshConfig.load(path)
+
+
 def test_tcp_beside_tls_is_a_way_around_it(keys: Path) -> None:
     with pytest.raises(ValueError, match="way around"):
         MeshConfig(listen=["tls/0.0.0.0:7447", "tcp/127.0.0.1:7448"], tls=tls(keys, "robot")).check()

@@ -17,11 +17,13 @@ from __future__ import annotations
 import ipaddress
 import os
 from collections.abc import Sequence
+from collections.abc import Set as AbstractSet
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
 
+from strands_actors.contract.shown import shown
 from strands_actors.supervisors.mesh.schemas import is_name
 
 from .access import access_control, only, own_prefix
@@ -74,9 +76,27 @@ class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     insecure: bool = False
 
     @classmethod
+    def of(cls, given: MeshConfig | str | os.PathLike[str] | None) -> MeshConfig:
+        """Return what was given as ``mesh=``, checked: a configuration, the path of its file, or
+        nothing. Raise ``ValueError``."""
+        if given is None:
+            config = cls.from_environment()
+        elif isinstance(given, cls):
+            config = given
+        elif isinstance(given, str | os.PathLike):
+            config = cls.load(given)
+        else:
+            raise ValueError(f"mesh: it is {shown(given)}. give MeshConfig(...), or the path of its TOML file")
+        config.check()
+        return config
+
+    @classmethod
     def load(cls, path: str | os.PathLike[str]) -> MeshConfig:
         """From TOML. Paths in it are relative to the file. Raise ``ValueError``."""
-        file = Path(path)
+        try:
+            file = Path(path)
+        except TypeError:
+            raise ValueError(f"mesh: the file is {shown(path)}. give its path, as text") from None
         try:
             config = msgspec.toml.decode(file.read_bytes(), type=cls)
         except OSError as error:
@@ -105,6 +125,7 @@ class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def check(self) -> None:
         """Raise ``ValueError`` with what would be accepted."""
+        self._check_types()
         self._check_endpoints(_IN_PYTHON)
         if self.tls is None:
             return
@@ -120,6 +141,28 @@ class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         except ValueError as error:
             raise ValueError(f"mesh: {error}") from error
         _check_access(_list(self.access.viewers), _list(self.access.operators))
+
+    def _check_types(self) -> None:
+        """Of one that was made in Python: ``insecure="false"`` would be true."""
+        endpoints = "an endpoint like 'tls/0.0.0.0:7447', or a list of them"
+        told: list[tuple[str, object, bool, str]] = [
+            ("listen", self.listen, _are_names(self.listen), endpoints),
+            ("connect", self.connect, _are_names(self.connect), endpoints),
+            ("insecure", self.insecure, isinstance(self.insecure, bool), "True or False"),
+            ("tls", self.tls, isinstance(self.tls, TLS | None), "TLS(ca, certificate, key)"),
+            ("access", self.access, isinstance(self.access, Access), "Access(viewers, operators)"),
+        ]
+        if isinstance(self.tls, TLS):
+            files = msgspec.structs.asdict(self.tls).items()
+            told += [(f"tls.{name}", path, isinstance(path, str | os.PathLike), "a path") for name, path in files]
+        if isinstance(self.access, Access):
+            roles = msgspec.structs.asdict(self.access).items()
+            told += [
+                (f"access.{role}", names, _are_names(names), "a name, or a list of them") for role, names in roles
+            ]
+        for name, value, fits, accepted in told:
+            if not fits:
+                raise ValueError(f"mesh: {name} is {shown(value)}. give {accepted}")
 
     def _check_endpoints(self, words: _Words) -> None:
         for endpoint in (*self.listens, *self.connects):
@@ -219,6 +262,12 @@ def _check_access(viewers: list[str], operators: list[str]) -> None:
         for other in operators:
             if other.startswith(own_prefix(name)):
                 raise ValueError(f"mesh: access: {name} could hear what {other} is answered: give it another name")
+
+
+def _are_names(given: object) -> bool:
+    """Return whether it is a text, or several."""
+    several = isinstance(given, Sequence | AbstractSet) and all(isinstance(each, str) for each in given)
+    return isinstance(given, str) or several
 
 
 def _list(names: str | Sequence[str]) -> list[str]:
