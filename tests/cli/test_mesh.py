@@ -135,9 +135,29 @@ def test_keys_are_made_once(cli: Command, tmp_path: Path) -> None:
 def test_a_mesh_file_that_would_open_the_robot_unasked_is_refused(cli: Command, tmp_path: Path) -> None:
     file = tmp_path / "mesh.toml"
     file.write_text('connect = "tcp/192.0.2.1:7447"\n')
-    done: subprocess.CompletedProcess[Any] = cli.run("estop", "--mesh", str(file))
-    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-    assert "leaves this host" in done.stderr
+    for verb in ("status", "resume"):
+        asked = ("mesh", verb) if verb == "status" else (verb, "--all")
+        done: subprocess.CompletedProcess[Any] = cli.run(*asked, "--mesh", str(file))
+        assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+        assert "leaves this host" in done.stderr
+
+
+def test_saf_007_a_mesh_file_that_cannot_be_used_keeps_no_stop_from_the_robots_of_this_user(
+    cli: Command, robot: RobotProcess, tmp_path: Path
+) -> None:
+    cli.environment["STRANDS_ACTORS_MESH"] = str(tmp_path / "no.toml")
+    others = "the robots of other hosts: NOT CONFIRMED: they were not looked for: mesh: "
+    for verb in (("stop", "so101"), ("stop", "--all"), ("estop",), ("estop", "so101")):
+        done = cli.run(*verb)
+        assert done.returncode == 1 and done.stdout.startswith("so101: limp, 6 motors confirmed"), done
+        assert done.stderr.startswith(others) and done.stderr.count("\n") == 1
+        assert "no.toml cannot be read" in done.stderr
+        assert state(robot) != "armed"
+        assert robot.call("resume")["status"] == "success"
+    done = cli.run("estop", "--json")
+    near, far = json.loads(done.stdout)["robots"]
+    assert (done.returncode, near["done"], far["done"]) == (1, True, False)
+    assert far["outcome"] == "unreachable" and "no.toml" in far["detail"]
 
 
 def state(robot: RobotProcess) -> str:

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import pytest
 import trio
 
-from strands_actors import estop
+from strands_actors import MeshConfig, broadcast, estop
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.mesh import schemas as mesh_json
-from strands_actors.surfaces.mesh import estop_button
+from strands_actors.surfaces.mesh import estop_button, get_peers
+from strands_actors.surfaces.mesh.config import ENVIRONMENT
 from strands_actors.surfaces.mesh.outcome import outcome_of
 from strands_actors.surfaces.mesh.signing import patience_s, program, signed
 
@@ -34,7 +38,7 @@ def test_saf_007_an_estop_leaves_whatever_is_said_with_it() -> None:
     async def test() -> None:
         async with robot_on_mesh() as (robot, tree, _):
             for slip in slips:
-                (outcome,) = await trio.to_thread.run_sync(lambda given=slip: estop(**given))
+                (outcome,) = await trio.to_thread.run_sync(partial(estop, **slip))
                 assert (outcome.robot, outcome.outcome, outcome.locked) == (robot, "safe", True), slip
                 assert (await tree.status()).locked_by, slip
                 async with mesh() as client:
@@ -58,6 +62,61 @@ def test_saf_007_the_button_leaves_whoever_presses(by: Any) -> None:
             )
 
     run(test)
+
+
+def unusable(directory: Path) -> list[tuple[Any, str, str]]:
+    """What somebody may give as ``mesh=`` and nobody can use: with it, who was not looked for, and why."""
+    (directory / "words.toml").write_text("listen = tcp")
+    others, odd = "the robots of other hosts", "tcp/127.0.0.1:1#a;b?"
+    return [
+        (str(directory / "no.toml"), others, "no.toml cannot be read: No such file"),
+        (directory / "words.toml", others, "words.toml: "),
+        (MeshConfig(connect="tls/arm.example:7447"), others, "needs certificates"),
+        (MeshConfig(connect="tls/127.0.0.1:1", tls="keys"), others, "tls is 'keys'. give TLS("),  # type: ignore[arg-type]
+        (5, others, "it is 5. give MeshConfig(...), or the path of its TOML file"),
+        (True, others, "it is True. give"),
+        ({}, others, "it is {}. give"),
+        (MeshConfig(connect=odd, insecure=True), odd, f"mesh: {odd}: "),  # zenoh cannot read it
+    ]
+
+
+def test_saf_007_a_mesh_that_cannot_be_used_keeps_no_stop_from_the_robots_of_this_user(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def press(given: Any) -> list[Any]:
+        with estop_button(mesh=given) as button:
+            return button()
+
+    async def test() -> None:
+        async with robot_on_mesh() as (robot, tree, _), mesh() as client:
+
+            async def stopped(outcomes: list[Any], who: str, why: str) -> None:
+                near, far = outcomes
+                assert (near.robot, near.outcome, near.locked) == (robot, "safe", True), outcomes
+                assert (far.robot, far.outcome) == (who, "unreachable") and why in far.detail, outcomes
+                assert (await tree.status()).locked_by
+                assert not isinstance(await client.resume(robot), Refused)
+
+            for given, who, why in unusable(tmp_path):
+                await stopped(await trio.to_thread.run_sync(partial(estop, mesh=given)), who, why)
+                await stopped(await trio.to_thread.run_sync(press, given), who, why)
+                assert f"estop_button: {who}: " in caplog.text and why in caplog.text
+                caplog.clear()
+                near, far = await trio.to_thread.run_sync(partial(broadcast, "stop", mesh=given))
+                assert near["responder_id"] == robot and near["result"]["outcome"] == "safe"
+                assert far["responder_id"] == who and why in far["error"]
+                assert (await tree.status()).mode == "disarmed"
+                assert not isinstance(await client.resume(robot), Refused)
+                with pytest.raises(ValueError) as refused:  # who only reads is told, and reads nothing
+                    await trio.to_thread.run_sync(partial(get_peers, mesh=given))
+                assert why in str(refused.value)
+            monkeypatch.setenv(ENVIRONMENT, str(tmp_path / "no.toml"))
+            await stopped(
+                await trio.to_thread.run_sync(estop), "the robots of other hosts", "no.toml cannot be read"
+            )
+
+    with caplog.at_level(logging.WARNING, "strands_actors"):
+        run(test)
 
 
 @pytest.mark.parametrize("order", [{"by": LONG}, {"by": 7}, {"by": None}, {"target_id": 3}], ids=str)

@@ -3,7 +3,8 @@
 
 A robot of this user that does not answer there is asked again by the way its actors speak to each
 other, which also ends a process that has frozen. Nothing that could be stopped is an error, not a
-success: who presses e-stop and reaches nobody must be told.
+success: who presses e-stop and reaches nobody must be told. A configuration that cannot be used keeps no stop from
+the robots of this user.
 """
 
 from __future__ import annotations
@@ -47,11 +48,9 @@ def resume(robot: str | None, every: bool, mesh: Path | None, as_json: bool) -> 
 def configuration(mesh: Path | None) -> MeshConfig:
     """Of ``--mesh``, or else the environment's."""
     try:
-        config = MeshConfig.from_environment() if mesh is None else MeshConfig.load(mesh)
-        config.check()
+        return MeshConfig.of(mesh)
     except ValueError as error:
         raise Problem(str(error)) from error
-    return config
 
 
 class Told(msgspec.Struct, frozen=True):
@@ -72,7 +71,8 @@ async def _run(
 ) -> int:
     if (robot is None) != every:
         raise Problem("name a robot, or --all")
-    async with open_mesh(configuration(mesh)) as client:
+    to_stop = verb is not _resume
+    async with open_mesh(mesh if to_stop else configuration(mesh), to_stop=to_stop) as client:
         if verb is not _estop:  # that one waits for nobody
             await client.settle()
         told = await verb(client, None if every else [str(robot)])
@@ -92,7 +92,8 @@ async def _stop(client: MeshClient, robots: list[str] | None) -> list[Told]:
     async def one(robot: str) -> Told:
         return await _insist(await client.stop(robot, operate.by()), operate.VERBS["stop"])
 
-    return await _each(client, robots, one, [stray.robot for stray in strays()])
+    told = await _each(client, robots, one, [stray.robot for stray in strays()])
+    return [*told, *map(_tell, client.not_looked_for())]
 
 
 async def _estop(client: MeshClient, robots: list[str] | None) -> list[Told]:

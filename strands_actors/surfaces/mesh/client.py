@@ -31,7 +31,7 @@ from strands_actors.supervisors.mesh.schemas import ESTOP_ANSWER_S, Command, Res
 
 from .config import MeshConfig
 from .outcome import Outcome, outcome_of, result_of
-from .sessions import EVERYBODY, LOOK_S, Sessions
+from .sessions import EVERYBODY, LOOK_S, OTHERS, Sessions
 from .signing import patience_s, signed
 
 AWAY_S = 0.004
@@ -91,6 +91,8 @@ class MeshClient:
         self._turns = itertools.count(1)
         self._waiting: dict[str, trio.MemorySendChannel[Response]] = {}
         self._clocks: dict[str, Reading] = {}
+        self.unusable = ""
+        """Why the configuration that was given could not be used; empty: it is."""
 
     def _on_join(self, session: PubSub) -> None:
         session.get_ready(mesh_json.ESTOP_KEY, _COMMAND)
@@ -312,11 +314,12 @@ class MeshClient:
             detail = f"it did not answer. {why}" if why else "it did not answer"
             found.setdefault(missing, Outcome(missing, "unreachable", detail))
         not_connected = (Outcome(end, "unreachable", why) for end, why in self.sessions.not_connected())
-        return [*(found[name] for name in sorted(found)), *self._not_looked_at(), *not_connected]
+        return [*(found[name] for name in sorted(found)), *self.not_looked_for(), *not_connected]
 
-    def _not_looked_at(self) -> list[Outcome]:
-        why = self.sessions.problems.get(EVERYBODY)
-        return [] if why is None else [Outcome(EVERYBODY, "unreachable", why)]
+    def not_looked_for(self) -> list[Outcome]:
+        """Return of whom it could not even be asked whether they are there, and why."""
+        told = {EVERYBODY: self.sessions.problems.get(EVERYBODY), OTHERS: self.unusable, **self.sessions.unjoined}
+        return [Outcome(who, "unreachable", why) for who, why in told.items() if why]
 
     def _meant(self, robot: str) -> set[str]:
         return {name for name in self.robots if robot in ("*", name)}
@@ -353,17 +356,25 @@ class MeshClient:
 
 @contextlib.asynccontextmanager
 async def open_mesh(
-    config: MeshConfig | None = None, now_ns: Callable[[], int] = time.monotonic_ns
+    config: MeshConfig | str | os.PathLike[str] | None = None,
+    now_ns: Callable[[], int] = time.monotonic_ns,
+    to_stop: bool = False,
 ) -> AsyncIterator[MeshClient]:
-    """Join the mesh for as long as the block runs. Raise ``ValueError`` for a configuration that
-    cannot be used."""
-    if config is None:
-        config = MeshConfig.from_environment()
-    config.check()
+    """Join the mesh for as long as the block runs. ``config``: or the path of its file; None: the
+    environment's. Raise ``ValueError`` for one that cannot be used. ``to_stop``: that one keeps
+    nobody from the robots of this user; it is told among the outcomes."""
+    unusable = ""
+    try:
+        config = MeshConfig.of(config)
+    except Exception as error:  # whatever it is: a slip in a file must not keep a robot moving
+        if not to_stop:
+            raise
+        config, unusable = MeshConfig(), f"they were not looked for: {error}"
     async with open_background() as nursery:
         client = MeshClient(config, nursery, now_ns)
+        client.unusable = unusable
         try:
-            await client.sessions.join_configured()
+            await client.sessions.join_configured(go_on=to_stop)
             await client.sessions.look()
             nursery.start_soon(client.sessions.keep_looking)
             yield client

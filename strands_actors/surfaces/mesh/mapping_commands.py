@@ -67,7 +67,13 @@ async def send_to_all(mesh: MeshClient, command: Command) -> dict[str, dict[str,
     async with trio.open_nursery() as nursery:
         for robot in mesh.robots:
             nursery.start_soon(ask, robot)
-    return dict(sorted(answers.items()))
+    lost = mesh.not_looked_for() if kind is mesh_json.Stop else []
+    return {**dict(sorted(answers.items())), **{each.robot: Refused("unreachable", each.detail) for each in lost}}
+
+
+def stops(command: Command) -> bool:
+    """Return whether it is a stop, which nothing may keep from leaving."""
+    return _read(command)[1] is mesh_json.Stop
 
 
 async def peers(mesh: MeshClient, within_s: float = PRESENCE_S) -> list[dict[str, Any]]:

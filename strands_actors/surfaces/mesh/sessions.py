@@ -25,6 +25,8 @@ LOOK_S = 0.5
 """How often it is looked for robots that have come or gone, and how long one may take to appear."""
 EVERYBODY = "the robots of this user"
 """Instead of a robot's name, when nobody can say who there is."""
+OTHERS = "the robots of other hosts"
+"""The same, when the configuration that leads to them cannot be used."""
 _NO_ROBOTS = ("safety", "broadcast", "node")
 """What may stand in a key where a robot's name does."""
 
@@ -48,6 +50,8 @@ class Sessions:
         self._expected: set[str] = set()
         self.problems: dict[str, str] = {}
         """By robot, or what else could not be looked at: why."""
+        self.unjoined: dict[str, str] = {}
+        """By endpoint of the configuration that could not be joined: why."""
         self._looking = trio.Lock()
         self.appeared = trio.Event()
         """Set when a robot appears next; another one from then on."""
@@ -124,14 +128,19 @@ class Sessions:
                         self._of_note[session] = note.robot
                         await self._join(endpoint, session)
 
-    async def join_configured(self) -> None:
-        """Raise ``ValueError`` when a certificate cannot be used."""
+    async def join_configured(self, go_on: bool = False) -> None:
+        """Raise ``ValueError`` when a certificate cannot be used. ``go_on``: keep that for the
+        outcomes, and join the others."""
         for endpoint in dict.fromkeys(self._config.connects):
             try:
                 session = await PubSub.open(connect=[endpoint], settings=self._config.settings())
-            except zenoh.ZError as error:
-                raise ValueError(f"mesh: {endpoint}: {short(error)}") from error
-            await self._join(endpoint, session)
+            except (zenoh.ZError, OSError, RuntimeError) as error:  # no certificate, descriptor, thread
+                why = f"mesh: {endpoint}: {short(error) if isinstance(error, zenoh.ZError) else error}"
+                if not go_on:
+                    raise ValueError(why) from error
+                self.unjoined[endpoint] = why
+            else:
+                await self._join(endpoint, session)
 
     async def _join(self, endpoint: str, session: PubSub) -> None:
         self._open[endpoint] = session
@@ -188,6 +197,8 @@ class Sessions:
         """Endpoints that the configuration names, and where no robot is that proves its name; and why."""
         found = []
         for endpoint in dict.fromkeys(self._config.connects):
+            if endpoint in self.unjoined:
+                continue  # told beside them
             session = self._open[endpoint]
             if (why := self._impostors.get(endpoint)) is not None:
                 found.append((endpoint, why))

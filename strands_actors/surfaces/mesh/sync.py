@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import logging
+import os
 import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
@@ -16,34 +18,43 @@ from strands_actors.supervisors.mesh.schemas import ESTOP_ANSWER_S
 
 from .client import AWAY_S, MeshClient, open_mesh
 from .config import MeshConfig
-from .mapping_commands import peers, send, send_to_all
+from .mapping_commands import peers, send, send_to_all, stops
 from .outcome import Outcome
 
+Mesh = MeshConfig | str | os.PathLike[str] | None
+"""How to reach robots of other hosts: a configuration, or the path of its file; None: what
+``STRANDS_ACTORS_MESH`` names."""
 
-def estop(*, mesh: MeshConfig | None = None, by: str = "", within_s: float = ESTOP_ANSWER_S) -> list[Outcome]:
+_log = logging.getLogger("strands_actors")
+
+
+def estop(*, mesh: Mesh = None, by: str = "", within_s: float = ESTOP_ANSWER_S) -> list[Outcome]:
     """Every robot on the mesh goes safe, and is locked until it is resumed. What became of each
     that is known, within ``within_s`` (0.25 s at least): safe, unconfirmed or unreachable. ``by``: who
-    is told to have stopped them; else this program. Neither, whatever it is, keeps the order from
-    leaving. Call it from any thread."""
+    is told to have stopped them; else this program. Nothing of that, whatever it is, keeps the order
+    from leaving: with a ``mesh`` that cannot be used it reaches the robots of this user, and one
+    outcome says that others were not looked for. Call it from any thread."""
 
     async def run() -> list[Outcome]:
-        async with open_mesh(mesh) as client:
+        async with open_mesh(mesh, to_stop=True) as client:
             return await client.estop(by, within_s)
 
     return portal().call(run)
 
 
 @contextlib.contextmanager
-def estop_button(*, mesh: MeshConfig | None = None, by: str = "") -> Iterator[Callable[[], list[Outcome]]]:
+def estop_button(*, mesh: Mesh = None, by: str = "") -> Iterator[Callable[[], list[Outcome]]]:
     """Join the mesh now, for a program that may have to stop at any moment: wait for its robots
     (half a second, if one does not come), and stay. Gives a function that does as ``estop`` does. Call it
     from any thread, as often as need be: the order leaves in that thread, before anything is waited
-    for. Raise ``ValueError`` for a configuration that cannot be used."""
+    for. A ``mesh`` that cannot be used is logged now, and is among the outcomes of each press."""
     joined: Future[MeshClient] = Future()
 
     async def stay() -> None:
-        async with open_mesh(mesh) as client:
+        async with open_mesh(mesh, to_stop=True) as client:
             await client.settle()  # else the first order could leave before anybody is there to hear it
+            for lost in client.not_looked_for():
+                _log.warning("estop_button: %s: %s", lost.robot, lost.detail)
             joined.set_result(client)
             await trio.sleep_forever()
 
@@ -67,7 +78,7 @@ def estop_button(*, mesh: MeshConfig | None = None, by: str = "") -> Iterator[Ca
         staying.cancel()
 
 
-def get_peers(*, mesh: MeshConfig | None = None) -> list[dict[str, Any]]:
+def get_peers(*, mesh: Mesh = None) -> list[dict[str, Any]]:
     """Return who is on the mesh, within a second and a half: ``peer_id``, ``type``, ``age``,
     ``reachable``, and what each says of itself."""
 
@@ -78,7 +89,7 @@ def get_peers(*, mesh: MeshConfig | None = None) -> list[dict[str, Any]]:
     return portal().call(run)
 
 
-def tell(robot: str, instruction: str, *, mesh: MeshConfig | None = None, **options: Any) -> dict[str, Any]:
+def tell(robot: str, instruction: str, *, mesh: Mesh = None, **options: Any) -> dict[str, Any]:
     """Have a robot of the mesh run a policy that is installed on its host, and wait until that has
     ended; its status then. ``policy_provider`` names it; ``duration``, ``n_steps``,
     ``policy_port``, ``policy_host`` and ``control_frequency`` as ``start_task`` has them. Raise
@@ -94,13 +105,13 @@ def tell(robot: str, instruction: str, *, mesh: MeshConfig | None = None, **opti
     return answer
 
 
-def broadcast(command: Mapping[str, Any] | str, *, mesh: MeshConfig | None = None) -> list[dict[str, Any]]:
+def broadcast(command: Mapping[str, Any] | str, *, mesh: Mesh = None) -> list[dict[str, Any]]:
     """Ask all robots of the mesh for a reading (``"status"``, ``"state"``, ``"ping"``), or stop them
     all. One row a robot: ``responder_id``, and ``result`` or ``error``. Raise ``PermissionError``
     for what is for one robot at a time."""
 
     async def run() -> dict[str, dict[str, Any] | Refused] | Refused:
-        async with open_mesh(mesh) as client:
+        async with open_mesh(mesh, to_stop=stops(command)) as client:
             return await send_to_all(client, command)
 
     answers = portal().call(run)
@@ -112,7 +123,7 @@ def broadcast(command: Mapping[str, Any] | str, *, mesh: MeshConfig | None = Non
     ]
 
 
-def resume(robot: str, *, mesh: MeshConfig | None = None, by: str = "") -> None:
+def resume(robot: str, *, mesh: Mesh = None, by: str = "") -> None:
     """Lift the lockout of one robot and energise it at the measured position. Raise
     ``PermissionError`` with its refusal."""
 
