@@ -139,6 +139,9 @@ POSITION = Block(
 )
 """What may be older."""
 
+STAMP_WRAP_MS = 1 << 24
+"""Where the robot's clock, as a row of the log has it, begins again at 0: after 4.7 hours."""
+
 _ALL_BITS = (1 << 11) - 1
 
 

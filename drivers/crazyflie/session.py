@@ -10,6 +10,7 @@ import trio
 
 from strands_actors.contract.wire import Permit, WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.stamps import Stamps
 from strands_actors.kernel.clock import NS, Clock
 
 from . import protocol as p
@@ -24,20 +25,36 @@ WINDOW = 8
 
 
 class Session:
-    """``flight`` and ``position`` are the newest readings, each with the time it came; 0: none has."""
+    """``flight`` and ``position`` are the newest readings. A row that came before, or is older than the
+    newest by the robot's own clock, is none."""
 
     def __init__(self, link: Link, clock: Clock) -> None:
         self.link = link
         self._clock = clock
         self.flight: p.Flight | None = None
         self.position: p.Position | None = None
-        self.flight_ns = self.position_ns = 0
+        self._flights, self._positions = Stamps(p.STAMP_WRAP_MS), Stamps(p.STAMP_WRAP_MS)
         self.malformed = 0
         self._waiting: list[dict[p.Question, bytes | None]] = []  # one for each who asks
         self._served = False
         self._news = trio.Event()
 
     # -- hearing
+
+    @property
+    def flight_ns(self) -> int:
+        """Return when ``flight`` came; 0: none has."""
+        return self._flights.new_ns
+
+    @property
+    def position_ns(self) -> int:
+        """Return when ``position`` came; 0: none has."""
+        return self._positions.new_ns
+
+    @property
+    def goes_on(self) -> bool:
+        """Return whether both were seen to change: a first one may be the last of a log that is stuck."""
+        return self._flights.goes_on and self._positions.goes_on
 
     async def serve(self) -> None:
         """Hear whatever comes, until cancelled. Raise ``WireDown``."""
@@ -67,6 +84,10 @@ class Session:
         """Return how old ``flight`` is."""
         return (self._clock.now_ns() - self.flight_ns) / NS if self.flight_ns else math.inf
 
+    def repeats(self) -> bool:
+        """Return whether rows come, and tell nothing new of its flight."""
+        return self._flights.repeats(self._clock.now_ns())
+
     def _take(self, packet: bytes) -> None:
         self._news.set()
         self._news = trio.Event()
@@ -76,16 +97,20 @@ class Session:
             self.malformed += 1
             return
         if row is not None:
-            _, reading = row
-            if isinstance(reading, p.Flight):
-                self.flight, self.flight_ns = reading, self._clock.now_ns()
-            else:
-                self.position, self.position_ns = reading, self._clock.now_ns()
+            self._note(*row)
             return
         for answers in self._waiting:
             for question, answer in answers.items():
                 if answer is None and question.answered_by(packet):
                     answers[question] = packet
+
+    def _note(self, stamp_ms: int, reading: p.Flight | p.Position) -> None:
+        now_ns = self._clock.now_ns()
+        if isinstance(reading, p.Flight):
+            if self._flights.take(stamp_ms, now_ns):
+                self.flight = reading
+        elif self._positions.take(stamp_ms, now_ns):
+            self.position = reading
 
     # -- asking
 
@@ -155,7 +180,7 @@ async def handshake(session: Session, period_s: float) -> dict[str, object]:
     except MalformedFrame as malformed:
         raise WireDown(f"{name}: {malformed}. Is it a Crazyflie?") from None
     with trio.move_on_after(HANDSHAKE_S):
-        while session.flight is None or session.position is None:
+        while not session.goes_on:
             await session.news(HANDSHAKE_S)
         return {
             "address": name,

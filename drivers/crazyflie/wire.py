@@ -95,7 +95,8 @@ class CrazyflieWire(Wire):
         session.take_waiting()
         silent_s = session.age_s()
         if silent_s > self._config.silent_s:
-            raise WireDown(f"read: {session.link.name} is silent for {silent_s:.1f} s. Check radio and power")
+            what = "'s log stands still" if session.repeats() else " is silent"
+            raise WireDown(f"read: {session.link.name}{what} for {silent_s:.1f} s. Check radio and power")
         return self._observation(session)
 
     def handover(self) -> Sequence[int]:

@@ -103,6 +103,7 @@ class Firmware:
 
     def boot(self) -> None:
         """Switched off and on where it is."""
+        self._booted_s = self.time_s
         self.armed = self._auto_arm
         self.locked = self.tumbled = self.crashed = False
         self._setpoint: Wanted | None = None
@@ -254,8 +255,9 @@ class Firmware:
             if block.period_s and self.time_s >= block.due_s:
                 block.due_s = max(block.due_s + block.period_s, self.time_s)
                 values = (packed(LOG_LAYOUTS[kind], LOG[at].read(self.reading)) for at, kind in block.variables)
-                stamp = (round(self.time_s * 1e3) & 0xFFFFFF).to_bytes(3, "little")
-                yield p.encode(Port.LOG, 2, bytes((number,)) + stamp + b"".join(values))
+                stamp_ms = round((self.time_s - self._booted_s) * 1e3) % p.STAMP_WRAP_MS
+                head = bytes((number,)) + stamp_ms.to_bytes(3, "little")
+                yield p.encode(Port.LOG, 2, head + b"".join(values))
 
     # -- what it hears
 

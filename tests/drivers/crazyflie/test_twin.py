@@ -226,6 +226,29 @@ def test_an_emergency_stop_drops_it_and_only_a_new_boot_unlocks_it() -> None:
     bench.fly()
 
 
+def test_its_rows_tell_its_own_time_which_begins_at_boot() -> None:
+    bench = Bench()
+
+    def told_ms() -> list[int]:
+        stamps = []
+        for _ in range(3):
+            bench.run(0.05)
+            stamps += [int.from_bytes(row[2:5], "little") for row in bench.firmware.rows()]
+        return stamps
+
+    def listen() -> None:
+        for question in (p.log_create_question(p.FLIGHT, range(9)), p.log_start_question(p.FLIGHT, 0.05)):
+            bench.firmware.hear(question.packet)
+
+    bench.run(5.0)
+    listen()
+    assert told_ms() == [5050, 5100, 5150]
+    bench.firmware.boot()
+    assert told_ms() == [], "nor does it know what it was asked for"
+    listen()
+    assert told_ms() == [200, 250, 300]
+
+
 def test_it_notices_that_it_lies_on_its_back() -> None:
     bench = Bench()
     bench.fly()

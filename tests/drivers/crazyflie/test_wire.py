@@ -10,7 +10,7 @@ from strands_actors.contract.wire import PermitDenied, WireDown
 from strands_actors.drivers.crazyflie import protocol as p
 from strands_actors.drivers.crazyflie.protocol import Bit
 from strands_actors.drivers.crazyflie.robots import TABLES
-from strands_actors.drivers.crazyflie.session import Session
+from strands_actors.drivers.crazyflie.session import Session, handshake
 from strands_actors.drivers.crazyflie.twin.firmware import Firmware
 from strands_actors.kernel.messages import Refused
 
@@ -103,6 +103,73 @@ def test_saf_012_a_height_that_is_not_heard_lets_nothing_take_off(monkeypatch: p
         assert p.ARM not in flight.air.sent
 
     fly(script, monkeypatch)
+
+
+def test_saf_012_a_log_that_repeats_its_rows_is_stale_and_then_a_lost_link(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async def script(flight: Flight) -> None:
+        say, stuck = flight.air.say, dict[bytes, bytes]()
+
+        def repeat(*packets: bytes) -> None:
+            say(*(stuck.setdefault(one[:2], one) if one[:1] == b"\x5e" else one for one in packets))
+
+        monkeypatch.setattr(flight.air, "say", repeat)
+        await trio.sleep(0.7)
+        answer = await flight.wire.perform("takeoff", {}, flight.permit)
+        assert isinstance(answer, Refused) and answer.code == "stale"
+        await trio.sleep(0.7)
+        with pytest.raises(WireDown, match="log stands still"):
+            await flight.wire.read()
+
+    fly(script, monkeypatch)
+
+
+def test_saf_012_a_row_that_comes_late_is_no_reading_and_the_robots_clock_may_wrap() -> None:
+    def row(stamp_ms: int, z_m: float) -> bytes:
+        values = p.FLIGHT.layout.pack(z_m, *6 * (0.0,), 0, 0)
+        return p.encode(p.Port.LOG, 2, bytes((p.FLIGHT.number,)) + stamp_ms.to_bytes(3, "little") + values)
+
+    async def main() -> None:
+        session = Session(Air(Firmware(TABLES.table("crazyflie"), trio.current_time)), VirtualClock())  # type: ignore[arg-type]
+
+        async def heard(stamp_ms: int, z_m: float) -> tuple[float, float]:
+            """A tenth of a second later: the height that counts, and how old it is."""
+            await trio.sleep(0.1)
+            session.link.say(row(stamp_ms, z_m))  # type: ignore[attr-defined]
+            session.take_waiting()
+            assert session.flight is not None
+            return session.flight.z_m, round(session.age_s(), 3)
+
+        last_ms = p.STAMP_WRAP_MS - 1
+        assert await heard(last_ms, 0.25) == (0.25, 0.0)
+        assert await heard(last_ms - 50, 0.5) == (0.25, 0.1)
+        assert await heard(last_ms, 0.25) == (0.25, 0.2)
+        assert await heard(49, 0.75) == (0.75, 0.0)
+        assert await heard(last_ms, 0.25) == (0.75, 0.1)
+
+    trio.run(main, clock=MockClock(autojump_threshold=0))
+
+
+def test_saf_012_connecting_waits_for_rows_that_go_on() -> None:
+    async def main() -> None:
+        firmware = Firmware(TABLES.table("crazyflie"), trio.current_time)
+        air = Air(firmware)
+        stuck: dict[bytes, bytes] = {}
+
+        async def live() -> None:
+            while True:
+                await trio.sleep(0.05)
+                firmware.pass_time()
+                air.say(*(stuck.setdefault(row[:2], row) for row in firmware.rows()))
+
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(live)
+            with pytest.raises(WireDown, match="its log does not come"):
+                await handshake(Session(air, VirtualClock()), 0.05)  # type: ignore[arg-type]
+            nursery.cancel_scope.cancel()
+
+    trio.run(main, clock=MockClock(autojump_threshold=0))
 
 
 def test_a_drone_that_arms_by_itself_is_confirmed_when_it_flies_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
