@@ -92,6 +92,12 @@ def test_what_a_call_comes_to(given: dict[str, Any], kind: str) -> None:
     assert called(ARM, given).kind == kind
 
 
+def test_saf_006_a_stop_minds_no_input_however_many() -> None:
+    many = {f"more{at}": at for at in range(1000)}
+    assert called(ARM, {**many, "action": "stop"}).kind == "stop"
+    assert refused(ARM, {**many, "action": "status"}).text == "tool: it has 1001 inputs. give at most 64"
+
+
 SAYS_OR_TELLS = {
     "reachy_mini": {
         "list_moves", "say", "play_sound", "volume", "set_volume", "tracking_status", "camera", "record_audio",

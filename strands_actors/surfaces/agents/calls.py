@@ -63,18 +63,18 @@ def read(driver: Driver, given: object) -> Call | Refused:
     names = ", ".join(verb.name for verb in driver.TOOL_VERBS)
     if not isinstance(given, Mapping):
         return Refused("bad_input", f"tool: the input is {shown(given)}", f"give an object with action: {names}")
-    if len(given) > MAX_INPUTS:
-        return Refused("bad_input", f"tool: it has {len(given)} inputs", f"give at most {MAX_INPUTS}")
     said = given.get("action")
     wanted = said.strip().lower() if isinstance(said, str) else said
-    if all(value is None for value in given.values()):
-        wanted = "status"  # an empty input asks how the robot is
     verb = next((verb for verb in driver.TOOL_VERBS if verb.name == wanted), None)
+    if verb is not None and verb.does == "stop":
+        return Call(verb)
+    if len(given) > MAX_INPUTS:
+        return Refused("bad_input", f"tool: it has {len(given)} inputs", f"give at most {MAX_INPUTS}")
+    if all(value is None for value in given.values()):  # an empty input asks how the robot is
+        verb = next((verb for verb in driver.TOOL_VERBS if verb.name == "status"), None)
     if verb is None:
         what = "no action is given" if said is None else f"{shown(said)} is not a verb of {driver.robot}"
         return Refused("unknown_verb", f"tool: {what}", f"use {names}", shown(said), names)
-    if verb.does == "stop":
-        return Call(verb)
     inputs = {name: as_python(value) for name, value in given.items() if name != "action" and value is not None}
     service = driver.SERVICES.get(verb.name) if verb.does == "service" else None
     return _refuse_inputs(verb, inputs) or Call(verb, inputs, service is not None and is_motion(service))
