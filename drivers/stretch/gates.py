@@ -30,6 +30,16 @@ _STOPPED_ITSELF = {
 """Word in ``faults`` of lift or arm -> code, what it is, and what to do."""
 
 
+_SETS_RUNSTOP = (
+    ("low_battery", "the battery is low", "charge it"),
+    ("at_cliff", "the base has met a cliff", "move it away, switch the robot off and on"),
+    ("tilted", "the robot is tilted", "set it upright"),
+    ("high_current", "the robot has drawn too much current", "clear what it works against"),
+)
+"""Sensor -> why the power board sets the runstop by itself, and again as long as that is so; what to
+do first. A cliff it remembers until it is switched off."""
+
+
 # -- parsing
 
 
@@ -78,9 +88,20 @@ def conditions() -> tuple[Condition, ...]:
 
 
 def _runstop(observation: Observation, now_ns: int) -> Refused | None:
-    if observation.sensors.get("runstop", (0.0,)) == (0.0,):
+    sensors = observation.sensors
+    if sensors.get("runstop", (0.0,)) == (0.0,):
         return None
-    return Refused("runstop", "move: runstop pressed", "release it on the robot, then resume()", "pressed")
+    why, remedy = why_stopped(sensors)
+    return Refused("runstop", f"move: {why}", f"{remedy}, then resume()", "pressed")
+
+
+def why_stopped(sensors: Mapping[str, tuple[float, ...]]) -> tuple[str, str]:
+    """Return why the runstop is on, as far as the robot tells, and what to do."""
+    release = "release it on the robot"
+    for sensor, why, first in _SETS_RUNSTOP:
+        if sensors.get(sensor, (0.0,)) != (0.0,):
+            return f"the robot sets its runstop: {why}", f"{first}, then {release}"
+    return "the runstop is pressed", release
 
 
 def _went_on(observation: Observation, now_ns: int) -> Refused | None:

@@ -26,7 +26,7 @@ from . import protocol as p
 from .board import ANSWER_S, Board, OpenPort
 from .chains import ChainWire
 from .config import ARM, BASE, BAUD, BOARDS, LEFT, LIFT, PIMU, RIGHT, STEPPERS, StretchConfig
-from .gates import named_in
+from .gates import named_in, why_stopped
 from .readings import Readings
 from .safing import CONFIRM_S, boards_for, make_safe, unreachable
 from .stop_channel import StretchStopChannel
@@ -191,7 +191,8 @@ class StretchWire(Wire):
         if "runstop" not in seen.sensors:
             raise WireDown("arm: the power board does not tell whether the runstop is pressed. Check its cable")
         if seen.sensors["runstop"] != (0.0,):
-            raise WireDown("arm: the runstop is pressed. Release it on the robot")
+            why, remedy = why_stopped(seen.sensors)
+            raise WireDown(f"arm: {why}. {remedy.capitalize()}")
         permit.check()
         self._armed = True
         self._goals = {}

@@ -24,6 +24,7 @@ from strands_actors.drivers.common.twin.server import Conversation, Exchange, Fr
 from strands_actors.drivers.stretch.config import PIMU
 from strands_actors.drivers.stretch.driver import TWIN_PORT
 from strands_actors.drivers.stretch.parameters import FILES
+from strands_actors.drivers.stretch.protocol import State
 from strands_actors.drivers.stretch.robots import nominal_of, robot_of
 from strands_actors.drivers.stretch.safing import number_of
 
@@ -33,6 +34,13 @@ from .world import GRIPPER, World
 
 WACC_USB = "/dev/hello-wacc"
 DEVICES = "/dev/"
+ALERTS = {
+    "low-battery": State.LOW_VOLTAGE,
+    "tilted": State.OVER_TILT,
+    "cliff": State.CLIFF,
+    "high-current": State.HIGH_CURRENT,
+}
+"""What may happen to the power board, with which it sets the runstop."""
 FLEET_ID = "stretch-twin-0000"
 
 
@@ -117,12 +125,16 @@ class StretchServer:
         self._frost.freeze(seconds)
 
     def order(self, words: Sequence[str]) -> bool:
-        """``runstop on|off``; ``homed JOINT on|off``; ``contact JOINT on|off``; ``unplug-board NAME``
-        and ``plug-board NAME``, by the name of its device."""
+        """``runstop on|off``; ``low-battery on|off``, and ``tilted``, ``cliff``, ``high-current``;
+        ``homed JOINT on|off``; ``contact JOINT on|off``; ``unplug-board NAME`` and ``plug-board
+        NAME``, by the name of its device."""
         match words:
             case ["runstop", "on" | "off" as how]:
                 self._world.pass_time()
                 self._world.set_runstop(how == "on")
+            case [alert, "on" | "off" as how] if alert in ALERTS:
+                self._world.pass_time()
+                self._world.set_alert(ALERTS[alert], how == "on")
             case ["homed", joint, "on" | "off" as how]:
                 self._world.set_homed(joint, how == "on")
             case ["contact", joint, "on" | "off" as how]:

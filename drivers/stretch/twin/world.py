@@ -99,6 +99,7 @@ class World:
         self.dirty_servos: set[int] = set()
         """Servos that were sent somewhere since they were last held."""
         self.runstop = False
+        self.alerts = p.State(0)
         self.stops_at_runstop = True
         self.syncs = 0
         self.pose = START
@@ -109,9 +110,14 @@ class World:
     # -- what may happen to it
 
     def set_runstop(self, on: bool) -> None:
-        self.runstop = on
+        """What the power board is alerted by sets it again as soon as it is released."""
+        on = self.runstop = on or bool(self.alerts)
         for motor in self.steppers.values():
             motor.runstop(on and self.stops_at_runstop)
+
+    def set_alert(self, alert: p.State, on: bool) -> None:
+        self.alerts = self.alerts | alert if on else self.alerts & ~alert
+        self.set_runstop(self.runstop)
 
     def set_homed(self, joint: str, on: bool) -> None:
         """Raise ``ValueError`` for a joint that needs no homing."""
@@ -159,7 +165,7 @@ class World:
 
     def power_cycle(self) -> None:
         self.pass_time()
-        self.runstop = False
+        self.runstop, self.alerts = False, p.State(0)
         self.reset_pimu()
         for motor in self.steppers.values():
             motor.is_stopped = False
@@ -215,7 +221,7 @@ class World:
     def pimu_status(self) -> p.PimuStatus:
         wheels = [self.metres_per_s(name) for name in (LEFT, RIGHT)]
         half_rad = self.pose.yaw_rad / 2
-        state = p.State.RUNSTOP if self.runstop else p.State(0)
+        state = self.alerts | (p.State.RUNSTOP if self.runstop else p.State(0))
         return p.PimuStatus(
             acceleration=(0.0, 0.0, 9.81),
             gyro=(0.0, 0.0, self.config.twist(*wheels)[1]),

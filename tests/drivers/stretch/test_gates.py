@@ -130,6 +130,23 @@ def test_saf_014_a_runstop_ends_what_is_live_and_refuses_everything() -> None:
     assert all(each.always and each.check(seen(), NOW_NS) is None for each in DRIVER.conditions)
 
 
+@pytest.mark.parametrize(
+    ("sensor", "why", "remedy"),
+    [
+        ("", "the runstop is pressed", "release it on the robot, then resume()"),
+        ("low_battery", "the battery is low", "charge it, then release it on the robot, then resume()"),
+        ("tilted", "the robot is tilted", "set it upright, then release"),
+        ("at_cliff", "the base has met a cliff", "move it away, switch the robot off and on, then release"),
+        ("high_current", "drawn too much current", "clear what it works against, then release"),
+    ],
+)
+def test_saf_014_why_the_runstop_is_on_is_told_with_what_to_do(sensor: str, why: str, remedy: str) -> None:
+    found = answer({"lift": 0.5}, seen(**{"runstop": (1.0,), "low_battery": (0.0,), sensor: (1.0,)}))
+    assert isinstance(found, Refused) and found.code == "runstop"
+    assert why in found.reason and found.remedy.startswith(remedy)
+    assert sensor or "robot sets" not in found.reason
+
+
 @pytest.mark.parametrize(("word", "code"), [("contact", "contact"), ("safety mode", "safety_mode")])
 def test_saf_014_a_lift_or_arm_that_its_board_has_stopped_ends_what_is_live(word: str, code: str) -> None:
     for joint in ("lift", "arm"):

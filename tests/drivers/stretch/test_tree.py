@@ -217,6 +217,20 @@ def test_a_runstop_that_is_pressed_ends_what_is_live_and_is_released_on_the_robo
     json_of(stretch.send_action({"lift": 0.5}))
 
 
+def test_an_empty_battery_is_told_as_such_and_not_as_a_button_that_somebody_pressed(
+    stretch: RealRobot, twin: Twin
+) -> None:
+    json_of(stretch.send_action({"lift": 0.8}))
+    twin.order("low-battery on")
+    until(lambda: "sets its runstop: the battery is low" in str(status(stretch)["cause"]), "it is told")
+    twin.order("runstop off")
+    assert "the battery is low. Charge it, then release it on the robot" in why(stretch.resume())
+    assert (sensor(stretch, "runstop"), sensor(stretch, "low_battery")) == ([1.0], [1.0])
+    twin.order("low-battery off")
+    twin.order("runstop off")
+    until(lambda: stretch.resume()["status"] == "success", "it is charged and released")
+
+
 def test_an_arm_that_meets_something_is_not_sent_against_it_again_and_everything_holds(
     stretch: RealRobot, twin: Twin
 ) -> None:

@@ -141,6 +141,36 @@ def test_nothing_is_armed_while_the_runstop_is_pressed_or_not_known() -> None:
     virtual(test)
 
 
+@pytest.mark.parametrize(
+    ("alert", "sensor", "why"),
+    [
+        (p.State.LOW_VOLTAGE, "low_battery", "the battery is low. Charge it, then release it on the robot"),
+        (p.State.OVER_TILT, "tilted", "the robot is tilted. Set it upright, then release it on the robot"),
+        (p.State.CLIFF, "at_cliff", "the base has met a cliff. Move it away"),
+        (p.State.HIGH_CURRENT, "high_current", "the robot has drawn too much current. Clear what"),
+    ],
+)
+def test_nothing_is_armed_while_the_robot_sets_its_runstop_by_itself(alert: p.State, sensor: str, why: str) -> None:
+    async def test() -> None:
+        rig = Rig()
+        wire = rig.wire()
+        await wire.open()
+        assert (await wire.read()).sensors[sensor] == (0.0,)
+        rig.world.set_alert(alert, True)
+        rig.world.set_runstop(False)  # somebody releases it, in vain
+        with pytest.raises(WireDown, match=why):
+            await wire.arm(Permission())
+        sensors = (await wire.read()).sensors
+        assert (sensors["runstop"], sensors[sensor]) == ((1.0,), (1.0,))
+        rig.world.set_alert(alert, False)
+        with pytest.raises(WireDown, match="the runstop is pressed"):
+            await wire.arm(Permission())
+        rig.world.set_runstop(False)
+        await wire.arm(Permission())
+
+    virtual(test)
+
+
 def test_a_setpoint_goes_to_what_it_names_and_to_nothing_else() -> None:
     async def test() -> None:
         rig = Rig()
