@@ -3,7 +3,7 @@ says it stands.
 
 Such a base runs its last command until it hears another one, and an answer says that a command was
 passed on, not that the base has it. So a stop is not confirmed by its answer, but by what the base
-reports afterwards.
+reports afterwards, for as long as an earlier command may still come.
 """
 
 from __future__ import annotations
@@ -78,6 +78,13 @@ class Zero(Protocol):
         """Of the ``GET`` that tells how the base stands."""
         ...
 
+    @property
+    def steady_s(self) -> float:
+        """For how long, by its own clock, a base must report speed 0 until it stands: a command
+        that left before the stop may come to it so late, and what it reports be so old. 0: one
+        report counts, where a command is there when it is answered."""
+        ...
+
     def standing(self, body: bytes) -> Standing:
         """Raise ``MalformedFrame``."""
         ...
@@ -91,15 +98,17 @@ def nothing_pending() -> bool:
 async def stop_base(
     port: HttpPort, zero: Zero, within_s: float, pending: Callable[[], bool] = nothing_pending
 ) -> Outcome:
-    """Send zero, again and again, until a newer report shows speed 0. Never raises. Where a
-    connection is open, the first zero leaves before the first wait.
+    """Send zero, again and again, until newer reports show speed 0, without a break for
+    ``zero.steady_s``. Never raises. Where a connection is open, the first zero leaves before the
+    first wait.
 
     ``pending``: whether a command sent earlier, on another connection, has not been answered: it
     may be carried out after a zero, so what is reported before it was answered proves nothing.
     """
     written = acknowledged = False
     detail = "silent"
-    since_s: float | None = None  # of the first report that was asked for after a zero was taken
+    newest_s: float | None = None  # at first that of the report that was asked for after a zero was taken
+    rests_s: float | None = None  # since when it has reported speed 0
     with trio.move_on_after(within_s):
         while True:
             try:
@@ -114,13 +123,19 @@ async def stop_base(
                 answer = await port.ask("GET", zero.state_target, within_s=ANSWER_S)
                 stands = zero.standing(answer.body)
                 if pending():
-                    since_s, detail = None, "not confirmed: an earlier command has not been answered"
-                elif since_s is None:
-                    since_s, detail = stands.stamp_s, "not confirmed: it has reported nothing since"
-                elif stands.stamp_s > since_s:
-                    if stands.speed == 0:
-                        return Outcome(True, True, "")
-                    detail = f"not confirmed: it reports speed {stands.speed:g}"
+                    newest_s = rests_s = None
+                    detail = "not confirmed: an earlier command has not been answered"
+                elif newest_s is None:
+                    newest_s, detail = stands.stamp_s, "not confirmed: it has reported nothing since"
+                elif stands.stamp_s > newest_s:
+                    newest_s = stands.stamp_s
+                    if stands.speed != 0:
+                        rests_s, detail = None, f"not confirmed: it reports speed {stands.speed:g}"
+                    else:
+                        rests_s = newest_s if rests_s is None else rests_s
+                        if newest_s - rests_s >= zero.steady_s:
+                            return Outcome(True, True, "")
+                        detail = f"not confirmed: it has reported speed 0 for {newest_s - rests_s:.2g} s only"
             except MalformedFrame as malformed:
                 detail = f"not confirmed: {malformed}"
             except WireDown as down:

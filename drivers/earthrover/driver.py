@@ -1,8 +1,8 @@
 """FrodoBots EarthRover Mini, through the HTTP service of the vendor's SDK process.
 
 Safe, for whatever reason, is zero: the wheels stand, the lamp stays as it is. The service answers
-when it has passed a command on, not when the rover has it, so zero is repeated until a newer report
-shows speed 0. A command lives 300 ms. After that a new one may go on; after a stop only
+when it has passed a command on, not when the rover has it, so zero is repeated until newer reports
+show speed 0 for a second. A command lives 300 ms. After that a new one may go on; after a stop only
 ``resume()`` lets it.
 """
 
@@ -99,7 +99,7 @@ class EarthRover(Driver):
         oneshot_ttl_s=LIFETIME_S,
         state_ttl_s=REPORT_OLD_S,
         call_s=0.8,
-        safe_s=2.0,
+        safe_s=3.0,  # until a stop is confirmed; zero leaves at once
     )
     fallbacks: Mapping[Reason, str] = dict.fromkeys(Reason, str(SafeState.ZERO))
     firmware_watchdog = (

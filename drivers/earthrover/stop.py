@@ -18,9 +18,15 @@ from strands_actors.drivers.common.velocity_base import Standing, stop_base
 from . import protocol as p
 from .config import EarthRoverConfig
 
-STOP_S = 1.7
+STEADY_S = 1.0
+"""For so long of the rover's clock it must report that it stands: between the SDK process and the
+rover is a network, so that a command comes after the service has answered, and a report is from
+before that [assumed: both together within 1 s]."""
+
+STOP_S = 2.7
 """How long zero is repeated: less than ``Timing.safe_s``, and than what is left of it when a link
-is reached."""
+is reached; time for a rover that reports once a second (vendor's example) to show that it
+stands."""
 
 
 class RoverZero:
@@ -28,6 +34,7 @@ class RoverZero:
 
     target = p.CONTROL
     state_target = p.DATA
+    steady_s = STEADY_S
 
     def __init__(self, lamp: float = 0.0) -> None:
         self.body = p.encode_stop(lamp)

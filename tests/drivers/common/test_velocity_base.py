@@ -4,6 +4,7 @@ memory."""
 from __future__ import annotations
 
 import contextlib
+import itertools
 import math
 from collections import deque
 from collections.abc import Callable
@@ -34,6 +35,7 @@ class Service:
         self.down = self.mute = False
         self.stamps = True
         self.zero_s = math.inf
+        self.moves_s: tuple[float, float] | None = None  # since the first zero: a command that came late
 
     async def open_stream(self, host: str, port: int) -> Stream:
         await trio.lowlevel.checkpoint()
@@ -50,6 +52,8 @@ class Service:
             return encode_response(200, b"{}")
         stamp_s = math.floor(now_s * 10) / 10 if self.stamps else 1.0
         speed = 0.0 if stamp_s >= self.zero_s + self.stands_s else 0.5
+        if self.moves_s is not None and self.moves_s[0] <= stamp_s - self.zero_s < self.moves_s[1]:
+            speed = 0.5
         return encode_response(200, msgspec.json.encode([stamp_s, speed]))
 
 
@@ -86,6 +90,9 @@ class Zero:
     body = b"{}"
     state_target = "/state"
 
+    def __init__(self, steady_s: float = 0.0) -> None:
+        self.steady_s = steady_s
+
     def standing(self, body: bytes) -> Standing:
         try:
             return Standing(*msgspec.json.decode(body, type=tuple[float, float]))
@@ -94,7 +101,10 @@ class Zero:
 
 
 def stopping(
-    service: Service, within_s: float = 1.5, pending: Callable[[], bool] = lambda: False
+    service: Service,
+    within_s: float = 1.5,
+    pending: Callable[[], bool] = lambda: False,
+    steady_s: float = 0.0,
 ) -> tuple[Outcome, float]:
     """What became of it, and after how many seconds."""
     found: list[tuple[Outcome, float]] = []
@@ -102,7 +112,8 @@ def stopping(
     async def run() -> None:
         await trio.sleep(1.03)
         began_s = trio.current_time()
-        outcome = await stop_base(HttpPort("192.0.2.1", 80, service.open_stream), Zero(), within_s, pending)
+        port = HttpPort("192.0.2.1", 80, service.open_stream)
+        outcome = await stop_base(port, Zero(steady_s), within_s, pending)
         found.append((outcome, trio.current_time() - began_s))
 
     run_virtual(run)
@@ -123,6 +134,24 @@ def test_saf_005_a_report_from_before_the_zero_proves_nothing() -> None:
     assert outcome == Outcome(
         True, True, "not confirmed: it has reported nothing since"
     ) and took_s == pytest.approx(1.5)
+
+
+@pytest.mark.parametrize(
+    ("moves_s", "longer_s"),
+    [(None, 0.0), ((0.3, 0.5), 0.5), ((0.6, 0.7), 0.7)],
+)
+def test_saf_010_a_base_stands_when_it_does_so_without_a_break(
+    moves_s: tuple[float, float] | None, longer_s: float
+) -> None:
+    """A command that left before the stop may come after the first report of speed 0."""
+    service = Service(stands_s=-10.0)
+    service.moves_s = moves_s
+    outcome, took_s = stopping(service, 2.0, steady_s=0.8)
+    assert outcome == Outcome(True, True, "") and 0.8 + longer_s < took_s < 1.1 + longer_s
+    zeros_s = [t_s for t_s, target in service.heard if target == "/stop"]
+    assert all(later - sooner < 0.1 for sooner, later in itertools.pairwise(zeros_s)), "zero is repeated meanwhile"
+    outcome, _ = stopping(service, 0.7, steady_s=0.8)
+    assert outcome.acknowledged and "not confirmed: it has reported speed 0 for" in outcome.detail
 
 
 def test_saf_010_nothing_is_confirmed_while_a_command_is_owed_an_answer() -> None:

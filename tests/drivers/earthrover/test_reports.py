@@ -4,6 +4,7 @@ twin's service without sockets."""
 from __future__ import annotations
 
 import json
+from collections import deque
 from collections.abc import Mapping
 from typing import Any
 
@@ -20,10 +21,12 @@ from strands_actors.drivers.earthrover import protocol as p
 from strands_actors.drivers.earthrover.config import REPORT_OLD_S, EarthRoverConfig
 from strands_actors.drivers.earthrover.driver import EarthRover
 from strands_actors.drivers.earthrover.robots import TABLES
-from strands_actors.drivers.earthrover.stop import STOP_S, RoverZero
+from strands_actors.drivers.earthrover.stop import STEADY_S, STOP_S, RoverZero
 from strands_actors.drivers.earthrover.twin import RoverTwin
 from strands_actors.drivers.earthrover.wire import QUIET_S, SILENT_S, EarthRoverWire
 from strands_actors.kernel.clock import VirtualClock
+from strands_actors.supervisors.deadlines import StopDeadlines
+from strands_actors.supervisors.wire.transport import REACH_MARGIN_S
 from tests.drivers.common.memory_port import Permission, virtual
 
 
@@ -59,6 +62,42 @@ class ServicePort(HttpPort):
             await trio.sleep(min(within_s, 60.0))
             raise WireDown("192.0.2.1:8000: no answer")
         return self._answers.pop(number)
+
+
+class LatePort(ServicePort):
+    """Behind a network: the service answers, and the rover hears ``late_s`` later, or never what
+    was sent until ``loses_until_s``."""
+
+    def __init__(self, twin: RoverTwin, late_s: float) -> None:
+        super().__init__(twin)
+        self._late_s = late_s
+        self._coming: deque[tuple[float, bytes]] = deque()
+        self.loses_until_s = 0.0
+
+    def send(self, method: str, target: str, body: bytes = b"") -> int:
+        self.pass_time()
+        if method != "POST":
+            return super().send(method, target, body)
+        now_s = trio.current_time()
+        self.log.append("safe" if p.is_stop(p.decode_command(body) or {}) else "setpoint")
+        self._answers[len(self.log)] = Response(p.OK, {}, b"{}")
+        if now_s >= self.loses_until_s:
+            self._coming.append((now_s + self._late_s, body))
+        return len(self.log)
+
+    def pass_time(self) -> None:
+        self._twin.rover.pass_time()
+        while self._coming and self._coming[0][0] <= trio.current_time():
+            self._twin.answer(Request("POST", p.CONTROL, {}, self._coming.popleft()[1], b""))
+
+    async def moved(self, within_s: float) -> bool:
+        """Whether the rover moves meanwhile."""
+        moved = False
+        for _ in range(round(within_s / 0.01)):
+            await trio.sleep(0.01)
+            self.pass_time()
+            moved = moved or self._twin.rover.runs != (0.0, 0.0)
+        return moved
 
 
 class MemoryConfig(EarthRoverConfig, frozen=True):
@@ -159,6 +198,55 @@ def test_saf_005_a_rover_that_turns_on_the_spot_does_not_stand_though_it_reports
         assert port.log[-2:] == ["safe", "read"]
 
     virtual(test)
+
+
+@pytest.mark.parametrize("late_s", [0.1, 0.4, 0.8])
+@pytest.mark.parametrize("lost_s", [0.0, 0.3])
+def test_saf_010_a_stop_is_not_confirmed_before_the_rover_has_begun_what_it_was_told(
+    late_s: float, lost_s: float
+) -> None:
+    """The service takes a command at once, the rover hears it later, and some zeros never."""
+
+    async def test() -> None:
+        twin, _ = rover(watchdog_s=0.0)
+        port = LatePort(twin, late_s)
+        assert not await port.moved(1.0)
+        for _ in range(3):
+            port.send("POST", p.CONTROL, p.encode_setpoint(0.5, 0.0, 0.0))
+            await trio.sleep(0.05)
+        port.loses_until_s = trio.current_time() + lost_s
+        for _ in range(3):  # it stays owed until it is confirmed
+            outcome = await stop_base(port, RoverZero(), STOP_S)
+            if not outcome.detail:
+                break
+        assert outcome.detail == ""
+        assert twin.rover.x_m > 0, "it did what it was told, late"
+        assert not await port.moved(2.0)
+
+    virtual(test)
+
+
+@pytest.mark.parametrize("report_s", [0.05, 0.5, 0.9, 0.98, 1.02, 1.5])
+def test_saf_005_a_rover_that_reports_rarely_is_seen_to_stand(report_s: float) -> None:
+    async def test() -> None:
+        twin, port = rover(report_s=report_s, watchdog_s=0.0)
+        port.send("POST", p.CONTROL, p.encode_setpoint(0.5, 0.0, 0.0))
+        for _ in range(20):
+            await trio.sleep(0.1)
+            twin.rover.pass_time()
+        outcomes = []
+        for _ in range(5):
+            outcomes.append(await stop_base(port, RoverZero(), STOP_S))
+            await trio.sleep(0.13)
+        assert "" in {outcome.detail for outcome in outcomes}
+
+    virtual(test)
+
+
+def test_a_stop_has_the_time_that_it_takes() -> None:
+    timing = EarthRover("earthrover", "192.0.2.1", {}).timing
+    assert STEADY_S < STOP_S <= timing.safe_s - REACH_MARGIN_S
+    assert StopDeadlines.of(timing.safe_s).own_stop_s > STEADY_S + 0.5, "a tree that ends sees it, too"
 
 
 @pytest.mark.parametrize(
