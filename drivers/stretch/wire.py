@@ -18,6 +18,7 @@ import trio
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
 from strands_actors.drivers.common.half_duplex import Quiet
+from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.serial_port import open_serial
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
@@ -107,7 +108,11 @@ class StretchWire(Wire):
         data = await board.ask(p.FLASH_GAINS, wait=True)
         if data is None:
             raise WireDown(f"connect: {board.name} does not tell its gains in flash. Check its cable and power")
-        return bool(p.parse_gains(data).config & p.Config.VELOCITY_WATCHDOG)
+        try:
+            return bool(p.parse_gains(data).config & p.Config.VELOCITY_WATCHDOG)
+        except MalformedFrame as malformed:
+            why = f"connect: {board.name} does not tell its gains in flash: {malformed}. Check its firmware"
+            raise WireDown(why) from None
 
     def _begin(self) -> None:
         config, parameters = self._config, self._config.parameters

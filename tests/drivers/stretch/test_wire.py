@@ -91,6 +91,19 @@ def test_a_board_that_is_mute_or_not_there_is_named(board: str) -> None:
     virtual(test)
 
 
+def test_a_board_whose_gains_in_flash_are_none_is_named() -> None:
+    async def test() -> None:
+        rig = Rig()
+        ear = rig.ears[LEFT]
+        assert isinstance(ear, StepperEar)
+        do = ear.do
+        ear.do = lambda call, data: b"\1\2" if call == p.FLASH_GAINS else do(call, data)  # type: ignore[method-assign]
+        with pytest.raises(WireDown, match="left_wheel does not tell its gains in flash: gains has 81 bytes"):
+            await rig.wire().open()
+
+    virtual(test)
+
+
 def test_saf_011_arming_holds_everything_where_it_is() -> None:
     async def test() -> None:
         rig = Rig()
