@@ -7,6 +7,7 @@ import difflib
 import inspect
 import itertools
 import os
+import socket
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import TracebackType
@@ -210,7 +211,19 @@ def where_to_listen(listen: object) -> tuple[str, int]:
     host, _, number = str(listen).partition(":")
     if not isinstance(listen, str) or (number and not (number.isdigit() and int(number) < 65536)):
         raise ValueError(f"a page cannot listen on {listen!r}. give an address of this host, or address:port")
+    if _is_every_address(host):  # what its browser calls this host would not be known, and be refused
+        raise ValueError(
+            f"a page cannot listen on {listen!r}, which is every address of this host. give the one that its "
+            f"browser opens, as 192.0.2.5{f':{number}' if number else ''}"
+        )
     return host or "127.0.0.1", int(number or 0)
+
+
+def _is_every_address(host: str) -> bool:
+    try:
+        return not any(socket.inet_aton(host))  # ``0`` is one way to write it
+    except OSError:
+        return False
 
 
 def _unknown(name: object) -> str:

@@ -25,6 +25,9 @@ from .requests import HEAD_END, MAX_HEAD, Lateness, parse, refuse
 HEAD_S = 5.0
 SEND_S = 1.0
 TELL_S = 0.1
+SILENT_S = 2.0
+"""A page that has said nothing for so long is gone, though its connection may stay for ever: a phone
+that sleeps, a network that is lost."""
 MAX_MESSAGE = 4096
 MOST_CLIENTS = 16
 LONGEST_MS = 1e12
@@ -82,7 +85,7 @@ class Page:
         (listener, *_) = await trio.open_tcp_listeners(port, host=host)
         number = listener.socket.getsockname()[1]
         names = {host, "localhost"} if host.startswith("127.") else {host}
-        self._hosts = frozenset(f"{name}:{number}" for name in names)
+        self._hosts = frozenset(f"{name.lower()}:{number}" for name in names)  # as browsers say them
         tell(f"http://{host}:{number}/?token={self._token}")
         await trio.serve_listeners(self._attend, [listener])
 
@@ -145,7 +148,9 @@ class Page:
                         elif isinstance(event, CloseConnection):
                             await _send(stream, end.send(event.response()))
                             return
-                    data = await stream.receive_some(MAX_MESSAGE)
+                    data = b""
+                    with trio.move_on_after(SILENT_S):
+                        data = await stream.receive_some(MAX_MESSAGE)
                     if not data:
                         return
             except (ProtocolError, msgspec.MsgspecError):

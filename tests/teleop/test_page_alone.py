@@ -1,0 +1,87 @@
+"""The operator's page without a robot: who may have its seat, and by which name it is found."""
+
+from __future__ import annotations
+
+import base64
+import os
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+import pytest
+import trio
+
+from strands_actors import Teleoperator
+from strands_actors.kernel.clock import MonotonicClock
+from strands_actors.supervisors.root.messages import Operate
+from strands_actors.teleoperation.page import server
+from strands_actors.teleoperation.teleoperator import where_to_listen
+
+
+class Served:
+    def __init__(self, address: str, told: list[Operate]) -> None:
+        self.host, _, self.token = address.removeprefix("http://").partition("/?token=")
+        self.told = told
+        self.streams: list[trio.SocketStream] = []
+
+    async def ask(self, path: str, host: str, *headers: str) -> tuple[trio.SocketStream, str]:
+        """Return a connection, and the first line of its answer. ``host``: as a browser calls it."""
+        stream = await trio.open_tcp_stream("127.0.0.1", int(self.host.rpartition(":")[2]))
+        self.streams.append(stream)
+        rows = (f"GET {path}?token={self.token} HTTP/1.1", f"Host: {host}", *headers, "", "")
+        await stream.send_all("\r\n".join(rows).encode())
+        return stream, (await stream.receive_some(300)).partition(b"\r\n")[0].decode()
+
+    async def sit_down(self) -> tuple[trio.SocketStream, str]:
+        key = base64.b64encode(os.urandom(16)).decode()
+        upgrade = ("Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Version: 13")
+        own = (f"Origin: http://{self.host}", f"Sec-WebSocket-Key: {key}")
+        return await self.ask("/operate", self.host, *upgrade, *own)
+
+
+@asynccontextmanager
+async def served(host: str = "127.0.0.1") -> AsyncIterator[Served]:
+    told: list[Operate] = []
+    serving = server.Page(MonotonicClock(), told.append, lambda *_: None, lambda: {"state": "idle"}, ["a"], "t")
+    async with trio.open_nursery() as nursery:
+        tell, addresses = trio.open_memory_channel[str](1)
+        nursery.start_soon(serving.serve, host, 0, tell.send_nowait)
+        page = Served(await addresses.receive(), told)
+        with trio.fail_after(20.0):
+            yield page
+        for stream in page.streams:
+            await stream.aclose()
+        nursery.cancel_scope.cancel()
+
+
+def test_a_page_that_is_silent_gives_its_seat_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A phone that sleeps, a network that is lost: nobody says that the connection has ended."""
+    monkeypatch.setattr(server, "SILENT_S", 1.0)
+
+    async def test() -> None:
+        async with served() as page:
+            silent, answer = await page.sit_down()
+            assert " 101 " in answer
+            assert " 409 " in (await page.sit_down())[1], "it has the seat, so far"
+            assert await silent.receive_some(300) != b"", "what the robot does"
+            while await silent.receive_some(300):
+                pass
+            assert not page.told[-1].held
+            assert " 101 " in (await page.sit_down())[1]
+
+    trio.run(test)
+
+
+@pytest.mark.parametrize("host", ["LocalHost", "localhost", "127.0.0.1"])
+def test_a_page_is_found_by_its_name_in_any_case(host: str) -> None:
+    async def test() -> None:
+        async with served(where_to_listen(host)[0]) as page:
+            for name in (page.host, page.host.lower()):  # browsers say it in lower case
+                assert " 200 " in (await page.ask("/", name))[1]
+
+    trio.run(test)
+
+
+@pytest.mark.parametrize("listen", ["0.0.0.0:8000", "0.0.0.0", "0:8000", "0.0:8000"])
+def test_a_page_that_no_browser_could_name_is_refused(listen: str) -> None:
+    with pytest.raises(ValueError, match=r"every address of this host\. give the one .* as 192\.0\.2\.5"):
+        Teleoperator("phone", listen=listen)
