@@ -15,12 +15,14 @@ from . import protocol as p
 
 class Hover(msgspec.Struct, frozen=True):
     """From one height to another in ``duration_s``, then still there. ``duration_s`` 0: still at
-    once."""
+    once. ``risen_s``: who is not in the air after that, by ``Session.robot_s``, lies on the floor; a row
+    from before may show it as it was before it rose."""
 
     began_ns: int
     to_m: float
     from_m: float = 0.0
     duration_s: float = 0.0
+    risen_s: float = 0.0
 
     def packet(self, now_ns: int) -> bytes:
         passed_s = (now_ns - self.began_ns) / NS

@@ -52,6 +52,11 @@ class Session:
         return self._positions.new_ns
 
     @property
+    def robot_s(self) -> float:
+        """Return when ``flight`` was measured, by the robot's own clock, counted from the first one."""
+        return self._flights.passed / 1e3
+
+    @property
     def goes_on(self) -> bool:
         """Return whether both were seen to change: a first one may be the last of a log that is stuck."""
         return self._flights.goes_on and self._positions.goes_on

@@ -140,7 +140,7 @@ class CrazyflieWire(Wire):
             return
         now_ns = self._clock.now_ns()
         flight = session.flight
-        if not hover.rises(now_ns) and flight is not None and not flight.bits.airborne:
+        if flight is not None and not flight.bits.airborne and session.robot_s > hover.risen_s:
             self._hover = None  # it lies on the floor: no motor is started by a hover
             return
         await session.link.write(hover.packet(now_ns))
@@ -211,6 +211,7 @@ class CrazyflieWire(Wire):
 
     async def _take_off(self, height_m: float, duration_s: float, permit: Permit) -> dict[str, Any] | Refused:
         session = self._session()
+        asked_ns = self._clock.now_ns()
         bits = await session.supervisor(ARM_S)
         refusal = why_no_takeoff(bits, self._observation(session).sensors, self._config.battery_v)
         if refusal is not None:
@@ -228,15 +229,21 @@ class CrazyflieWire(Wire):
             permit.check()
         # It rises no faster than it may be told to by a command.
         duration_s = max(duration_s, abs(height_m - flight.z_m) / self._config.climb_m_s)
-        self._hover = Hover(self._clock.now_ns(), height_m, flight.z_m, duration_s)
+        # The newest row was older than it seems, and the first hover comes later than it is sent, together by
+        # no more than a question and its answer took.
+        began_ns = self._clock.now_ns()
+        late_s = session.age_s() + (began_ns - asked_ns) / NS
+        self._hover = Hover(began_ns, height_m, flight.z_m, duration_s, session.robot_s + late_s + duration_s)
         with trio.move_on_after(duration_s + RISE_S):
             while not self._is_up(session, height_m):
                 await session.news(AGAIN_S)
                 permit.check()
             return {"height": round(self._height_m(session), 3), "duration": round(duration_s, 2)}
-        self._hover = None
+        does_not_fly, self._hover = self._hover is None, None
         outcome = await bring_down(session, SafeState.LAND)
-        landed = "it was landed" if not outcome.detail else f"not landed: {outcome.detail}"
+        landed = "it does not fly" if does_not_fly else "it was landed"
+        if outcome.detail:
+            landed = f"not landed: {outcome.detail}"
         return Refused("takeoff", f"takeoff: it is not at {height_m:g} m; {landed}", "look at the drone")
 
     async def _land(self, duration_s: float, permit: Permit) -> dict[str, Any] | Refused:

@@ -54,6 +54,52 @@ def test_a_takeoff_that_loses_its_feed_comes_down(monkeypatch: pytest.MonkeyPatc
     fly(script, monkeypatch)
 
 
+@pytest.mark.parametrize("delay_s", [0.1, 0.3, 0.45])
+def test_saf_005_a_row_from_before_a_takeoff_drops_no_hover_in_the_air(
+    monkeypatch: pytest.MonkeyPatch, delay_s: float
+) -> None:
+    """It rises faster than its rows come: the one that is read when it is up still shows the floor, the
+    second time that it has landed."""
+
+    async def script(flight: Flight) -> None:
+        notes: list[str] = []
+        monkeypatch.setattr(flight.air.firmware, "_note", notes.append)
+        async with trio.open_nursery() as nursery:
+            flight.air.delays, flight.air.delay_s = nursery, delay_s
+            await trio.sleep(1.0)
+            for _ in range(2):
+                answer = await flight.wire.perform("takeoff", {"height": 0.2, "duration": 0.5}, flight.permit)
+                assert not isinstance(answer, Refused), answer
+                assert flight.height_m > 0.15
+                answer = await flight.wire.perform("land", {"duration": 0.5}, flight.permit)
+                assert not isinstance(answer, Refused), answer
+            flight.air.delays = None
+        assert notes == [], "its watchdog had nothing to do"
+        flight.never_fell()
+
+    fly(script, monkeypatch)
+
+
+def test_a_hover_that_never_rose_is_not_fed_any_more_and_is_not_said_to_have_landed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async def script(flight: Flight) -> None:
+        began_s, fed_s = trio.current_time(), 0.0
+
+        def lose(packet: bytes) -> bool:
+            nonlocal fed_s
+            is_hover = packet[:2] == b"\x7c\x0a"
+            fed_s = trio.current_time() - began_s if is_hover else fed_s
+            return is_hover
+
+        flight.air.lose = lose
+        answer = await flight.wire.perform("takeoff", {"height": 0.2, "duration": 0.5}, flight.permit)
+        assert isinstance(answer, Refused) and "it does not fly" in answer.text
+        assert fed_s < 0.5 + 0.3
+
+    fly(script, monkeypatch)
+
+
 def test_two_who_ask_the_same_are_both_answered() -> None:
     async def main() -> None:
         air = Air(Firmware(TABLES.table("crazyflie"), trio.current_time))
