@@ -30,6 +30,9 @@ BEGIN_S = 3.0
 """For the process of the cycle to start, on a busy machine."""
 OLD_S = 0.02
 """A setpoint is not written when no state came for so long: that is 20 of them."""
+ENDS_S = 1.0
+"""For the motion before to end. One that runs longer is somebody else's, and nothing is begun
+behind it."""
 RECOVER_S = 5.0
 
 _BY_US = ("success", "preempted")
@@ -140,6 +143,7 @@ class FrankaWire(Wire):
         self._config = config
         self._clock = clock
         self._session_or_none: _Session | None = None
+        self._waits_since_ns = 0  # a target, for the motion before to end; 0: none does
 
     @property
     def prompt(self) -> bool:
@@ -191,7 +195,7 @@ class FrankaWire(Wire):
         if (silent_s := session.silent_s()) > self._config.state_ttl_s:
             raise WireDown(f"no state for {silent_s * 1e3:.0f} ms. Check the controller and its network")
         permit.check()
-        session.lost = ""
+        session.lost, self._waits_since_ns = "", 0
         return self._observation(session, state)
 
     async def read(self) -> Observation:
@@ -206,21 +210,25 @@ class FrankaWire(Wire):
         return self._observation(session, state)
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
+        """Where nothing can be begun just now nothing is written, and nothing raised: the transport
+        re-sends what was not refused, as long as that may be, and the motion begins then."""
         session = self._session()
         session.look()
         state = self._state(session)
         if session.lost or refuse_mode(state.robot_mode, "") is not None:
             raise PermitDenied(session.lost or p.mode_name(state.robot_mode))
-        if session.silent_s() > OLD_S:
-            raise PermitDenied("no state for 20 ms")
         permit.check()
+        if session.silent_s() > OLD_S:
+            return
         session.heartbeat.beat(self._clock.now_ns())
         order = session.order
         if order is not None and values == order.goal and (session.motion or self._reached(session, order)):
             return
         if not session.motion:
             if state.robot_mode != p.RobotMode.IDLE:
-                raise PermitDenied("the motion before has not ended yet")  # the next keepalive tries again
+                self._wait_for_the_end(session)
+                return
+            self._waits_since_ns = 0
             session.aim(values)  # first: the first state of the motion is answered already
             session.motion = session.client.start_motion()
             return
@@ -230,6 +238,7 @@ class FrankaWire(Wire):
         session = self._session_or_none
         if session is None:
             return reports(self._config, False, False, None, "not connected")
+        self._waits_since_ns = 0
         written, trouble = False, ""
         try:
             number = session.client.send("stop")
@@ -283,6 +292,13 @@ class FrankaWire(Wire):
         self._session_or_none = None
 
     # -- parts
+
+    def _wait_for_the_end(self, session: _Session) -> None:
+        """Of the motion before; for a while."""
+        now_ns = self._clock.now_ns()
+        self._waits_since_ns = self._waits_since_ns or now_ns
+        if now_ns - self._waits_since_ns > ENDS_S * NS:
+            session.lost = "another one runs, which is not ours"
 
     def _reached(self, session: _Session, order: Order) -> bool:
         return session.report is not None and session.report.reached == order.number

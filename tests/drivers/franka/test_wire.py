@@ -2,23 +2,31 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import os
 import time
 from collections.abc import Awaitable, Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import trio
 
+from strands_actors.contract.driver import Reason
 from strands_actors.contract.wire import PermitDenied, WireDown
 from strands_actors.drivers.franka.client import connect
 from strands_actors.drivers.franka.driver import Franka
+from strands_actors.drivers.franka.protocol import RobotMode
 from strands_actors.drivers.franka.stop_channel import FrankaStopChannel
-from strands_actors.drivers.franka.wire import FrankaWire
-from strands_actors.kernel.clock import MonotonicClock
+from strands_actors.drivers.franka.wire import OLD_S, FrankaWire
+from strands_actors.kernel.clock import NS, MonotonicClock
+from strands_actors.supervisors.wire.messages import Cycle, MakeSafe, Write
+from strands_actors.supervisors.wire.transport import Transport
 from strands_actors.testing import Twin
 from tests.answers import PATIENCE_S
+
+EPOCH = 5
 
 
 class Yes:
@@ -76,6 +84,12 @@ async def goal_of(wire: FrankaWire, far: float) -> tuple[float, ...]:
     return (here[0] + (far if here[0] < 0.3 else -far), *here[1:])
 
 
+async def mode_is(wire: FrankaWire, mode: RobotMode) -> None:
+    with trio.fail_after(PATIENCE_S):
+        while (await wire.read()).sensors["robot_mode"] != (float(mode),):  # noqa: ASYNC110  # as in ``until``
+            await trio.sleep(0.005)
+
+
 async def moves(wire: FrankaWire, twin: Twin) -> None:
     await wire.arm(Yes())
     await wire.write(await goal_of(wire, 0.6), Yes())
@@ -101,8 +115,7 @@ def test_saf_012_nothing_is_written_to_a_controller_that_is_silent(twin: Twin) -
         goal = await goal_of(wire, 0.1)
         twin.pause()
         await trio.sleep(0.1)
-        with pytest.raises(PermitDenied, match="no state for 20 ms"):
-            await wire.write(goal, Yes())
+        await wire.write(goal, Yes())
         await trio.sleep(0.2)
         with pytest.raises(WireDown, match="no state for"):
             await wire.read()
@@ -138,6 +151,140 @@ def test_a_motion_that_the_controller_ended_is_not_begun_again_before_it_is_arme
         assert not (await wire.read()).faults
         await wire.write(await goal_of(wire, 0.1), Yes())
         await until(lambda: twin.log.host("setpoint", since_ns))
+
+    on_wire(twin, act)
+
+
+def test_a_target_that_comes_before_the_motion_before_has_ended_is_begun_by_the_re_send(twin: Twin) -> None:
+    """It is not refused: what was refused is not sent again."""
+
+    async def act(wire: FrankaWire) -> None:
+        await wire.arm(Yes())
+        goal = await goal_of(wire, 0.05)
+        twin.order("mode MOVE")
+        await mode_is(wire, RobotMode.MOVE)
+        for _ in range(3):
+            await wire.write(goal, Yes())
+        with pytest.raises(PermitDenied, match="a stop is waiting"):
+            await wire.write(goal, No())
+        twin.order("mode IDLE")
+        await mode_is(wire, RobotMode.IDLE)
+        assert not twin.log.host("enable"), "it was not written, and nothing goes on by itself"
+        with pytest.raises(PermitDenied, match="a stop is waiting"):
+            await wire.write(goal, No())
+        assert not twin.log.host("enable")
+        until_s = trio.current_time() + 1.5
+        while trio.current_time() < until_s:
+            await wire.write(goal, Yes())
+            await trio.sleep(0.05)
+        assert (await wire.read()).position == pytest.approx(goal, abs=2e-3)
+        assert len(twin.log.host("enable")) == 1
+
+    on_wire(twin, act)
+
+
+def test_a_target_that_comes_while_no_state_does_is_begun_by_the_re_send(twin: Twin) -> None:
+    async def act(wire: FrankaWire) -> None:
+        await wire.arm(Yes())
+        goal = await goal_of(wire, 0.05)
+        twin.pause()
+        await trio.sleep(2 * OLD_S)
+        await wire.write(goal, Yes())
+        with pytest.raises(PermitDenied, match="a stop is waiting"):
+            await wire.write(goal, No())
+        twin.go_on()
+        await trio.sleep(0.1)
+        assert not twin.log.host("enable")
+        await wire.write(goal, Yes())
+        await until(lambda: twin.log.host("setpoint"))
+
+    on_wire(twin, act)
+
+
+def transport_on(wire: FrankaWire) -> Transport:
+    """The transport of a tree, alone: it has the wire, and nobody listens to it."""
+    transport = Transport(Franka("panda", "192.0.2.1", {}), "gate", "watchdog", "guardian", EPOCH)
+    nobody = SimpleNamespace(tell=lambda message: None)
+    transport.context = SimpleNamespace(  # type: ignore[assignment]
+        clock=MonotonicClock(), urgent_waiting=False, until_urgent=contextlib.nullcontext
+    )
+    transport._gate = transport._watchdog = transport._guardian = nobody  # type: ignore[assignment]
+    transport._serving = SimpleNamespace(check=lambda: None)  # type: ignore[assignment]
+    transport._wire = wire
+    return transport
+
+
+@pytest.mark.parametrize(
+    ("expires_s", "resend_epoch", "begins"),
+    [(0.0, EPOCH, True), (5.0, EPOCH, True), (0.1, EPOCH, False), (0.0, EPOCH + 1, False)],
+)
+def test_saf_010_what_the_transport_re_sends_is_begun_within_its_deadline_and_epoch(
+    twin: Twin, expires_s: float, resend_epoch: int, begins: bool
+) -> None:
+    async def act(wire: FrankaWire) -> None:
+        await wire.arm(Yes())
+        transport = transport_on(wire)
+        goal = await goal_of(wire, 0.05)
+        twin.order("mode MOVE")
+        await mode_is(wire, RobotMode.MOVE)
+        now_ns = time.monotonic_ns()
+        expires_ns = now_ns + round(expires_s * NS) if expires_s else 0
+        await transport._obey(Write(EPOCH, now_ns + NS, goal, expires_ns))
+        await trio.sleep(0.15)
+        twin.order("mode IDLE")
+        await mode_is(wire, RobotMode.IDLE)
+        for number in range(10):
+            await transport._obey(Cycle(number, resend_epoch))
+            await trio.sleep(0.03)
+        assert len(twin.log.host("enable")) == begins
+        assert bool(twin.log.host("setpoint")) == begins
+
+    on_wire(twin, act)
+
+
+def test_saf_002_what_waits_to_be_begun_is_not_begun_after_a_stop(twin: Twin) -> None:
+    async def act(wire: FrankaWire) -> None:
+        await wire.arm(Yes())
+        transport = transport_on(wire)
+        goal = await goal_of(wire, 0.05)
+        twin.order("mode MOVE")
+        await mode_is(wire, RobotMode.MOVE)
+        await transport._obey(Write(EPOCH, time.monotonic_ns() + NS, goal))
+        await transport._obey(MakeSafe(EPOCH + 1, "stop", Reason.STOP))
+        twin.order("mode IDLE")
+        await mode_is(wire, RobotMode.IDLE)
+        await wire.arm(Yes())
+        for number in range(10):
+            await transport._obey(Cycle(number, EPOCH + 1))
+            await trio.sleep(0.03)
+        await transport._obey(Write(EPOCH, time.monotonic_ns() + NS, goal))
+        twin.log.silent_after(0, "enable", "setpoint")
+
+    on_wire(twin, act)
+
+
+def test_saf_010_a_target_is_not_begun_behind_a_motion_that_is_not_ours(twin: Twin) -> None:
+    """However long that takes: nobody expects the arm to move then."""
+
+    async def act(wire: FrankaWire) -> None:
+        await wire.arm(Yes())
+        goal = await goal_of(wire, 0.05)
+        twin.order("mode MOVE")
+        await mode_is(wire, RobotMode.MOVE)
+        with pytest.raises(PermitDenied, match="another one runs"), trio.fail_after(PATIENCE_S):
+            while True:
+                await wire.write(goal, Yes())
+                await trio.sleep(0.05)
+        assert "another one runs" in (await wire.read()).faults["motion"]
+        twin.order("mode IDLE")
+        await mode_is(wire, RobotMode.IDLE)
+        with pytest.raises(PermitDenied, match="another one runs"):
+            await wire.write(goal, Yes())
+        assert not twin.log.host("enable")
+        await wire.make_safe("stop")
+        await wire.arm(Yes())
+        await wire.write(goal, Yes())
+        await until(lambda: twin.log.host("setpoint"))
 
     on_wire(twin, act)
 
