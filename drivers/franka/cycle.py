@@ -147,8 +147,8 @@ class Cycle:
 
     def is_news(self, data: bytes) -> bool:
         """Return whether ``data`` is a state, and the controller's clock has gone on since the
-        last."""
-        if not self.dialect.is_plausible(data):
+        last. One that tells no joints is none: the wire process could not take it either."""
+        if not (self.dialect.is_plausible(data) and self.dialect.tells_joints(data)):
             return False
         (heard,) = self.dialect.get(data, "message_id")
         before, self._heard = self._heard, heard

@@ -249,8 +249,7 @@ class Dialect:
             int(self.get(data, "robot_mode")[0]),
             self.get(data, "success_rate")[0],
         )
-        # not (a <= b) rather than b < a: a NaN is refused too
-        if not all(abs(number) <= LARGEST_NUMBER for number in (*found.q, *found.q_d, *found.dq)):
+        if not self.tells_joints(data):
             raise MalformedFrame("a state with a position or a speed that no joint has")
         return found
 
@@ -262,6 +261,13 @@ class Dialect:
         (generator,), (controller,) = self.get(data, "generator"), self.get(data, "controller")
         (mode,), (rate,) = self.get(data, "robot_mode"), self.get(data, "success_rate")
         return generator <= Generator.NONE and controller <= Controller.OTHER and mode <= 6 and 0.0 <= rate <= 1.001
+
+    def tells_joints(self, data: bytes) -> bool:
+        """Return whether positions and speeds in a state are such as joints have: quick enough,
+        too."""
+        row = (*self.get(data, "q"), *self.get(data, "q_d"), *self.get(data, "dq"))
+        # a NaN that min and max pass over is in the sum
+        return min(row) >= -LARGEST_NUMBER and max(row) <= LARGEST_NUMBER and not math.isnan(sum(row))
 
     def get(self, data: bytes | bytearray, name: str) -> tuple[float, ...]:
         at, field = self.fields[name]

@@ -188,6 +188,20 @@ def test_saf_012_a_controller_whose_clock_stands_still_says_nothing() -> None:
     assert not rig.cycle.is_news(b"")
 
 
+@pytest.mark.parametrize("fci", [5, 10])
+@pytest.mark.parametrize("row", ["q", "q_d", "dq"])
+@pytest.mark.parametrize("number", [float("nan"), float("inf"), -1000.0])
+def test_saf_012_a_state_that_tells_no_joints_is_no_life(fci: int, row: str, number: float) -> None:
+    """The wire takes nothing from it: its last reading would grow old on a link that is up."""
+    rig = Rig(fci)
+    assert rig.cycle.is_news(rig.state())
+    rig.ms += 1
+    state = bytearray(rig.state())
+    rig.dialect.put(state, row, *(0.0,) * 6, number)
+    assert not rig.cycle.is_news(bytes(state))
+    assert rig.cycle.is_news(rig.state())
+
+
 def test_a_start_that_is_no_position_is_not_begun_from() -> None:
     rig = Rig()
     rig.order(1)
