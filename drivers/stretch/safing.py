@@ -1,7 +1,8 @@
 """Making each board safe, and proving it: for the wire, and for the root's stop channel.
 
 A frame that the board obeys whatever it did before goes out at once; then it is asked how it
-stands, and told again until it says so.
+stands, and told again until it says so. Its first report proves nothing: it may be from before the
+board took the frame, or from one that hangs. By the next its clock has gone on.
 
 ``wheels``      velocity zero, without a profile; when the wheel stands: hold
 ``lift, arm``   hold
@@ -61,11 +62,18 @@ class _Safing(ABC):
         self._board = board
         self._written = self._acknowledged = False
         self._detail = "silent"
+        self._first_us: int | None = None  # the board's own time of what was heard first
 
     @abstractmethod
     async def look(self) -> tuple[bytes, str] | None:
         """Return what to tell it next and why it is not safe; the latter empty: it is. None: it is
         not heard."""
+
+    def old(self, report_us: int) -> str:
+        """Return why a report of the board's own time proves nothing; empty: it does."""
+        if self._first_us is None:
+            self._first_us = report_us
+        return "reports nothing new" if report_us == self._first_us else ""
 
     async def run(self, within_s: float) -> MotorReport:
         try:
@@ -102,11 +110,12 @@ class _Wheel(_Safing):
         status = await self._board.stepper_status(wait=True)
         if status is None:
             return None
+        old = self.old(status.timestamp_us)
         if abs(status.velocity) > STANDS_RAD_S and status.mode != p.Mode.FREEWHEEL:
             return self.first, f"still turns at {status.velocity:.1f} rad/s"
         if status.mode not in p.AT_REST:
             return self._hold, f"is in mode {status.mode}"
-        return self._hold, _sync(status)
+        return self._hold, _sync(status) or old
 
 
 class _Joint(_Safing):
@@ -118,8 +127,9 @@ class _Joint(_Safing):
         status = await self._board.stepper_status(wait=True)
         if status is None:
             return None
+        old = self.old(status.timestamp_us)
         why = "" if status.mode in p.AT_REST else f"is in mode {status.mode}"
-        return self.first, why or _sync(status)
+        return self.first, why or _sync(status) or old
 
 
 class _Runstop(_Safing):
@@ -132,7 +142,8 @@ class _Runstop(_Safing):
         status = await self._board.pimu_status(wait=True)
         if status is None:
             return None
-        return self.first, "" if status.state & p.State.RUNSTOP else "the runstop is not on"
+        old = self.old(status.timestamp_us)
+        return self.first, old if status.state & p.State.RUNSTOP else "the runstop is not on"
 
 
 def _sync(status: p.StepperStatus) -> str:

@@ -395,6 +395,42 @@ def test_saf_005_a_wheel_that_rolls_on_is_not_reported_as_stopped() -> None:
     virtual(test)
 
 
+@pytest.mark.parametrize("by", ["wire", "stop_channel"])
+def test_saf_005_a_board_that_hangs_does_not_confirm_a_stop_by_what_it_said_before(by: str) -> None:
+    async def test() -> None:
+        rig = Rig()
+        wire = rig.wire()
+        await wire.open()
+        await wire.arm(Permission())
+        await trio.sleep(0.05)
+        rig.world.set_fault(Fault.STUCK, 1)  # the left wheel's answers for ever that it holds
+        safer = wire if by == "wire" else rig.stop_channel()
+        reports = {report.axis: report for report in await safer.make_safe("hold")}
+        assert not reports["left_wheel"].safe and reports["left_wheel"].detail == "reports nothing new"
+        assert all(report.safe for axis, report in reports.items() if axis != "left_wheel")
+        rig.world.set_fault(Fault.OK, None)
+        assert all(report.safe for report in await safer.make_safe("hold"))
+
+    virtual(test)
+
+
+def test_saf_005_a_report_from_before_a_board_took_the_stop_proves_nothing() -> None:
+    """Else a wheel that held stays at velocity zero, until its watchdog lets go of it."""
+
+    async def test() -> None:
+        rig = Rig()
+        wire = rig.wire()
+        await wire.open()
+        await wire.arm(Permission())
+        motor = rig.world.steppers["left_wheel"]
+        before, status = motor.status(), motor.status
+        motor.status = lambda: before if motor.mode == p.Mode.VELOCITY else status()  # type: ignore[method-assign]
+        assert all(report.safe for report in await wire.make_safe("hold"))
+        assert motor.mode == p.Mode.HOLD
+
+    virtual(test)
+
+
 def test_saf_012_a_report_of_the_power_board_with_the_time_of_the_one_before_is_none() -> None:
     """It is where the runstop is read."""
 
