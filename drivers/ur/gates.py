@@ -32,8 +32,8 @@ for so long a controller that hears nothing goes on as if all were well. A joint
 behind does not follow: targets come quicker than it turns, or something holds it back. 0.94 rad at
 180 deg/s, where a stream at top speed is 0.2 rad ahead in the twin, and 0.3 [assumed] on an arm."""
 
-PAUSED = (RuntimeState.PAUSED, RuntimeState.PAUSING)
-RUNNING = (RuntimeState.PLAYING, *PAUSED)
+PAUSED = (RuntimeState.PAUSING, RuntimeState.PAUSED, RuntimeState.RESUMING)
+"""A script that is paused takes no command and feeds no watchdog: a pause ends it."""
 
 _UNLOCK: Mapping[int, str] = {
     SafetyMode.PROTECTIVE_STOP: "look at the arm, then unlock it on the pendant",
@@ -71,12 +71,16 @@ def modes(observation: Observation, now_ns: int) -> Refused | None:
 
 
 def program(observation: Observation, now_ns: int) -> Refused | None:
-    """Refuse unless the control script runs, and was not stopped since the robot was armed: motion
-    never goes on by itself after a protective stop, or when the controller's watchdog has ended the
-    script."""
-    runs = number_of(observation.sensors, "runtime_state", 0)
-    if number_of(observation.sensors, "control", 0) != 1 or runs not in RUNNING:
-        return Refused("program", "move: control script is not running", "stop(), then resume()", limit="PLAYING")
+    """Refuse unless the control script runs, and was neither stopped nor paused since the robot was
+    armed: motion never goes on by itself after a protective stop, or when the controller's watchdog
+    has ended the script."""
+    runs, remedy = number_of(observation.sensors, "runtime_state", 0), "stop(), then resume()"
+    if runs in PAUSED:
+        return Refused("paused", "move: control script was paused on the pendant", remedy, limit="PLAYING")
+    if number_of(observation.sensors, "control", 0) != 1 or runs != RuntimeState.PLAYING:
+        why = observation.faults.get("controller", "")
+        said = "move: control script is not running" + (f" ({why})" if why else "")
+        return Refused("program", said, remedy, limit="PLAYING")
     return None
 
 
@@ -84,10 +88,9 @@ CONDITIONS = (Condition(modes), Condition(program))
 
 
 def paused(candidate: Candidate, state: GateState) -> Refused | None:
-    """Refuse a setpoint for which the controller is halted by its operator."""
-    runs = number_of(state.observation.sensors, "runtime_state", 0)
-    if runs in PAUSED or state.observation.sensors.get("speed_scaling", (0.0,))[0] <= 0.0:
-        return Refused("paused", "move: the program is paused", "play it on the pendant, or raise the speed slider")
+    """Refuse a setpoint while the operator has set the arm's speed to nothing."""
+    if not state.observation.sensors.get("speed_scaling", (0.0,))[0] > 0.0:
+        return Refused("paused", "move: the arm's speed is scaled to 0", "raise the speed slider on the pendant")
     return None
 
 

@@ -56,6 +56,7 @@ _GETTERS = {
     "safety_mode": "getSafetyMode",
     "runtime_state": "getRuntimeState",
     "speed_scaling": "getSpeedScaling",
+    "target_speed_fraction": "getTargetSpeedFraction",
 }
 """What is asked of the controller, and how it is read, in the order of ``Sample``."""
 
@@ -92,7 +93,8 @@ class Sample(NamedTuple):
     robot_mode: int
     safety_mode: int
     runtime_state: int
-    speed_scaling: float
+    speed_scaling: float  # by the controller itself: it knows nothing of the slider
+    speed_slider: float  # 0 to 1
 
 
 class Sdk(SdkCalls):

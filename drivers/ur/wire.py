@@ -20,7 +20,7 @@ from strands_actors.kernel.clock import NS, Clock
 from . import plain
 from .arms import JOINTS
 from .config import URConfig
-from .gates import CONTROL_S, RUNNING, WATCHDOG_HZ, refuse_modes
+from .gates import CONTROL_S, PAUSED, WATCHDOG_HZ, refuse_modes
 from .protocol import RuntimeState
 from .sdk import Sdk
 from .stop_channel import STANDING_RAD_S, stop, unsafe
@@ -53,7 +53,7 @@ class _Session:
         self.lost = ""  # why control was lost since the robot was armed
 
     def look(self) -> None:
-        """Take the newest sample. A controller that stopped our program is not written to again
+        """Take the newest sample. A controller that stopped or paused our program is not written to again
         before the next arming: its operator unlocks it, and nothing may move because of that."""
         sample = self.sdk.sample()
         if sample.time_s != self.sample.time_s:
@@ -63,7 +63,9 @@ class _Session:
             refusal = refuse_modes(sample.robot_mode, sample.safety_mode)
             if refusal is not None:
                 self.lose(refusal.offered)
-            elif sample.runtime_state not in RUNNING:
+            elif sample.runtime_state in PAUSED:
+                self.lose("its program was paused on the pendant")
+            elif sample.runtime_state != RuntimeState.PLAYING:
                 self.lose("the controller stopped its program")
 
     def look_alive(self) -> None:
@@ -113,7 +115,7 @@ class _Session:
                 "robot_mode": (sample.robot_mode,),
                 "safety_mode": (sample.safety_mode,),
                 "runtime_state": (sample.runtime_state,),
-                "speed_scaling": (sample.speed_scaling,),
+                "speed_scaling": (sample.speed_scaling * sample.speed_slider,),
                 "control": (float(self.controls),),
                 "watchdog_hz": (WATCHDOG_HZ if self.controls else 0.0,),
             },

@@ -93,7 +93,7 @@ def test_bad_actions(action: Mapping[Any, Any], code: str) -> None:
         ({"safety_mode": 7}, "safety_mode", "ROBOT_EMERGENCY_STOP"),
         ({"runtime_state": 1}, "program", "control script is not running"),
         ({"control": 0}, "program", "stop(), then resume()"),
-        ({"runtime_state": 4}, "paused", "paused"),
+        *(({"runtime_state": number}, "paused", "paused on the pendant. stop(), then") for number in (3, 4, 5)),
         ({"speed_scaling": 0}, "paused", "speed slider"),
     ],
 )

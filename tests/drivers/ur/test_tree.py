@@ -17,6 +17,7 @@ import pytest
 
 from strands_actors import Robot
 from strands_actors.caller.robot import RealRobot
+from strands_actors.drivers.ur import protocol as p
 from strands_actors.drivers.ur.arms import JOINTS, arm_of
 from strands_actors.drivers.ur.driver import UR
 from strands_actors.drivers.ur.gates import LEAD_S
@@ -230,18 +231,26 @@ def test_a_stop_of_the_controllers_own(
     json_of(nudge(moving))
 
 
-def end_program(twin: Twin) -> None:
+def press(twin: Twin, line: str, *answers: bytes) -> None:
     """As on the pendant."""
-    with socket.create_connection((twin.port.partition(":")[0], DASHBOARD_PORT)) as dashboard:
-        dashboard.sendall(b"stop\n")
-        until(lambda: b"Stopped" in dashboard.recv(4096), "it is stopped")
+    with socket.create_connection((twin.port.partition(":")[0], DASHBOARD_PORT), 10.0) as dashboard:
+        dashboard.sendall(f"{line}\n".encode())
+        until(lambda: any(map(dashboard.recv(4096).__contains__, answers)), line)
+
+
+def end_program(twin: Twin) -> None:
+    press(twin, "stop", b"Stopped")
+
+
+def pause_program(twin: Twin) -> None:
+    press(twin, "pause", b"Pausing program")
 
 
 def protective_stop(twin: Twin) -> None:
     twin.order("safety PROTECTIVE_STOP")
 
 
-@pytest.mark.parametrize("how", [end_program, protective_stop])
+@pytest.mark.parametrize("how", [end_program, pause_program, protective_stop])
 def test_saf_003_a_target_that_stands_ends_when_the_controller_ends_its_program(
     arm: RealRobot, twin: Twin, how: Callable[[Twin], None]
 ) -> None:
@@ -252,11 +261,42 @@ def test_saf_003_a_target_that_stands_ends_when_the_controller_ends_its_program(
     ended_ns = time.monotonic_ns()
     until(lambda: state(arm) == "disarmed", "it is disarmed")
     # which of the two the tree hears of first is chance
-    assert status(arm)["cause"].startswith(("control script is not running", "PROTECTIVE_STOP (3)"))
+    causes = ("control script is not running", "control script was paused", "PROTECTIVE_STOP (3)")
+    assert status(arm)["cause"].startswith(causes)
     until(lambda: twin.log.first_safe(ended_ns), "a safe frame of ours")
     time.sleep(0.3)
     twin.log.no_setpoint_after_safe(ended_ns)
     assert "call resume() first" in why(nudge(arm))
+
+
+def test_a_pause_on_the_pendant_ends_the_program_and_says_what_to_do(arm: RealRobot, twin: Twin) -> None:
+    """While the arm holds, nobody ends it for the tree: what was paused is not written to."""
+    run_for(arm, wave, 0.3)
+    assert state(arm) == "holding"
+    pause_program(twin)
+    until(lambda: _says(why(nudge(arm)), "was paused on the pendant"), "it is named")
+    assert "stop(), then resume()" in why(nudge(arm))
+    paused_ns = time.monotonic_ns()
+    press(twin, "play", b"Failed to execute", b"Starting")  # the watchdog may not have ended it yet
+    time.sleep(0.3)
+    assert not twin.log.host("setpoint", paused_ns) and not twin.log.host("keepalive", paused_ns)
+    json_of(arm.stop())
+    json_of(arm.resume())
+    json_of(nudge(arm))
+
+
+def test_a_speed_slider_at_0_is_named(arm: RealRobot, twin: Twin) -> None:
+    slider = p.frame(p.Kind.INPUTS, b"speed_slider_mask,speed_slider_fraction")
+    with socket.create_connection((twin.port.partition(":")[0], p.RTDE_PORT), 10.0) as client:
+        client.sendall(slider)
+        until(lambda: b"UINT32,DOUBLE" in client.recv(4096), "it may write the slider")
+        client.sendall(p.frame(p.Kind.DATA, struct.pack(">BId", 1, 1, 0.0)))
+        until(lambda: status(arm)["sensors"]["speed_scaling"] == [0.0], "it is told")
+        set_ns = time.monotonic_ns()
+        assert "raise the speed slider" in why(nudge(arm))
+        assert not twin.log.host("setpoint", set_ns)
+        client.sendall(p.frame(p.Kind.DATA, struct.pack(">BId", 1, 1, 0.5)))
+        until(lambda: nudge(arm)["status"] == "success", "it moves again")
 
 
 def test_a_protective_stop_accepts_a_connection_and_is_named(twin: Twin, run_dir: Path) -> None:
