@@ -406,10 +406,12 @@ class RealRobot(RobotTool):
 
     def operate(self, held: bool, **rates: float) -> Answer:
         """Tell the teleoperation what its operator does: whether the dead-man is held, and of a
-        ``keyboard`` how fast each axis is to go, -1..1. It stands for 0.2 s: tell it again."""
+        ``keyboard`` how fast each axis is to go, -1..1. It stands for 0.2 s: tell it again. What is
+        neither is refused, and tells it nothing."""
         from strands_actors.teleoperation.verbs import operate
 
-        return self._verb(operate(held, rates), "operate")
+        run = operate(self._driver, held, rates)
+        return run if isinstance(run, Answer) else self._verb(run, "operate")
 
     # -- as a tool
 

@@ -13,8 +13,10 @@ from strands_actors.caller.envelopes import Answer
 from strands_actors.caller.tree import RobotTree
 from strands_actors.caller.twin_process import TwinProcessDown
 from strands_actors.caller.verbs import Verb
+from strands_actors.contract.axis import finite
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.plain_numbers import as_python
+from strands_actors.contract.shown import closest, shown
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.root.messages import Operate
 
@@ -25,6 +27,9 @@ from .teleoperator import Teleoperator, place_of_map
 ACTOR = "strands_actors.teleoperation.actor:Teleoperation"
 FOR_EVER_S = 1e9
 DEADMEN = (KEY, GRIPPER)
+RATES = "-1..1"
+MOST_RATE = 1.01
+"""A stick may say a little more than 1: -32768 of 32767. It counts as 1."""
 NOT_THE_DEADMAN = Refused(
     "gripper_deadman",
     "operate: the dead-man of this teleoperation is the leader's gripper",
@@ -105,12 +110,40 @@ def _check(value: object, name: str, most: float) -> None:
         raise ValueError(f"{name} is {value!r}. give a number above 0{limit}")
 
 
-def operate(held: bool, rates: Mapping[str, float]) -> Verb:
-    """Tell a teleoperation what its operator does."""
+def operate(driver: Driver, held: object, rates: Mapping[str, object]) -> Verb | Answer:
+    """Tell a teleoperation what its operator does. A slip moves nothing, and keeps nobody from
+    letting go."""
+    is_held = as_python(held)
+    if not isinstance(is_held, bool):  # the text "False" would hold the dead-man
+        return answers.refused(_wrong("bad_held", f"held is {shown(held)}", "True or False", held))
+    told = _rates(driver, rates)
+    if isinstance(told, Refused) and is_held:
+        return answers.refused(told)
 
     async def run(tree: RobotTree) -> Answer:
-        told = Operate(tree.clock.now_ns(), bool(held), {key: float(rate) for key, rate in rates.items()})
-        refused = tree.rollouts.operate(told)
-        return answers.success({"held": told.held}) if refused is None else answers.refused(refused)
+        known = {} if isinstance(told, Refused) else told
+        refused = tree.rollouts.operate(Operate(tree.clock.now_ns(), is_held, known))
+        if refused is None and isinstance(told, Refused):
+            refused = told
+        return answers.success({"held": is_held}) if refused is None else answers.refused(refused)
 
     return run
+
+
+def _rates(driver: Driver, given: Mapping[str, object]) -> dict[str, float] | Refused:
+    told: dict[str, float] = {}
+    for key, rate in given.items():
+        if key not in driver.axes:
+            close = closest(key, driver.axes)
+            hint = f" ({close[0]!r}?)" if close else ""
+            why, known = f"{shown(key)} is no axis of {driver.robot}{hint}", ", ".join(driver.axes)
+            return _wrong("unknown_joint", why, f"one of {known or 'none'}", key)
+        number = finite(as_python(rate))
+        if number is None or abs(number) > MOST_RATE:
+            return _wrong("bad_rate", f"{key} is {shown(rate)}", f"how fast it is to go, {RATES}", rate)
+        told[key] = number
+    return told
+
+
+def _wrong(code: str, why: str, accepted: str, offered: object) -> Refused:
+    return Refused(code, f"operate: {why}", f"give {accepted}", shown(offered), accepted)

@@ -6,11 +6,18 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import numpy
 import pytest
+import trio
 
 from strands_actors import Robot, Teleoperator
 from strands_actors.caller.robot import SimRobot
+from strands_actors.kernel.clock import MonotonicClock
+from strands_actors.supervisors.root.messages import Operate
+from strands_actors.teleoperation.verbs import operate
 from tests.answers import json_of, task, until, why
 
 from .conftest import NEUTRAL
@@ -78,3 +85,44 @@ def test_what_is_wrong_with_the_arguments_is_told(sim: SimRobot) -> None:
     leader = Teleoperator("keyboard")
     assert "hz is nan" in why(sim.attach_teleop(leader, hz=float("nan")))
     assert "deadman is 'foot'" in why(sim.attach_teleop(leader, deadman="foot"))
+
+
+SLIPS: list[tuple[dict[str, Any], str]] = [
+    ({"held": "False", "shoulder_pan": 0.5}, "held is 'False'. give True or False"),
+    ({"held": 1}, "held is 1. give True or False"),
+    ({"held": None}, "held is None"),
+    (
+        {"held": True, "sholder_pan": 0.5},
+        "'sholder_pan' is no axis of so101 ('shoulder_pan'?). give one of shoulder",
+    ),
+    ({"held": True, "shoulder_pan": float("nan")}, "shoulder_pan is nan. give how fast it is to go, -1..1"),
+    ({"held": True, "shoulder_pan": 50.0}, "shoulder_pan is 50.0. give how fast it is to go, -1..1"),
+    ({"held": True, "shoulder_pan": "fast"}, "shoulder_pan is 'fast'. give how fast"),
+    ({"held": True, "shoulder_pan": True}, "shoulder_pan is True. give how fast"),
+    ({"held": True, "shoulder_pan": [1]}, "shoulder_pan is [1]. give how fast"),
+    ({"held": False, "sholder_pan": 0.5}, "'sholder_pan' is no axis"),
+]
+
+
+def test_saf_014_a_slip_of_who_operates_moves_nothing(sim: SimRobot) -> None:
+    json_of(sim.attach_teleop(Teleoperator("keyboard")))
+    before = sim.get_observation()["shoulder_pan"]
+    for slip, told in SLIPS:
+        json_of(sim.operate(held=False))  # and pressed anew
+        for _ in range(5):
+            assert told in why(sim.operate(**slip)), slip
+            time.sleep(TURN_S)
+    now = task(sim)
+    assert (now["steps"], now["teleop"]["held"]) == (0, False)
+    assert abs(sim.get_observation()["shoulder_pan"] - before) < 0.5
+    stick: Any = numpy.float32(-32768 / 32767)  # its end
+    json_of(sim.operate(held=True, shoulder_pan=stick))
+
+
+def test_saf_014_a_slip_keeps_nobody_from_letting_go() -> None:
+    told: list[Operate] = []
+    tree: Any = SimpleNamespace(clock=MonotonicClock(), rollouts=SimpleNamespace(operate=told.append))
+    run = operate(Robot("so101").driver, False, {"wrist": 0.5})
+    assert callable(run) and "'wrist' is no axis" in why(trio.run(run, tree))
+    (only,) = told
+    assert (only.held, only.rates) == (False, {})
