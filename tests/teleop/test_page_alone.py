@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import base64
 import os
+import shutil
+import subprocess
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from importlib import resources
 
 import pytest
 import trio
@@ -69,6 +72,31 @@ def test_a_page_that_is_silent_gives_its_seat_up(monkeypatch: pytest.MonkeyPatch
             assert " 101 " in (await page.sit_down())[1]
 
     trio.run(test)
+
+
+HIDDEN = """
+const html = require("fs").readFileSync(process.argv[1], "utf-8")
+const connect = html.slice(html.indexOf("function connect"), html.indexOf("connect()\\nsetInterval"))
+let opened = 0, socket, open
+const document = {hidden: true}, location = {}, waiting = []
+const setTimeout = again => waiting.push(again)
+class WebSocket { constructor() { opened += 1 } }
+eval(connect + "; connect()")
+const before = opened
+document.hidden = false
+waiting.pop()()
+console.log(before, opened)
+"""
+
+
+def test_a_page_that_nobody_sees_wants_no_seat() -> None:
+    """It would be silent, be turned out, and come again."""
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("no node")
+    page = resources.files("strands_actors.teleoperation.page").joinpath("page.html")
+    told = subprocess.run([node, "-e", HIDDEN, str(page)], capture_output=True, text=True, timeout=30.0, check=True)
+    assert told.stdout.split() == ["0", "1"]
 
 
 @pytest.mark.parametrize("host", ["LocalHost", "localhost", "127.0.0.1"])
