@@ -147,7 +147,7 @@ def row_of(head: Head, joints: Joints) -> tuple[float, ...]:
     return (pitch, roll, yaw, x, y, z, joints.body, joints.left, joints.right)
 
 
-def decode_sdk(message: str | bytes) -> Joints | Head | Imu | None:
+def decode_sdk(message: str | bytes) -> Joints | Head | Imu | Status | None:
     """Return what the daemon says on ``/ws/sdk``; None for what is of no interest. Raise
     ``MalformedFrame``."""
     told = _object(message)
@@ -164,24 +164,14 @@ def decode_sdk(message: str | bytes) -> Joints | Head | Imu | None:
                 _row(told, "quaternion", 4),
                 _number(told, "temperature"),
             )
+        case "daemon_status":
+            return _status(told)
     return None
 
 
 def decode_status(body: bytes) -> Status:
     """Return the answer to ``GET /api/daemon/status``. Raise ``MalformedFrame``."""
-    told = _object(body)
-    backend = told.get("backend_status")
-    error = told.get("error") or (backend.get("error") if isinstance(backend, dict) else None)
-    battery = told.get("battery_pct")  # [assumed]: no daemon that was seen tells it
-    return Status(
-        state=_text(told, "state"),
-        wireless=told.get("wireless_version") is True,
-        simulated=told.get("simulation_enabled") is True or told.get("mockup_sim_enabled") is True,
-        version=str(told.get("version") or "unknown")[:40],
-        name=str(told.get("robot_name") or "")[:64],
-        error=str(error or "")[:200],
-        battery_pct=math.nan if battery is None else _number(told, "battery_pct"),
-    )
+    return _status(_object(body))
 
 
 def decode_mode(body: bytes) -> int:
@@ -259,6 +249,21 @@ def _head(pose: object) -> Head:
     m = [_row({"row": row}, "row", 4) for row in pose]
     rpy = math.atan2(m[2][1], m[2][2]), -math.asin(max(-1.0, min(1.0, m[2][0]))), math.atan2(m[1][0], m[0][0])
     return Head((m[0][3], m[1][3], m[2][3]), rpy)
+
+
+def _status(told: dict[str, Any]) -> Status:
+    backend = told.get("backend_status")
+    error = told.get("error") or (backend.get("error") if isinstance(backend, dict) else None)
+    battery = told.get("battery_pct")  # [assumed]: no daemon that was seen tells it
+    return Status(
+        state=_text(told, "state"),
+        wireless=told.get("wireless_version") is True,
+        simulated=told.get("simulation_enabled") is True or told.get("mockup_sim_enabled") is True,
+        version=str(told.get("version") or "unknown")[:40],
+        name=str(told.get("robot_name") or "")[:64],
+        error=str(error or "")[:200],
+        battery_pct=math.nan if battery is None else _number(told, "battery_pct"),
+    )
 
 
 def _decode(data: str | bytes) -> Any:

@@ -52,6 +52,9 @@ OWED_S = 0.03
 is open it could overtake it. Then it goes out on a new one, which is heard after those that
 wait."""
 
+BATTERY_S = 5.0
+"""How long a charge counts: the daemon tells its status once a second."""
+
 IGNORED_S = 0.5
 """So long a target that was ignored keeps others from being sent."""
 
@@ -77,7 +80,9 @@ class ReachyWire(Wire):
         self._head_ns = self._joints_ns = self._ignored_ns = 0
         self._mode = math.nan
         self._mode_ns = 0
-        self._sensors: dict[str, tuple[float, ...]] = {}
+        self._imu: p.Imu | None = None
+        self._battery_pct = math.nan
+        self._imu_ns = self._battery_ns = 0
         self._problem = "it has told nothing yet"
 
     async def open(self) -> dict[str, Any]:
@@ -88,8 +93,7 @@ class ReachyWire(Wire):
         with trio.move_on_after(FIRST_S):
             while self._head is None or self._joints is None:
                 self._hear(await self._sdk.receive())
-        if not math.isnan(status.battery_pct):
-            self._sensors["battery_pct"] = (status.battery_pct,)
+        self._battery_pct, self._battery_ns = status.battery_pct, self._clock.now_ns()
         self._told = tell_place(*self._where)
         return {
             "service": self._url,
@@ -145,7 +149,7 @@ class ReachyWire(Wire):
             position=p.row_of(head, joints),
             stamp_ns=(self._head_ns,) * p.BODY + (self._joints_ns,) * (len(self._config.axes) - p.BODY),
             sensors={
-                **self._sensors,
+                **self._felt(now_ns),
                 "motor_mode": (self._mode,),
                 "ignored": (float(now_ns - self._ignored_ns < IGNORED_S * NS),),
                 "head_xyz_m": head.xyz_m,
@@ -220,13 +224,25 @@ class ReachyWire(Wire):
                 case p.Head() as head:
                     self._head, self._head_ns = head, self._clock.now_ns()
                 case p.Imu() as imu:
-                    self._sensors["accelerometer_m_s2"] = imu.accelerometer_m_s2
-                    self._sensors["gyroscope_rad_s"] = imu.gyroscope_rad_s
-                    self._sensors["quaternion_wxyz"] = imu.quaternion_wxyz
-                    self._sensors["imu_rpy_rad"] = roll_pitch_yaw(imu.quaternion_wxyz)
-                    self._sensors["imu_temperature_c"] = (imu.temperature_c,)
+                    self._imu, self._imu_ns = imu, self._clock.now_ns()
+                case p.Status() as status:
+                    self._battery_pct, self._battery_ns = status.battery_pct, self._clock.now_ns()
         except MalformedFrame as malformed:
             self._problem = str(malformed)  # ``read`` tells when it lasts
+
+    def _felt(self, now_ns: int) -> dict[str, tuple[float, ...]]:
+        """Return what the daemon has told lately of IMU and battery; nothing of what it has not."""
+        felt: dict[str, tuple[float, ...]] = {}
+        if not math.isnan(self._battery_pct) and now_ns - self._battery_ns <= BATTERY_S * NS:
+            felt["battery_pct"] = (self._battery_pct,)
+        imu = self._imu
+        if imu is not None and now_ns - self._imu_ns <= self._config.silent_s * NS:
+            felt["accelerometer_m_s2"] = imu.accelerometer_m_s2
+            felt["gyroscope_rad_s"] = imu.gyroscope_rad_s
+            felt["quaternion_wxyz"] = imu.quaternion_wxyz
+            felt["imu_rpy_rad"] = roll_pitch_yaw(imu.quaternion_wxyz)
+            felt["imu_temperature_c"] = (imu.temperature_c,)
+        return felt
 
     async def _follow_moves(self, updates: WebSocket) -> None:
         while True:
