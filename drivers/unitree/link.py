@@ -15,7 +15,7 @@ from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.network_interfaces import address_of
 from strands_actors.drivers.common.rtps import CDR, Participant, own_address
 from strands_actors.drivers.common.stamps import Stamps
-from strands_actors.kernel.clock import Clock
+from strands_actors.kernel.clock import NS, Clock
 
 from . import protocol as p
 from . import rpc
@@ -26,6 +26,9 @@ FIND_S = 4.0
 """For both sides to find each other, and the first state."""
 
 MAX_PENDING = 32
+LOST_NS = 30 * NS
+"""A service answers in the order in which it is asked [assumed]: one that answers what was asked so
+long after an order has never got that order."""
 
 
 class Service:
@@ -36,6 +39,11 @@ class Service:
         self._clock = clock
         self._pending: dict[int, Callable[[rpc.Response], None]] = {}
         self._newest = 0
+        self.owed: set[int] = set()
+        """Ids of orders that have not been answered. A request is delivered however long that takes:
+        a service that hung carries it out when it goes on."""
+        self.settled_ns = 0
+        """When the last of them was answered: what was said before that is of before it, too."""
         self._writer = participant.writer(rpc.request_topic(name), rpc.REQUEST_TYPE, reliable=True)
         self._reader = participant.reader(
             rpc.response_topic(name), rpc.RESPONSE_TYPE, self._on_response, reliable=True
@@ -51,20 +59,29 @@ class Service:
         """Both ways: a response to a reader that is not known yet would be lost."""
         return self._writer.matched > 0 and self._reader.matched > 0
 
-    def ask(self, api: int, on_response: Callable[[rpc.Response], None], parameter: str = "") -> None:
+    def order(self, api: int) -> None:
+        """Ask for what the robot then does; ``owed`` until it has answered."""
+        self.owed.add(self.ask(api, lambda _: None))
+
+    def ask(self, api: int, on_response: Callable[[rpc.Response], None], parameter: str = "") -> int:
         """``on_response`` is called from ``poll``, once or never. The id of request and response is
-        when it was asked, in nanoseconds: what is answered was so then, or later."""
+        when it was asked, in nanoseconds: what is answered was so then, or later. Return it."""
         number = self._newest = max(self._clock.now_ns(), self._newest + 1)
         if len(self._pending) >= MAX_PENDING:
             del self._pending[next(iter(self._pending))]
         self._pending[number] = on_response
         self._writer.write(CDR + rpc.encode_request(rpc.Request(number, api, parameter)))
+        return number
 
     def _on_response(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
         with suppress(MalformedFrame):  # an answer that cannot be read is none: what waits for it grows old
             response = rpc.decode_response(bytes(payload[4:]))
+            if response.id in self.owed:
+                self.owed.remove(response.id)
+                self.settled_ns = t_ns
             heard = self._pending.pop(response.id, None)
             if heard is not None:
+                self.owed = {number for number in self.owed if response.id - number < LOST_NS}
                 heard(response)
 
 

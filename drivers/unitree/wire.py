@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any, ClassVar
 
+import msgspec
 import trio
 
 from strands_actors.contract.rotations import roll_pitch_yaw
@@ -40,6 +41,7 @@ ENOUGH = 50
 STRANGER_S = 1.0
 """In which the services of a robot that was called a simulator are found. They are looked for as long
 as the link is up."""
+MAY_LET_GO = "asked and not answered: it may still let go"
 REAL = (
     "simulator=True, but a motion_switcher answers there: that is a robot, or its twin. Connect without "
     "simulator=, so that its mode and its battery are looked at"
@@ -122,12 +124,15 @@ class _Session:
         return self._observation
 
     def held_by(self) -> str:
-        """What controls the robot instead of us, as it has said of late. Empty: nothing."""
+        """What controls the robot instead of us, as it has said of late. Empty: nothing, or what was
+        asked to let go and may still do so."""
+        if self.modes.owed:
+            return ""
         now_s = self.clock.now_ns() / NS
         if self.fsm is not None:
             if self.fsm_id and now_s - self.fsm_id[1] <= FSM_TTL_S and self.fsm_id[0] not in HANDSHAKE_FSM:
                 return f"FSM {self.fsm_id[0]:g}"
-        elif self.mode and self.mode[0] and now_s - self.mode[1] <= MODE_TTL_S:
+        elif self.mode and self.mode[0] and self.mode[1] >= max(now_s - MODE_TTL_S, self.modes.settled_ns / NS):
             return f"sport mode {self.mode[0]!r}"
         return ""
 
@@ -154,11 +159,13 @@ class UnitreeWire(Wire):
         self._clock = clock
         self._session_or_none: _Session | None = None
         self._last: p.State | None = None  # of the session before, once it is closed
+        self._owed: set[int] = set()  # as well: the robot has it, connected or not
 
     async def open(self) -> dict[str, Any]:
         """Find the robot, hear it, and ask what controls it."""
         self.close()
         self._session_or_none = session = _Session(self._config, self._clock)
+        session.modes.owed = self._owed
         link, where = session.link, self._config.port
         await self._until(lambda: link.participant.peers > 0, FIND_S, f"{where}: nobody answers. Check port=")
         await self._until(lambda: link.heard, FIND_S, f"{where}: nobody there takes {p.COMMAND_TOPIC}")
@@ -225,7 +232,15 @@ class UnitreeWire(Wire):
         session = self._session_or_none
         if session is None:
             return reports(self._config.model, False, "not connected")
-        return await bring_down(session.link, safe_state, session.held_by)
+        motors = await bring_down(session.link, safe_state, session.held_by)
+        if not session.modes.owed:
+            return motors
+        return tuple(
+            motor
+            if motor.safe
+            else msgspec.structs.replace(motor, detail=f"{motor.detail}; release_sport_mode {MAY_LET_GO}")
+            for motor in motors
+        )
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
         """By the participant that the robot knew, which finds it again by itself; else by a new
@@ -250,7 +265,8 @@ class UnitreeWire(Wire):
             link.close()
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
-        """``release_sport_mode``: ask until the robot says that no onboard mode is active."""
+        """``release_sport_mode``: ask until the robot says that no onboard mode is active, but never
+        while it owes an answer."""
         session = self._session()
         if self._config.simulator:
             return Refused(
@@ -266,6 +282,9 @@ class UnitreeWire(Wire):
         name = await self._fresh_mode(session)
         if not name:
             return {"sport_mode_released": True, "attempts": attempts}
+        if session.modes.owed:
+            why = f"{service}: {name!r} is still active; {MAY_LET_GO}"
+            return Refused("sport_mode", why, "bring it to lie by its remote, and wait", name, "released")
         return Refused(
             "sport_mode",
             f"{service}: {name!r} is still active after {attempts} attempts",
@@ -278,16 +297,16 @@ class UnitreeWire(Wire):
         if self._session_or_none is not None:
             self._session_or_none.link.close()
             self._last = self._session_or_none.link.state
+            self._owed = self._session_or_none.modes.owed
             self._session_or_none = None
 
     # -- parts
 
     async def _ask_for_release(self, session: _Session) -> None:
-        """Ask once, and wait a while for the answer."""
-        done = trio.Event()
-        session.modes.ask(rpc.RELEASE_MODE, lambda _: done.set())
-        with trio.move_on_after(RELEASE_S / 2):
-            await done.wait()
+        """Ask, unless an answer is owed, and wait a while for it."""
+        if not session.modes.owed:
+            session.modes.order(rpc.RELEASE_MODE)
+        await self._look(lambda: not session.modes.owed, RELEASE_S / 2)
 
     async def _fresh_mode(self, session: _Session) -> str:
         """The onboard mode, asked now; what is awaited here is taken in by ``read``. Raise
@@ -304,7 +323,8 @@ class UnitreeWire(Wire):
                 session.modes.ask(rpc.CHECK_MODE, hear)
                 await trio.sleep(ASK_EVERY_NS / NS)
         if not said:
-            raise WireDown("the robot does not say which mode is active")
+            owed = f"; {MAY_LET_GO}" if session.modes.owed else ""
+            raise WireDown(f"the robot does not say which mode is active{owed}")
         return said[-1]
 
     async def _until_served(self, service: Service) -> None:

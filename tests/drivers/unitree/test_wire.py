@@ -3,7 +3,7 @@ one, on a clock of the test's own."""
 
 from __future__ import annotations
 
-from collections.abc import AsyncGenerator, Iterator
+from collections.abc import AsyncGenerator, Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -12,16 +12,20 @@ import trio
 
 from strands_actors.contract.driver import Driver
 from strands_actors.drivers.common.rtps import CDR
+from strands_actors.drivers.common.twin import WireLog
 from strands_actors.drivers.unitree import protocol as p
 from strands_actors.drivers.unitree import rpc
+from strands_actors.drivers.unitree import wire as wire_module
 from strands_actors.drivers.unitree.config import UnitreeConfig
 from strands_actors.drivers.unitree.driver import G1Driver, Go2Driver
-from strands_actors.drivers.unitree.link import Link, Service
+from strands_actors.drivers.unitree.link import MAX_PENDING, Link, Service
 from strands_actors.drivers.unitree.protocol import State, StateCodec
 from strands_actors.drivers.unitree.robots import model_of
 from strands_actors.drivers.unitree.safing import bring_down
-from strands_actors.drivers.unitree.wire import _Session
+from strands_actors.drivers.unitree.twin import UnitreeServer
+from strands_actors.drivers.unitree.wire import MAY_LET_GO, UnitreeWire, _Session
 from strands_actors.kernel.clock import NS, MonotonicClock
+from strands_actors.kernel.messages import Refused
 
 DRIVERS: dict[str, type[Driver]] = {"unitree_g1": G1Driver, "unitree_go2": Go2Driver}
 
@@ -82,8 +86,8 @@ class Rig:
         self.session.poll(self.clock.at_ns)
         return list(self._service._pending)[-1]
 
-    def answers(self, number: int, api: int, data: str = "") -> None:
-        body = rpc.encode_response(rpc.Response(number, api, rpc.OK, data))
+    def answers(self, number: int, api: int, data: str = "", code: int = rpc.OK) -> None:
+        body = rpc.encode_response(rpc.Response(number, api, code, data))
         self._service._on_response(memoryview(CDR + body), b"", self.clock.at_ns)
 
     @property
@@ -227,3 +231,112 @@ def test_saf_005_a_stop_is_confirmed_by_a_new_state_without_torque(
         monkeypatch.setattr(legs.link, "poll", lambda: legs.says(nm, None if goes_on else 9))
         motors = trio.run(bring_down, legs.link, "zero_torque")
         assert {(motor.safe, motor.detail) for motor in motors} == {(not said, said)}
+
+
+# -- an order whose answer is owed
+
+
+def normal_by(go2: Rig) -> str:
+    """Have it say that its mode is active; return who holds it then."""
+    go2.answers(go2.asked(), rpc.CHECK_MODE, '{"name": "normal"}')
+    return go2.session.held_by()
+
+
+@pytest.mark.parametrize("code", [rpc.OK, rpc.TIMEOUT])
+def test_saf_005_nobody_holds_a_robot_that_was_asked_to_let_go_and_has_not_answered(code: int) -> None:
+    with rig("unitree_go2") as go2:
+        modes = go2.session.modes
+        assert normal_by(go2) == "sport mode 'normal'"
+        go2.clock.passes(0.1)
+        modes.order(rpc.RELEASE_MODE)
+        (number,) = modes.owed
+        for _ in range(2 * MAX_PENDING):  # more than are kept
+            assert normal_by(go2) == ""
+        before = go2.asked()
+        go2.clock.passes(0.1)
+        go2.answers(number, rpc.RELEASE_MODE, code=code)
+        assert not modes.owed
+        go2.answers(before, rpc.CHECK_MODE, '{"name": "normal"}')
+        assert go2.session.held_by() == "", "what was asked before it let go says nothing of after"
+        assert normal_by(go2) == "sport mode 'normal'"
+
+
+def test_an_order_that_has_not_reached_the_robot_is_not_owed_for_ever() -> None:
+    with rig("unitree_go2") as go2:
+        go2.session.modes.order(rpc.RELEASE_MODE)
+        for _ in range(299):
+            assert normal_by(go2) == ""
+        go2.clock.passes(1.0)
+        assert normal_by(go2) == "sport mode 'normal'"
+
+
+class Free:
+    def check(self) -> None:
+        pass
+
+
+def test_saf_005_a_release_that_was_refused_may_still_be_carried_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is asked for once, however long the robot takes, and whatever becomes of the link."""
+    monkeypatch.setattr(wire_module, "RELEASE_S", 0.4)
+    model = model_of("unitree_go2")
+    server = UnitreeServer(model, WireLog(None), {})
+    late: list[tuple[str, memoryview, int]] = []
+    carry_out = server._on_request
+
+    def hang(service: str, payload: memoryview, t_ns: int) -> None:
+        if rpc.decode_request(bytes(payload[4:])).api == rpc.RELEASE_MODE:
+            late.append((service, memoryview(bytes(payload)), t_ns))
+        else:
+            carry_out(service, payload, t_ns)
+
+    monkeypatch.setattr(server, "_on_request", hang)
+    server.plug()
+    wire = UnitreeWire(UnitreeConfig(model, server.address), MonotonicClock())
+
+    async def read() -> None:
+        while True:
+            await wire.read()
+            await trio.sleep(0.005)
+
+    async def details() -> set[tuple[bool, str]]:
+        return {(motor.safe, motor.detail) for motor in await wire.make_safe("zero_torque")}
+
+    async def connected(test: Callable[[], Awaitable[None]]) -> None:
+        await wire.open()
+        async with trio.open_nursery() as reading:
+            reading.start_soon(read)
+            await test()
+            reading.cancel_scope.cancel()
+
+    async def refused() -> None:
+        assert await details() == {(True, "held by the robot's own controller, sport mode 'normal'")}
+        answer = await wire.perform("release_sport_mode", {"attempts": 2}, Free())
+        assert isinstance(answer, Refused) and answer.reason.endswith(MAY_LET_GO), answer
+        await unconfirmed()
+
+    async def unconfirmed() -> None:
+        found = await details()
+        assert (False, f"it still shows torque; release_sport_mode {MAY_LET_GO}") in found, found
+        assert not any("held by" in detail for _, detail in found)
+
+    async def carried_out() -> None:
+        await unconfirmed()
+        assert len(late) == 1
+        carry_out(*late[0])
+        answer = await wire.perform("release_sport_mode", {}, Free())
+        assert answer == {"sport_mode_released": True, "attempts": 0}
+        assert await details() == {(True, "")}
+
+    async def test() -> None:
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(server.serve)
+            with trio.fail_after(60):
+                await connected(refused)
+                await connected(carried_out)
+            nursery.cancel_scope.cancel()
+
+    try:
+        trio.run(test)
+    finally:
+        wire.close()
+        server.close()
