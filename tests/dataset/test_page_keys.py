@@ -36,11 +36,17 @@ def say(socket: ClientConnection, episode: str = "", late_ms: float = 0.0) -> No
     socket.send(json.dumps({"held": False, "rates": {}, "at_ms": at_ms, "episode": episode}))
 
 
+def next_told(socket: ClientConnection) -> dict[str, Any]:
+    """As a browser: who says nothing loses the seat."""
+    say(socket)
+    return dict(json.loads(socket.recv(PATIENCE_S)))
+
+
 def shown(socket: ClientConnection, condition: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
     """What the page is told of the recorder, once it is so."""
     deadline_s = time.monotonic() + PATIENCE_S
     while time.monotonic() < deadline_s:
-        told = json.loads(socket.recv(PATIENCE_S)).get("episode")
+        told = next_told(socket).get("episode")
         if told is not None and condition(told):
             return dict(told)
     raise AssertionError(told)
@@ -51,7 +57,8 @@ def test_keys_on_the_page_of_a_teleoperation_reach_a_recorder_beside_it(tmp_path
     with Robot("so101", mode="real", transport="twin") as arm, Teleoperator("page") as page:
         assert arm.connect_eagerly() is None
         json_of(arm.attach_teleop(page))
-        with operator(until(lambda: page.address, "it is served")) as socket, stand_in(root) as recorder:
+        address = until(lambda: page.address, "it is served")
+        with stand_in(root) as recorder, operator(address) as socket:
             say(socket)
             assert not shown(socket, lambda told: bool(told["text"]))["running"]
             say(socket, "start")
@@ -66,7 +73,7 @@ def test_keys_on_the_page_of_a_teleoperation_reach_a_recorder_beside_it(tmp_path
             shown(socket, lambda told: not told["running"] and told["said"].endswith("saved"))
             recorder.kill()
             until(
-                lambda: "episode" not in json.loads(socket.recv(PATIENCE_S)),
+                lambda: "episode" not in next_told(socket),
                 "a recorder that is gone is shown no more",
             )
         json_of(arm.stop_task())

@@ -1,12 +1,11 @@
-"""The recorder's process of a script: commands come in on standard input, a word a line; what happens
-goes out on standard output, a JSON object a line."""
+"""The recorder's process of a script: commands come in on standard input, a number and a word a line;
+what happens goes out on standard output, a JSON object a line, with the number of what it answers."""
 
 from __future__ import annotations
 
 import contextlib
 import signal
 import sys
-from collections.abc import Callable
 
 import msgspec
 import trio
@@ -14,14 +13,18 @@ import trio
 from strands_actors.surfaces.recording.errors import RecordingError
 
 from .keys import read_words
-from .run import Summary, record_episodes
+from .run import Command, Summary, record_episodes
 from .session import Event, Order, give_way
 
 
 async def _record(order: Order) -> Summary:
-    async def controls(command: Callable[[str], None]) -> None:
+    async def controls(command: Command) -> None:
+        def obey(line: str) -> None:
+            number, _, word = line.partition(" ")
+            command(word, asked=int(number))
+
         # An episode of a script that is gone is not finished; it can be repaired.
-        await read_words(command, lambda: signal.raise_signal(signal.SIGINT))
+        await read_words(obey, lambda: signal.raise_signal(signal.SIGINT))
 
     return await record_episodes(order, controls, _say)
 

@@ -30,7 +30,7 @@ FPS = (1, 240)
 class Command(Protocol):
     """As ``Session.command``."""
 
-    def __call__(self, word: str, pressed_ns: int = 0) -> None: ...
+    def __call__(self, word: str, pressed_ns: int = 0, asked: int = 0) -> None: ...
 
 
 Controls = Callable[[Command], Awaitable[None]]

@@ -64,6 +64,7 @@ class DatasetRecording:
         self._order = order
         self._process: subprocess.Popen[bytes] | None = None
         self._said = bytearray()
+        self._asked = 0  # commands so far
         self.saved: list[dict[str, object]] = []
         """What was saved: number, frames and marks of each episode."""
 
@@ -127,19 +128,23 @@ class DatasetRecording:
         self.finish()
 
     def _tell(self, word: str, answer: str) -> Event:
+        self._asked += 1
         if self._process is None or self._process.stdin is None:
             raise DatasetError(f"{word}: nothing is recorded outside the with block")
         try:
-            self._process.stdin.write(word.encode() + b"\n")
+            self._process.stdin.write(f"{self._asked} {word}\n".encode())
             self._process.stdin.flush()
         except BrokenPipeError:
             return self._raise_why()
         return self._wait_for(answer)
 
     def _wait_for(self, what: str) -> Event:
+        """Return the answer to what was asked last. The keys of a page are answered, too: to others."""
         assert self._process is not None and self._process.stdout is not None
         while line := self._process.stdout.readline():
             event = msgspec.json.decode(line, type=Event)
+            if event.asked != self._asked:
+                continue
             if event.what == what:
                 return event
             if event.what == "refused":

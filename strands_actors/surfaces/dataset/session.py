@@ -65,13 +65,15 @@ class State(enum.StrEnum):
 
 
 class Event(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Something happened. ``what``: ready, started, saved, discarded, refused or ended."""
+    """Something happened. ``what``: ready, started, saved, discarded, refused or ended; alive: nothing
+    did. ``asked``: the number of the command that it answers; 0: of nobody who numbers them."""
 
     what: str
     episode: int = -1
     frames: int = 0
     marks: str = ""  # what is wrong with it, in words
     text: str = ""
+    asked: int = 0
 
     @property
     def line(self) -> str:
@@ -139,6 +141,7 @@ class Session:
         self._state = State.IDLE
         self.is_ready = self._leaving = self._has_ended = False
         self._number = len(dataset.episodes)  # of the running episode, or the next
+        self._finish_asked = 0  # whose word it was
         self._finished = 0
         self._episode: StagedEpisode | None = None  # the worker's
         self._shown: dict[str, tuple[Picture, int]] = {}
@@ -189,11 +192,11 @@ class Session:
 
     # -- what the demonstrator wants
 
-    def command(self, word: str, pressed_ns: int = 0) -> None:
+    def command(self, word: str, pressed_ns: int = 0, asked: int = 0) -> None:
         """``start``, ``finish``, ``discard``, ``again`` or ``quit``; ``toggle`` starts or finishes.
-        ``pressed_ns``: when, by who is elsewhere."""
+        ``pressed_ns``: when, by who is elsewhere; ``asked``: its number, which the answer has, too."""
         if pressed_ns and (late_ns := self._clock.now_ns() - pressed_ns) > PRESSED_NS:
-            self._refuse(f"{word}: that was pressed {late_ns / NS:.1f} s ago. press it again")
+            self._refuse(f"{word}: that was pressed {late_ns / NS:.1f} s ago. press it again", asked)
             return
         if word == "toggle":
             word = "finish" if self._state is State.RECORDING else "start"
@@ -205,23 +208,23 @@ class Session:
             "quit": self._quit,
         }.get(word)
         if do is None:
-            self._refuse(f"there is no command {word[:40]!r}. use start, finish, discard, again or quit")
+            self._refuse(f"there is no command {word[:40]!r}. use start, finish, discard, again or quit", asked)
         else:
-            do()
+            do(asked)
 
-    def _refuse(self, why: str) -> None:
-        self._tell(Event("refused", self._number, text=why))
+    def _refuse(self, why: str, asked: int) -> None:
+        self._tell(Event("refused", self._number, text=why, asked=asked))
 
-    def _start(self) -> None:
+    def _start(self, asked: int = 0) -> None:
         if why := self._cannot_start():
-            self._refuse(f"start: {why}")
+            self._refuse(f"start: {why}", asked)
             return
         self._assembler.begin()
         self._state = State.RECORDING
         self._began_ns = self._clock.now_ns()
         self._last_ns = self._frames = self._gaps = self._late = 0
         self._worker.put(self._open_episode)
-        self._tell(Event("started", self._number))
+        self._tell(Event("started", self._number, asked=asked))
 
     def _cannot_start(self) -> str:
         if self._leaving:
@@ -244,31 +247,34 @@ class Session:
             return f"the disk has {free / 1e6:.0f} MB left, an episode needs {LEAST_FREE_BYTES / 1e6:.0f}"
         return ""
 
-    def _finish(self) -> None:
+    def _finish(self, asked: int = 0) -> None:
         if self._state is not State.RECORDING:
-            self._refuse("finish: no episode runs")
+            self._refuse("finish: no episode runs", asked)
             return
         self._state = State.FINISHING
+        self._finish_asked = asked
 
-    def _discard(self) -> None:
+    def _discard(self, asked: int = 0) -> None:
         if self._state is State.IDLE:
-            self._refuse("discard: no episode runs")
+            self._refuse("discard: no episode runs", asked)
             return
+        if self._state is State.FINISHING and self._finish_asked:  # by somebody who waits for it
+            self._refuse("finish: the episode was discarded meanwhile", self._finish_asked)
         self._state = State.IDLE
         self._assembler.begin()
         self._worker.put(self._drop_episode)
-        self._tell(Event("discarded", self._number))
+        self._tell(Event("discarded", self._number, asked=asked))
 
-    def _again(self) -> None:
+    def _again(self, asked: int = 0) -> None:
         if self._state is not State.IDLE:
-            self._discard()
-        self._start()
+            self._discard(asked)
+        self._start(asked)
 
-    def _quit(self) -> None:
+    def _quit(self, asked: int = 0) -> None:
         """What runs is finished first."""
         self._leaving = True
         if self._state is State.RECORDING:
-            self._finish()
+            self._finish(asked)
         elif self._state is State.IDLE:
             self._worker.put(lambda: trio.from_thread.run_sync(self._end, "done"))
 
@@ -301,9 +307,9 @@ class Session:
             self._queue(made)
         if self._state is State.FINISHING and not self._assembler.waiting:
             self._state = State.IDLE
-            gap = self._assembler.take_gap()
+            gap, asked = self._assembler.take_gap(), self._finish_asked
             self._gaps += gap
-            self._worker.put(lambda: self._save_episode(gap))
+            self._worker.put(lambda: self._save_episode(gap, asked))
             self._number += 1
             self._finished += 1
             if self._leaving:
@@ -371,25 +377,25 @@ class Session:
         self._dataset.storage.remove(self._episode.folder)
         self._episode = None
 
-    def _save_episode(self, gap: int) -> None:
+    def _save_episode(self, gap: int, asked: int) -> None:
         assert self._episode is not None
         episode, self._episode = self._episode, None
         if not episode.frames:
             episode.abandon()
             self._dataset.storage.remove(episode.folder)
-            trio.from_thread.run_sync(self._not_saved)
+            trio.from_thread.run_sync(self._not_saved, asked)
             return
         episode.finish(gap)
-        trio.from_thread.run_sync(self._saved, self._dataset.commit(episode.folder))
+        trio.from_thread.run_sync(self._saved, self._dataset.commit(episode.folder), asked)
 
-    def _not_saved(self) -> None:
+    def _not_saved(self, asked: int) -> None:
         self._number -= 1
         self._finished -= 1
-        self._refuse("finish: the episode had no frame, and is not kept")
+        self._refuse("finish: the episode had no frame, and is not kept", asked)
 
-    def _saved(self, episode: Episode) -> None:
+    def _saved(self, episode: Episode, asked: int) -> None:
         self.saved.append(episode)
-        self._tell(Event("saved", episode.index, episode.frames, episode.marks.told))
+        self._tell(Event("saved", episode.index, episode.frames, episode.marks.told, asked=asked))
         if self._order.episodes is not None and len(self.saved) >= self._order.episodes and not self._leaving:
             self._quit()
 
