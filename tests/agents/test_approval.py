@@ -96,6 +96,13 @@ def test_what_would_guard_nothing_is_refused(keywords: dict[str, Any]) -> None:
         Robot("so101", mode="real", port="/dev/nowhere", **keywords)
 
 
+@pytest.mark.parametrize("seconds", ["30", None, float("nan"), float("inf"), -1, 0, [1], True])
+def test_how_long_an_operator_may_think_is_a_number_of_seconds(seconds: Any) -> None:
+    """Else the tool raised when it asked."""
+    with pytest.raises(ValueError, match=r"approve_within_s is .*\. give seconds, a number above 0"):
+        Robot("so101", mode="real", port="/dev/nowhere", approve_within_s=seconds)
+
+
 @pytest.mark.parametrize(
     ("name", "told"),
     [

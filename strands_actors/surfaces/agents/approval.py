@@ -18,6 +18,7 @@ from typing import Any
 
 import trio
 
+from strands_actors.contract.axis import finite
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.shown import closest, harmless, shown
 from strands_actors.kernel.messages import Refused
@@ -122,10 +123,13 @@ class Approval:
             raise TypeError(
                 f"approve is {approve!r}. give a function that takes a request and returns True or False"
             )
+        seconds = finite(within_s)
+        if seconds is None or seconds <= 0:
+            raise ValueError(f"approve_within_s is {shown(within_s)}. give seconds, a number above 0")
         self.guarded = frozenset(name.removesuffix(".pos") for name in guarded)
         self._topics = dict(topics or {})
         self._approve = approve
-        self._within_s = within_s
+        self._within_s = seconds
 
     def guards_nothing(self, *drivers: Driver) -> str:
         """Return which name is none of what one of these robots can be asked for, and what is;
