@@ -115,6 +115,8 @@ def read(
     if mesh is None:
         mesh = MeshConfig.from_environment()
     if at is not None:
+        if not isinstance(at, str):
+            raise TypeError(f"Robot: at is {shown(at)}. give where its host listens: 'tls/arm.example:7447'")
         mesh = msgspec.structs.replace(mesh, connect=at, listen=())
     mesh.check()
     if lifetime is not None and not 0 < lifetime <= MAX_LIFETIME_S:
