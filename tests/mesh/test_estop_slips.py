@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import os
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ import trio
 from strands_actors import MeshConfig, broadcast, estop
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.mesh import schemas as mesh_json
-from strands_actors.surfaces.mesh import estop_button, get_peers
+from strands_actors.surfaces.mesh import estop_button, get_peers, resume, tell
 from strands_actors.surfaces.mesh.config import ENVIRONMENT
 from strands_actors.surfaces.mesh.outcome import outcome_of
 from strands_actors.surfaces.mesh.signing import patience_s, program, signed
@@ -117,6 +118,37 @@ def test_saf_007_a_mesh_that_cannot_be_used_keeps_no_stop_from_the_robots_of_thi
 
     with caplog.at_level(logging.WARNING, "strands_actors"):
         run(test)
+
+
+@pytest.mark.parametrize(
+    ("verb", "told"),
+    [
+        (lambda: tell(["so101"], "wave"), "tell: the robot is ['so101']. give the name of one, as text"),  # type: ignore[arg-type]
+        (lambda: tell(5, "wave"), "tell: the robot is 5. give the name of one"),  # type: ignore[arg-type]
+        (lambda: resume(["so101"]), "resume: the robot is ['so101']. give the name of one"),  # type: ignore[arg-type]
+        (
+            lambda: tell("so101", "wave", polcy_provider="mock"),
+            "there is no option 'polcy_provider' ('policy_provider'?). there are policy_provider, policy_host, "
+            "policy_port, duration, n_steps, control_frequency",
+        ),
+        (lambda: tell("so101", "wave", clock="x"), "there is no option 'clock'"),
+    ],
+)
+def test_what_is_no_robot_and_no_option_is_refused_with_what_there_is(verb: Callable[[], Any], told: str) -> None:
+    with pytest.raises(TypeError) as refused:
+        verb()
+    assert told in str(refused.value)
+
+
+def test_a_mesh_may_be_the_path_of_its_file(tmp_path: Path) -> None:
+    file = tmp_path / "mesh.toml"
+    file.write_text('connect = "tcp/127.0.0.1:1"\ninsecure = true\n')
+    for given in (file, str(file)):
+        (outcome,) = estop(mesh=given)
+        assert (outcome.robot, outcome.detail) == (
+            "tcp/127.0.0.1:1",
+            "it is not connected: who is there is not known",
+        )
 
 
 @pytest.mark.parametrize("order", [{"by": LONG}, {"by": 7}, {"by": None}, {"target_id": 3}], ids=str)

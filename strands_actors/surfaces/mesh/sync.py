@@ -13,8 +13,9 @@ from typing import Any
 import trio
 
 from strands_actors.caller.portal import portal
+from strands_actors.contract.shown import closest, shown
 from strands_actors.kernel.messages import Refused
-from strands_actors.supervisors.mesh.schemas import ESTOP_ANSWER_S
+from strands_actors.supervisors.mesh.schemas import ESTOP_ANSWER_S, Execute
 
 from .client import AWAY_S, MeshClient, open_mesh
 from .config import MeshConfig
@@ -24,6 +25,10 @@ from .outcome import Outcome
 Mesh = MeshConfig | str | os.PathLike[str] | None
 """How to reach robots of other hosts: a configuration, or the path of its file; None: what
 ``STRANDS_ACTORS_MESH`` names."""
+
+_SET = ("action", "instruction", "clock", "deadline_ns")
+OPTIONS = tuple(name for name in Execute.__struct_fields__ if name not in _SET)
+"""Of ``tell``."""
 
 _log = logging.getLogger("strands_actors")
 
@@ -40,6 +45,11 @@ def estop(*, mesh: Mesh = None, by: str = "", within_s: float = ESTOP_ANSWER_S) 
             return await client.estop(by, within_s)
 
     return portal().call(run)
+
+
+def _check_name(verb: str, robot: object) -> None:
+    if not isinstance(robot, str):
+        raise TypeError(f"{verb}: the robot is {shown(robot)}. give the name of one, as text")
 
 
 @contextlib.contextmanager
@@ -93,7 +103,13 @@ def tell(robot: str, instruction: str, *, mesh: Mesh = None, **options: Any) -> 
     """Have a robot of the mesh run a policy that is installed on its host, and wait until that has
     ended; its status then. ``policy_provider`` names it; ``duration``, ``n_steps``,
     ``policy_port``, ``policy_host`` and ``control_frequency`` as ``start_task`` has them. Raise
-    ``PermissionError`` with the robot's refusal."""
+    ``PermissionError`` with the robot's refusal, ``TypeError`` for what is no name or no option."""
+    _check_name("tell", robot)
+    for option in options:
+        if option not in OPTIONS:
+            close = closest(option, OPTIONS)
+            hint = f" ({close[0]!r}?)" if close else ""
+            raise TypeError(f"tell: there is no option {option!r}{hint}. there are {', '.join(OPTIONS)}")
 
     async def run() -> dict[str, Any] | Refused:
         async with open_mesh(mesh) as client:
@@ -125,7 +141,8 @@ def broadcast(command: Mapping[str, Any] | str, *, mesh: Mesh = None) -> list[di
 
 def resume(robot: str, *, mesh: Mesh = None, by: str = "") -> None:
     """Lift the lockout of one robot and energise it at the measured position. Raise
-    ``PermissionError`` with its refusal."""
+    ``PermissionError`` with its refusal, ``TypeError`` for what is no name."""
+    _check_name("resume", robot)
 
     async def run() -> None:
         async with open_mesh(mesh) as client:
