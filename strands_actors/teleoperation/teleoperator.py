@@ -16,8 +16,11 @@ from typing import Any
 from strands_actors.caller.portal import portal
 from strands_actors.caller.run_directory import run_dir
 from strands_actors.caller.twin_process import TwinProcess, TwinProcessDown
+from strands_actors.contract.axis import finite
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.loading import load
+from strands_actors.contract.plain_numbers import as_python
+from strands_actors.contract.shown import shown
 from strands_actors.drivers import leader_name, list_leaders
 from strands_actors.supervisors.loading import build_driver, describe_driver
 
@@ -56,6 +59,8 @@ class Teleoperator:
         relative: bool = False,
         **options: Any,
     ) -> None:
+        if not isinstance(relative, bool):  # the text "no" would be a yes
+            raise TypeError(f"Teleoperator: relative is {shown(relative)}. give True or False")
         self._twin: TwinProcess | None = None
         self._hand: dict[str, float] = {}
         self._address_file: Path | None = None
@@ -100,6 +105,9 @@ class Teleoperator:
         driver_class = list_leaders()[leader]
         if transport not in (None, "twin"):
             raise ValueError(f"Teleoperator: {leader} has no transport {transport!r}. it offers twin")
+        for what, given, example in (("port", self._port, "'/dev/ttyACM1'"), ("id", robot_id, "'left'")):
+            if given is not None and not (isinstance(given, str) and given.strip()):
+                raise TypeError(f"Teleoperator: {what} is {shown(given)}. give it as text: {example}")
         if (self._port is None) == (transport is None):
             raise ValueError(
                 f"Teleoperator: give {leader} one of port= and transport='twin': "
@@ -162,14 +170,23 @@ class Teleoperator:
 
     def move_by_hand(self, positions: Mapping[str, float]) -> None:
         """Move joints of a leader's twin, as a hand would: by name, in its units. Raise
-        ``RuntimeError`` when that cannot be, ``TypeError`` for what is no twin."""
+        ``RuntimeError`` when that cannot be, ``TypeError`` for what is no twin or no position."""
         twin, driver = self._twin, self.driver
         if twin is None:
             raise TypeError(f"{self.name} is no twin. move it by your own hand")
         units = dict(zip(driver.axes, driver.model_units(), strict=True))
-        if unknown := [key for key in positions if key not in units]:
+        said: object = positions  # of a program that nobody has checked
+        if not isinstance(said, Mapping):
+            axis = next(iter(units))
+            raise TypeError(f"move_by_hand: it is {shown(said)}. give positions by joint: {{{axis!r}: 10.0}}")
+        if unknown := [str(key) for key in positions if key not in units]:
             raise TypeError(f"{self.name} has no {', '.join(unknown)}. it has {', '.join(units)}")
-        angles = {key: (value - units[key][0]) / units[key][1] for key, value in positions.items()}
+        angles = {}
+        for key, value in positions.items():
+            number, (zero, scale) = finite(as_python(value)), units[key]
+            if number is None:
+                raise TypeError(f"move_by_hand: {key} is {shown(value)}. give a finite number, in {driver.unit}")
+            angles[key] = (number - zero) / scale
 
         async def move() -> dict[str, float]:
             await twin.start()

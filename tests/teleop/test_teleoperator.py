@@ -28,6 +28,11 @@ REFUSALS: list[tuple[str, dict[str, Any], str]] = [
     ("so101_leader", {"transport": "smoke"}, "it offers twin"),
     ("so101_leader", {"port": "x", "wheels": 4}, "takes no wheels. it takes calibration, baud"),
     ("so101_leader", {"port": "x", "baud": 9600}, "baud is 9600"),
+    ("so101_leader", {"port": ""}, "port is ''. give it as text: '/dev/ttyACM1'"),
+    ("so101_leader", {"port": 5}, "port is 5. give it as text"),
+    ("so101_leader", {"transport": "twin", "id": 5}, "id is 5. give it as text: 'left'"),
+    ("so101_leader", {"transport": "twin", "relative": "no"}, "relative is 'no'. give True or False"),
+    ("tests.x:Y", {"relative": 1}, "relative is 1. give True or False"),
     ("keyboard", {"port": "x"}, "keyboard has no port"),
     ("keyboard", {"relative": True}, "keyboard takes no relative"),
     ("tests.x:Y", {"transport": "twin"}, "has no transport"),
@@ -95,6 +100,25 @@ def test_a_hand_moves_twins_alone() -> None:
         Teleoperator("keyboard").move_by_hand({"gripper": 1.0})
     with pytest.raises(TypeError, match="has no elbow"):
         Teleoperator("so101_leader", transport="twin").move_by_hand({"elbow": 1.0})
+
+
+@pytest.mark.parametrize(
+    ("positions", "told"),
+    [
+        (5, "it is 5. give positions by joint: {'shoulder_pan': 10.0}"),
+        (None, "it is None. give positions by joint"),
+        (["shoulder_pan"], "it is ['shoulder_pan']. give positions by joint"),
+        ({5: 1.0}, "has no 5. it has shoulder_pan"),
+        ({"shoulder_pan": "x"}, "shoulder_pan is 'x'. give a finite number, in degrees"),
+        ({"shoulder_pan": None}, "shoulder_pan is None. give a finite number"),
+        ({"shoulder_pan": float("nan")}, "shoulder_pan is nan. give a finite number"),
+        ({"shoulder_pan": float("inf")}, "shoulder_pan is inf. give a finite number"),
+    ],
+)
+def test_saf_014_where_no_hand_could_move_it_is_told_so(positions: Any, told: str) -> None:
+    with pytest.raises(TypeError) as refused:
+        Teleoperator("so101_leader", transport="twin").move_by_hand(positions)
+    assert told in str(refused.value)
 
 
 def test_a_koch_leader_is_moved_by_hand_and_read_and_leads_its_follower() -> None:
