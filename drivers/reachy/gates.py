@@ -67,7 +67,8 @@ def parse(
 
 def all_gates(axes: Sequence[Axis], state_ttl_s: float, yaw_deg: float) -> tuple[GateCheck, ...]:
     """Return the gates in the order in which they are asked: the first that refuses answers."""
-    return stale(axes, state_ttl_s), past_range(axes), asleep(axes), twisted(yaw_deg), too_fast(axes)
+    own = past_range(axes), asleep(axes), twisted(yaw_deg), too_fast(axes)
+    return stale(axes, state_ttl_s), would_be_heeded, *own
 
 
 def asleep(axes: Sequence[Axis]) -> GateCheck:
@@ -146,10 +147,19 @@ def motors_on(observation: Observation, now_ns: int) -> Refused | None:
 
 
 def heeded(observation: Observation, now_ns: int) -> Refused | None:
-    """Refuse while a move of somebody else's runs: the daemon ignores targets then."""
-    if not any(observation.sensors.get("ignored", ())):
-        return None
-    why = "move: the daemon ignores targets: a move of another client is running"
+    """Refuse when the daemon has just ignored a command."""
+    return ignored("move") if any(observation.sensors.get("ignored", ())) else None
+
+
+def would_be_heeded(candidate: Candidate, state: GateState) -> Refused | None:
+    """Refuse while another client's move runs, which goes on: the daemon ignores targets and moves
+    then."""
+    return ignored("move") if any(state.observation.sensors.get("others_move", ())) else None
+
+
+def ignored(what: str) -> Refused:
+    """Refuse what the daemon would ignore."""
+    why = f"{what}: the daemon ignores it: a move of another client is running"
     return Refused("ignored", why, "wait until it is over, or call stop(), which ends it", "a move", "none")
 
 

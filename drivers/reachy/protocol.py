@@ -58,7 +58,8 @@ TRACKING_STOP = '{"type":"set_head_tracking","enabled":false}'
 WOBBLING_STOP = '{"type":"set_wobbling","enabled":false}'
 MOTORS_OFF = '{"type":"set_motor_mode","mode":"disabled"}'
 
-ENDS = ("move_completed", "move_failed", "move_cancelled")
+COMPLETED = "move_completed"
+ENDS = (COMPLETED, "move_failed", "move_cancelled")
 
 PITCH, ROLL, YAW, X, Y, Z, BODY, LEFT, RIGHT = range(9)
 """Axes of a row."""

@@ -3,7 +3,8 @@ for."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import deque
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import httpx
@@ -17,7 +18,7 @@ from strands_actors.kernel.messages import Refused
 
 from . import protocol as p
 from .config import ReachyConfig
-from .gates import EASE, SHORTEST_S
+from .gates import EASE, SHORTEST_S, ignored
 
 ASK_S = 4.0
 """How long the daemon may take to answer a question."""
@@ -46,16 +47,22 @@ KEPT = 16
 """Ends of moves that nobody has waited for yet."""
 
 
+OVER_S = 0.05
+"""A move that is completed so soon was not played: another one runs."""
+
+
 class Moves:
     """What became of moves, by uuid. ``running``: the newest of ours, as long as it is not known to
     have ended."""
 
     def __init__(self) -> None:
         self.running = ""
+        self._ours: deque[str] = deque(maxlen=KEPT)
         self._ended: dict[str, p.Update] = {}
         self._news = trio.Event()
 
     def begin(self, uuid: str) -> None:
+        self._ours.append(uuid)
         if uuid not in self._ended:
             self.running = uuid
 
@@ -69,6 +76,17 @@ class Moves:
             self.running = ""
         self._news.set()
         self._news = trio.Event()
+
+    def others(self, running: Sequence[str]) -> bool:
+        """Return whether one of these is another client's."""
+        return any(uuid not in self._ours for uuid in running)
+
+    async def ignored(self, uuid: str) -> bool:
+        """Return whether it is over at once, as one that the daemon does not play: a move that was
+        begun over a WebSocket runs, and is in no list."""
+        with trio.move_on_after(OVER_S):
+            return (await self.ended(uuid)).kind == p.COMPLETED
+        return False
 
     async def ended(self, uuid: str) -> p.Update:
         while uuid not in self._ended:
@@ -161,7 +179,13 @@ class Services:
     async def _move(
         self, client: HttpClient, service: str, target: str, body: bytes, permit: Permit
     ) -> dict[str, Any] | Refused:
-        """Begin a move, in the place of ours that runs, and wait for its end."""
+        """Begin a move, in the place of ours that runs, and wait for its end. The daemon ignores it
+        while another client's runs."""
+        running = await client.get(p.RUNNING, BEGIN_S)
+        if running.status_code != p.OK:
+            return _said_no(service, running.status_code, running.content)
+        if self._moves.others(p.decode_running(running.content)):
+            return ignored(service)
         if self._moves.running:
             await client.post(p.STOP, p.encode_uuid(self._moves.running), ASK_S, permit)
         answer = await self._energise(client, target, body, permit, BEGIN_S)
@@ -169,8 +193,10 @@ class Services:
             return _said_no(service, answer.status_code, answer.content)
         uuid = p.decode_move(answer.content)
         self._moves.begin(uuid)
+        if await self._moves.ignored(uuid):
+            return ignored(service)
         end = await self._moves.ended(uuid)
-        if end.kind != "move_completed":
+        if end.kind != p.COMPLETED:
             return Refused(
                 "move", f"{service}: {end.kind.replace('_', ' ')} {end.details}".rstrip(), "look at the robot"
             )

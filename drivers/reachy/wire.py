@@ -44,8 +44,8 @@ COMMAND_S = 0.5
 WAIT_S = 0.2
 """How long a command waits for the answer to the one before."""
 
-MODE_S = 0.1
-"""Between two looks at the motors' mode, which the stream of positions does not tell."""
+LOOK_S = 0.1
+"""Between two looks at what the stream of positions does not tell: the motors' mode, and moves."""
 
 OWED_S = 0.03
 """How long a stop waits for the answer to a command that has just been sent: on a connection that
@@ -56,7 +56,7 @@ BATTERY_S = 5.0
 """How long a charge counts: the daemon tells its status once a second."""
 
 IGNORED_S = 0.5
-"""So long a target that was ignored keeps others from being sent."""
+"""So long a command that was ignored keeps others from being sent."""
 
 
 class ReachyWire(Wire):
@@ -78,6 +78,7 @@ class ReachyWire(Wire):
         self._joints: p.Joints | None = None
         self._head: p.Head | None = None
         self._head_ns = self._joints_ns = self._ignored_ns = 0
+        self._others = False  # whether another client's move runs
         self._mode = math.nan
         self._mode_ns = 0
         self._imu: p.Imu | None = None
@@ -111,16 +112,16 @@ class ReachyWire(Wire):
         modes = HttpClient(self._url)
         commands = self._commands = HttpPort(*self._where)
         try:
-            await self._see_mode(modes)
+            await self._look(modes)
             async with trio.open_nursery() as nursery:
                 self._nursery = nursery
                 await nursery.start(commands.serve)
                 nursery.start_soon(self._hear_all, sdk)
                 nursery.start_soon(self._follow_moves, updates)
                 task_status.started()
-                async with aclosing(self._clock.ticks(MODE_S)) as ticks:
+                async with aclosing(self._clock.ticks(LOOK_S)) as ticks:
                     async for _ in ticks:
-                        await self._see_mode(modes)
+                        await self._look(modes)
         finally:
             self._nursery = None
             with trio.CancelScope(shield=True):
@@ -152,6 +153,7 @@ class ReachyWire(Wire):
                 **self._felt(now_ns),
                 "motor_mode": (self._mode,),
                 "ignored": (float(now_ns - self._ignored_ns < IGNORED_S * NS),),
+                "others_move": (float(self._others),),
                 "head_xyz_m": head.xyz_m,
                 "head_rpy_rad": head.rpy_rad,
             },
@@ -252,18 +254,26 @@ class ReachyWire(Wire):
             except MalformedFrame as malformed:
                 self._problem = str(malformed)
 
-    async def _see_mode(self, modes: HttpClient) -> None:
+    async def _look(self, modes: HttpClient) -> None:
+        """See the motors' mode, and whether another client's move runs."""
         try:
             answer = await modes.get(p.MOTORS, COMMAND_S)
             if answer.status_code != p.OK:
                 raise MalformedFrame(f"{p.MOTORS}: status {answer.status_code}")
             self._mode, self._mode_ns = float(p.decode_mode(answer.content)), self._clock.now_ns()
+            answer = await modes.get(p.RUNNING, COMMAND_S)
+            if answer.status_code != p.OK:
+                raise MalformedFrame(f"{p.RUNNING}: status {answer.status_code}")
+            running = p.decode_running(answer.content)
+            # one that is listed before our command is answered may be ours
+            if self._pending() is None:
+                self._others = self._moves.others(running)
         except (WireDown, MalformedFrame) as problem:
             self._problem = str(problem)
 
     async def _take_answer(self, port: HttpPort, number: int, owed: trio.Event, is_move: bool) -> None:
         """Raise ``WireDown`` when it does not come."""
-        answered = False
+        answered, uuid = False, ""
         try:
             with trio.move_on_after(COMMAND_S):
                 answer = await port.answer(number, math.inf)
@@ -272,19 +282,22 @@ class ReachyWire(Wire):
                     raise WireDown(f"write: the answer is status {answer.status}. Look at the daemon")
                 try:
                     if is_move:
-                        self._moves.begin(p.decode_move(answer.body))
+                        uuid = p.decode_move(answer.body)
+                        self._moves.begin(uuid)
                     elif not p.decode_target_answer(answer.body):
                         self._ignored_ns = self._clock.now_ns()
                 except MalformedFrame as malformed:
                     raise WireDown(f"write: {malformed}. Look at the daemon") from None
-                return
-            raise WireDown(f"write: no answer within {COMMAND_S * 1e3:.0f} ms. Check the daemon")
+            if not answered:
+                raise WireDown(f"write: no answer within {COMMAND_S * 1e3:.0f} ms. Check the daemon")
         finally:
             if answered:
                 self._owed = None
                 owed.set()
             else:
                 self._gave_up = True
+        if uuid and await self._moves.ignored(uuid):
+            self._ignored_ns = self._clock.now_ns()
 
     @property
     def _given_up(self) -> bool:

@@ -26,7 +26,10 @@ def driver(port: str = "192.0.2.1", **options: Any) -> Reachy:
 def seen(
     here: tuple[float, ...] = REST, age_ns: int = 0, mode: str = "enabled", ignored: bool = False
 ) -> Observation:
-    sensors = {"motor_mode": (float(p.MODES.index(mode)),), "ignored": (float(ignored),)}
+    sensors: dict[str, tuple[float, ...]] = {
+        "motor_mode": (float(p.MODES.index(mode)),),
+        "ignored": (float(ignored),),
+    }
     return Observation(NOW_NS - age_ns, here, (NOW_NS - age_ns,) * 9, sensors=sensors)
 
 
@@ -171,6 +174,15 @@ def test_saf_014_motors_without_torque_are_refused(mode: str) -> None:
     assert motors_on(seen(), NOW_NS) is None and heeded(seen(), NOW_NS) is None
     ignored = heeded(seen(ignored=True), NOW_NS)
     assert ignored is not None and "another client" in ignored.reason
+
+
+def test_saf_014_while_another_clients_move_runs_none_of_ours_begins() -> None:
+    at = state()
+    at.observation.sensors["others_move"] = (1.0,)
+    assert refused({"head_yaw": 40.0}, at).code == "ignored"
+    assert all(condition.check(at.observation, NOW_NS) is None for condition in driver().conditions), (
+        "it goes on: what was refused ends nothing"
+    )
 
 
 @pytest.mark.parametrize(

@@ -294,6 +294,24 @@ def test_saf_010_a_command_waits_for_the_answer_to_the_one_before() -> None:
     trio.run(main)
 
 
+def test_moves_of_our_own_are_not_taken_for_another_clients() -> None:
+    async def main() -> None:
+        async with daemon() as (twin, server):
+            twin.body.end_move()
+            async with wired(server.address) as wire:
+                for at in range(40):
+                    await wire.write((*FAR[:7], float(at), 0.0, 2.0), Free())
+                    await trio.sleep(0.013)
+                    sensors = (await wire.read()).sensors
+                    assert sensors["ignored"] == sensors["others_move"] == (0.0,)
+                await wire.make_safe("hold")
+                twin.body.play(Move("b9cbfc2f-79b0-4181-bce4-8ce04b277b90", [(FAR, 9.0)]))
+                await trio.sleep(0.3)
+                assert (await wire.read()).sensors["others_move"] == (1.0,)
+
+    trio.run(main)
+
+
 def test_saf_002_a_stop_does_not_overtake_a_command_that_waits_in_a_frozen_daemon() -> None:
     async def main() -> None:
         async with daemon() as (twin, server):
@@ -421,7 +439,7 @@ def test_saf_009_a_request_that_has_left_is_not_taken_for_denied() -> None:
     trio.run(main)
 
 
-@pytest.mark.parametrize("service", ["wake", "motors"])
+@pytest.mark.parametrize("service", ["track_face", "motors"])
 def test_saf_010_a_service_that_is_not_answered_ends_the_link(service: str) -> None:
     async def main() -> None:
         async with daemon() as (twin, server), wired(server.address) as wire:
@@ -435,7 +453,7 @@ def test_saf_010_a_service_that_is_not_answered_ends_the_link(service: str) -> N
                 await wire.write((*FAR, 0.0), Free())
             reports = await wire.reach("limp")
             assert all(one.safe for one in reports), reports[0].detail
-            assert (twin.body.mode, twin.body.move) == ("disabled", None)
+            assert (twin.body.mode, twin.tracking) == ("disabled", False)
 
     trio.run(main)
 

@@ -125,6 +125,34 @@ def test_targets_that_the_daemon_ignores_are_told_and_all_moves_end(reachy: Real
         stands(reachy)
 
 
+def test_moves_and_services_that_the_daemon_would_ignore_are_refused(reachy: RealRobot, twin: Twin) -> None:
+    began_s = time.monotonic()
+    began_ns = time.monotonic_ns()
+    body = {"antennas": [1.0, 1.0], "duration": 2.0}
+    httpx.post(f"http://{twin.port}{p.GOTO}", json=body, trust_env=False)
+    assert "wake: the daemon ignores it: a move of another client is running" in why(reachy.wake())
+    until(lambda: status(reachy)["sensors"]["others_move"] == [1.0], "it is seen")
+    assert "a move of another client is running" in why(reachy.send_action({"head_yaw": 40.0}))
+    assert "a move of another client is running" in why(reachy.express(move="yes1"))
+    assert len(twin.log.host("setpoint", began_ns)) == 1, "the other client's"
+    until(lambda: status(reachy)["sensors"]["others_move"] == [0.0], "it is over")
+    assert time.monotonic() - began_s > 2.0 and not twin.log.host("safe", began_ns), "nobody ended it"
+    json_of(reachy.send_action({"head_yaw": 40.0}))
+    until(lambda: reachy.get_observation()["head_yaw"] == pytest.approx(40.0, abs=0.5), "and now it moves")
+
+
+def test_a_move_that_is_ignored_for_one_in_no_list_is_told(reachy: RealRobot, twin: Twin) -> None:
+    with connect(f"ws://{twin.port}{p.SDK}", proxy=None, close_timeout=0.2) as other:
+        other.send(json.dumps({"type": "goto_target", "antennas": [2.0, 2.0], "duration": 9.0}))
+        until(lambda: reachy.get_observation()["antenna_left"] > 5.0, "it moves")
+        assert "a move of another client is running" in why(reachy.wake())
+        began_ns = move(reachy, twin, head_yaw=40.0)
+        first_safe(twin.log, began_ns)
+        until(lambda: state(reachy) == "disarmed", "it is let go of")
+        assert "a move of another client is running" in status(reachy)["cause"]
+        stands(reachy)
+
+
 def test_saf_010_a_move_that_waits_in_a_stopped_daemon_is_ended(reachy: RealRobot, twin: Twin) -> None:
     """The daemon is stopped, a move is handed to its socket, the caller stops, the daemon goes
     on."""
