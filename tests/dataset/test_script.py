@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import signal
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -9,13 +11,15 @@ from typing import Any
 import pytest
 
 from strands_actors import Robot, Teleoperator, record_dataset
-from strands_actors.surfaces.dataset import DatasetError
+from strands_actors.surfaces.dataset import DatasetError, DatasetRecording
 from strands_actors.surfaces.dataset.dataset import Index
+from strands_actors.surfaces.dataset.repair import repair
 from tests.answers import json_of, until
 from tests.teleop.test_page import operator
 
 from .made import check
 from .test_page_keys import say, shown
+from .test_so101 import PATIENCE_S, wave
 
 
 @pytest.fixture
@@ -49,3 +53,65 @@ def test_what_a_page_is_answered_is_no_answer_to_a_script(arm: Any, tmp_path: Pa
 
 def has_frames(told: dict[str, Any]) -> bool:
     return "fps" in told["text"] and ", 0 fps" not in told["text"]
+
+
+def killed(recording: DatasetRecording, how: signal.Signals) -> None:
+    assert recording._process is not None
+    recording._process.send_signal(how)
+
+
+@pytest.mark.parametrize("word", ["start", "finish", "discard"])
+def test_a_recorder_that_is_frozen_is_given_up_and_what_it_had_is_repaired(
+    arm: Any, tmp_path: Path, word: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root = tmp_path / "set"
+    with pytest.raises(ZeroDivisionError), record_dataset(arm, root, task="wave") as recording:
+        if word != "start":
+            recording.start()
+            wave(
+                arm,
+                PATIENCE_S,
+                lambda: any(path.stat().st_size > 8000 for path in root.glob(".staging/*/*.arrows")),
+            )
+        killed(recording, signal.SIGSTOP)
+        monkeypatch.setattr("strands_actors.surfaces.dataset.script.SILENT_S", 2.0)
+        began_s = time.monotonic()
+        for _ in range(2):
+            with pytest.raises(DatasetError, match=f"the recorder does not answer.*dataset repair {root}"):
+                getattr(recording, word)()
+        assert time.monotonic() - began_s < 10.0
+        raise ZeroDivisionError
+    assert repair(root).total_episodes == (word != "start") if (root / ".staging").exists() else word == "start"
+
+
+def test_what_a_block_raises_is_not_lost_with_its_recorder(arm: Any, tmp_path: Path) -> None:
+    with (
+        pytest.raises(ZeroDivisionError),
+        record_dataset(arm, tmp_path / "set", task="wave") as recording,
+        recording.episode(),
+    ):
+        killed(recording, signal.SIGKILL)
+        raise ZeroDivisionError
+
+
+def test_a_recorder_that_was_killed_is_told_with_what_to_do(arm: Any, tmp_path: Path) -> None:
+    root = tmp_path / "set"
+    with (
+        pytest.raises(DatasetError, match=f"ended with code -9. `strands-actors dataset repair {root}`"),
+        record_dataset(arm, root, task="wave") as recording,
+        recording.episode(),
+    ):
+        killed(recording, signal.SIGKILL)
+
+
+def test_a_script_is_told_when_its_robot_is_gone(arm: Any, tmp_path: Path) -> None:
+    root = tmp_path / "set"
+    with (
+        pytest.raises(DatasetError, match=f"so101: the robot is gone.*not finished.*dataset repair {root}"),
+        record_dataset(arm, root, task="wave") as recording,
+        recording.episode(),
+    ):
+        wave(arm, 0.5)
+        arm.cleanup()
+        assert recording._process is not None
+        recording._process.wait(PATIENCE_S)

@@ -16,8 +16,25 @@ from .keys import read_words
 from .run import Command, Summary, record_episodes
 from .session import Event, Order, give_way
 
+ALIVE_S = 1.0
+
 
 async def _record(order: Order) -> Summary:
+    async with trio.open_nursery() as nursery:
+        nursery.start_soon(_live)
+        summary = await _record_episodes(order)
+        nursery.cancel_scope.cancel()
+    return summary
+
+
+async def _live() -> None:
+    """Say that we do, also while an episode is being saved."""
+    while True:
+        _say(Event("alive"))
+        await trio.sleep(ALIVE_S)
+
+
+async def _record_episodes(order: Order) -> Summary:
     async def controls(command: Command) -> None:
         def obey(line: str) -> None:
             number, _, word = line.partition(" ")
@@ -40,11 +57,12 @@ def main() -> int:
     signal.signal(signal.SIGINT, signal.default_int_handler)  # whoever started us may have it ignored
     give_way()
     try:
-        trio.run(_record, order)
+        summary = trio.run(_record, order)
     except BaseExceptionGroup as group:
         return _fail(_first(group))
     except (RecordingError, OSError) as problem:
         return _fail(problem)
+    _say(Event("ended", text=". ".join(filter(None, (f"{order.robot}: {summary.ended}", summary.left)))))
     return 0
 
 

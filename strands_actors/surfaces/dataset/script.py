@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import queue
 import signal
 import subprocess
 import threading
@@ -24,6 +25,14 @@ from .video import DEFAULT
 
 CHILD = f"{__package__}.child"
 END_S = LEAVE_S + 15.0
+READY_S = 60.0
+"""For a slow machine to start it, and for cameras and robot to show something."""
+SILENT_S = 10.0
+"""A recorder says each second that it lives."""
+ANSWER_S = 300.0
+"""For a slow disk to take an episode."""
+KILL_S = 5.0
+SLICE_S = 0.5
 
 
 class Named(Protocol):
@@ -64,6 +73,9 @@ class DatasetRecording:
         self._order = order
         self._process: subprocess.Popen[bytes] | None = None
         self._said = bytearray()
+        self._answers: queue.SimpleQueue[Event | None] = queue.SimpleQueue()  # None: no more
+        self._heard = 0  # lines
+        self._ended = ""  # why, in its words or in ours
         self._asked = 0  # commands so far
         self.saved: list[dict[str, object]] = []
         """What was saved: number, frames and marks of each episode."""
@@ -76,11 +88,15 @@ class DatasetRecording:
             stderr=subprocess.PIPE,
             env=environment(),
         )
-        # Read all the time: a process that complains a lot must not wait for us.
-        self._listener = threading.Thread(target=self._listen, args=(self._process,), daemon=True)
-        self._listener.start()
+        # Read all the time: a process that says a lot must not wait for us.
+        self._listeners = [
+            threading.Thread(target=listen, args=(self._process,), daemon=True)
+            for listen in (self._listen, self._hear)
+        ]
+        for listener in self._listeners:
+            listener.start()
         try:
-            self._wait_for("ready")
+            self._wait_for("ready", READY_S, READY_S)
         except BaseException:
             self._kill()
             raise
@@ -91,18 +107,14 @@ class DatasetRecording:
     ) -> None:
         """End the recording. An episode that runs is not finished by that; it can be repaired."""
         process = self._process
-        if process is None:
+        if process is None:  # it was given up
             return
         process.send_signal(signal.SIGINT)
-        try:
-            process.wait(END_S)
-        except subprocess.TimeoutExpired:
-            self._kill()
-            raise DatasetError(f"the recorder did not end within {END_S:g} s") from None
-        self._listener.join()
-        if process.returncode and kind is None:
-            raise DatasetError(self._why())
+        self._wait_for_its_end()
+        why = self._why() if process.returncode else ""
         self._close()
+        if why and kind is None:  # what the block raised comes first
+            raise DatasetError(why)
 
     def start(self) -> None:
         """Begin an episode. Raise ``RecordingError`` when it cannot begin: no picture, no room."""
@@ -123,55 +135,105 @@ class DatasetRecording:
         try:
             yield
         except BaseException:
-            self.discard()
+            with contextlib.suppress(DatasetError):  # what the block raised comes first
+                self.discard()
             raise
         self.finish()
 
     def _tell(self, word: str, answer: str) -> Event:
         self._asked += 1
         if self._process is None or self._process.stdin is None:
-            raise DatasetError(f"{word}: nothing is recorded outside the with block")
+            raise DatasetError(self._ended or f"{word}: nothing is recorded outside the with block")
         try:
             self._process.stdin.write(f"{self._asked} {word}\n".encode())
             self._process.stdin.flush()
         except BrokenPipeError:
             return self._raise_why()
-        return self._wait_for(answer)
+        return self._wait_for(answer, ANSWER_S, SILENT_S)
 
-    def _wait_for(self, what: str) -> Event:
+    def _wait_for(self, what: str, within_s: float, silent_s: float) -> Event:
         """Return the answer to what was asked last. The keys of a page are answered, too: to others."""
-        assert self._process is not None and self._process.stdout is not None
-        while line := self._process.stdout.readline():
-            event = msgspec.json.decode(line, type=Event)
+        waited_s = silence_s = 0.0
+        heard = self._heard
+        while waited_s < within_s and silence_s < silent_s:
+            try:
+                event = self._answers.get(timeout=SLICE_S)
+            except queue.Empty:
+                # By slices: a script that was suspended has not listened meanwhile.
+                waited_s += SLICE_S
+                silence_s = silence_s + SLICE_S if self._heard == heard else 0.0
+                heard = self._heard
+                continue
+            if event is None:
+                return self._raise_why()
             if event.asked != self._asked:
                 continue
             if event.what == what:
                 return event
             if event.what == "refused":
                 raise DatasetError(event.text)
-        return self._raise_why()
+        return self._give_up(f"does not answer: nothing was {what} within {min(waited_s, within_s):g} s")
+
+    def _give_up(self, why: str) -> NoReturn:
+        """Nobody can say any more what becomes of it, and its dataset is to be repaired by others."""
+        self._kill()
+        self._ended = f"the recorder {why}, and was ended. {self._remedy()}"
+        raise DatasetError(self._ended)
 
     def _raise_why(self) -> NoReturn:
+        self._wait_for_its_end()
+        self._ended = self._why()
+        self._close()
+        raise DatasetError(self._ended)
+
+    def _wait_for_its_end(self) -> None:
         assert self._process is not None
-        self._process.wait(END_S)
-        self._listener.join()
-        raise DatasetError(self._why())
+        try:
+            self._process.wait(END_S)
+        except subprocess.TimeoutExpired:
+            self._ended = f"the recorder did not end within {END_S:g} s. {self._remedy()}"
+            self._end_it()
+        self._join()
 
     def _why(self) -> str:
         assert self._process is not None
         said = self._said.decode(errors="replace").strip()
-        return said or f"the recorder ended with code {self._process.returncode}"
+        return said or self._ended or f"the recorder ended with code {self._process.returncode}. {self._remedy()}"
+
+    def _remedy(self) -> str:
+        return f"`strands-actors dataset repair {self._order.root}` makes an episode of what it has recorded"
 
     def _listen(self, process: subprocess.Popen[bytes]) -> None:
         assert process.stderr is not None
         while piece := process.stderr.read1(4096):  # type: ignore[attr-defined]
             self._said += piece
 
+    def _hear(self, process: subprocess.Popen[bytes]) -> None:
+        assert process.stdout is not None
+        for line in process.stdout:
+            self._heard += 1
+            event = msgspec.json.decode(line, type=Event)
+            if event.what == "ended":
+                self._ended = event.text
+            elif event.asked or event.what == "ready":
+                self._answers.put(event)
+        self._answers.put(None)
+
     def _kill(self) -> None:
         if self._process is not None:
-            self._process.kill()
-            self._process.wait()
+            self._end_it()
             self._close()
+
+    def _end_it(self) -> None:
+        assert self._process is not None
+        self._process.kill()
+        with contextlib.suppress(subprocess.TimeoutExpired):  # a disk that hangs keeps it
+            self._process.wait(KILL_S)
+        self._join()
+
+    def _join(self) -> None:
+        for listener in self._listeners:
+            listener.join(KILL_S)
 
     def _close(self) -> None:
         process, self._process = self._process, None
