@@ -46,9 +46,10 @@ do first. A cliff it remembers until it is switched off."""
 def parse(
     action: Mapping[str, object], robot: str, axes: Sequence[Axis], index: Mapping[str, int], state: GateState
 ) -> Candidate | Refused:
-    """Return the whole target, and behind it which axes are to be told. A joint's goal stands as
-    long as the lease; a twist ends after ``LIFETIME_S``, and what names only joints goes on with it
-    until then. ``vy`` may be named where it is zero: this base cannot strafe."""
+    """Return the whole target, and behind it which axes are to be told: those that the action
+    names, and the joints of what is live. A joint's goal stands as long as the lease; a twist ends
+    after ``LIFETIME_S``, and what names only joints goes on with it until then. ``vy`` may be named
+    where it is zero: this base cannot strafe."""
     plain: dict[str, object] = dict(action)
     if "vy" in plain:
         sideways = finite(plain.pop("vy"))
@@ -70,6 +71,10 @@ def parse(
         if not named.isdisjoint(base):
             until_ns = state.now_ns + round(LIFETIME_S * NS)
         named.update(base)
+    if state.live_until_ns and len(state.target) > len(axes):
+        # Two commands may reach the wire as one, the newer: it tells what the other has told, too.
+        told = int(state.target[len(axes)])
+        named.update(at for at in range(len(axes)) if told >> at & 1 and at not in base)
     mask = float(sum(1 << at for at in named))
     return msgspec.structs.replace(parsed, values=(*parsed.values, mask), until_ns=until_ns)
 

@@ -72,6 +72,22 @@ def accepted(action: dict[str, Any], observation: Observation | None = None, **m
     return found
 
 
+def test_a_goal_that_is_live_is_told_with_the_next_one_and_not_after_a_hold() -> None:
+    """Two commands may wait for the wire at once: of these it is given the newer alone."""
+    lift = accepted({"lift": 0.6}).values
+    assert len(lift) == AXES + 1 and named_in(lift, DRIVER.axes) == {"lift"}
+    assert named_in(accepted({"vy": 0.0}).values, DRIVER.axes) == {"vx", "wz"}
+    both = accepted({"arm": 0.2}, target=lift, live_until_ns=-1).values
+    assert named_in(both, DRIVER.axes) == {"lift", "arm"} and both[0] == 0.6
+    turning = accepted({"wz": 0.1}, target=both, live_until_ns=-1).values
+    assert named_in(turning, DRIVER.axes) == {"lift", "arm", "vx", "wz"}
+    still = accepted({"vx": 0.0}, target=turning, live_until_ns=-1).values
+    assert named_in(still, DRIVER.axes) == {"lift", "arm", "vx"}, "a twist ends by itself"
+    for target, live_until_ns in ((HERE, -1), (both, 0)):  # where it is held, and before that is known
+        held = accepted({"arm": 0.1}, target=target, live_until_ns=live_until_ns).values
+        assert named_in(held, DRIVER.axes) == {"arm"}
+
+
 def row(name: str, axis: str, value: float) -> dict[str, tuple[float, ...]]:
     """A sensor in which one axis differs."""
     at, whole = DRIVER.axes.index(axis), seen().sensors[name]
@@ -185,14 +201,6 @@ def test_saf_001_a_joint_alone_goes_on_with_the_twist_that_is_live_and_does_not_
     assert named_in(found.values, DRIVER.axes) == {"lift", "vx", "wz"}, "and the base hears of it, too"
     ended = accepted({"lift": 0.6}, target=driving, live_until_ns=NOW_NS - 1)
     assert ended.values[7:9] == (0.0, 0.0) and named_in(ended.values, DRIVER.axes) == {"lift"}
-
-
-def test_a_target_tells_what_the_action_names_whatever_was_told_before() -> None:
-    first = accepted({"lift": 0.6})
-    second = accepted({"vx": 0.1}, target=first.values, live_until_ns=-1)
-    assert len(second.values) == AXES + 1 and second.values[0] == 0.6
-    assert named_in(second.values, DRIVER.axes) == {"vx", "wz"}
-    assert named_in(accepted({"vy": 0.0}).values, DRIVER.axes) == {"vx", "wz"}
 
 
 @pytest.mark.parametrize(
