@@ -155,7 +155,9 @@ def test_what_a_camera_does_wrong_is_said_by_name(new_arm: NewArm) -> None:
     assert "it gives 80 x 40, and 48 x 32 is asked for" in told(arm, "wide")["why"]
     until(lambda: told(arm, "broken")["why"] == "ZeroDivisionError: of a user's own code", "and told")
     until(lambda: "has no attribute 'nobody'" in (told(arm, "nowhere")["why"] or ""), "there is no such source")
-    until(lambda: "give time.monotonic_ns() of the picture" in (told(arm, "ahead")["why"] or ""), "another clock's")
+    until(
+        lambda: "stamp pictures with Python's monotonic_ns" in (told(arm, "ahead")["why"] or ""), "another clock's"
+    )
     with pytest.raises(StaleFrame, match="there is no picture yet"):
         arm.read_camera("ahead", 60_000)
     assert status(arm)["state"] == "armed"

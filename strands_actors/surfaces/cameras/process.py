@@ -146,7 +146,7 @@ class Camera(Actor):
                 raise WireDown("it gives the same picture again")
             ahead_s = (picture.captured_ns - self.context.clock.now_ns()) / 1e9
             if ahead_s > AHEAD_S:  # it would look new for ever
-                raise WireDown(f"captured_ns is {ahead_s:g} s from now. give time.monotonic_ns() of the picture")
+                raise WireDown(f"captured_ns is {ahead_s:g} s from now. stamp pictures with Python's monotonic_ns")
             last_ns = picture.captured_ns
             self._put(picture)
             await trio.lowlevel.checkpoint()
