@@ -22,7 +22,7 @@ import pytest
 from strands_actors import Robot, record_dataset, register_native_driver, register_robot
 from strands_actors.surfaces import cli
 from strands_actors.surfaces.dataset import DatasetError
-from strands_actors.surfaces.dataset.dataset import Index
+from strands_actors.surfaces.dataset.dataset import Dataset, Index
 from strands_actors.surfaces.dataset.repair import repair
 from strands_actors.surfaces.dataset.session import Order
 from strands_actors.surfaces.dataset.show import show
@@ -30,7 +30,7 @@ from strands_actors.testing import Twin
 from tests.cli.command import Command, refusal_code
 from tests.cli.terminal import Terminal
 
-from .made import check, decoded, info_of
+from .made import add_episode, check, decoded, info_of
 from .pan import Pan
 
 PATIENCE_S = 90.0
@@ -248,6 +248,19 @@ def test_the_command_records_by_itself_and_tells_in_json(
     assert run("dataset", "repair", str(root))["repaired"] == []
     copy = tmp_path / "copy"
     assert run("dataset", "compact", str(root), "-o", str(copy))["episodes"] == 2 and check(copy) == 2
+
+
+def test_a_codec_that_the_dataset_has_not_is_refused_before_anything_is_recorded(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("strands_actors.surfaces.cli.dataset.give_way", lambda: None)
+    dataset = Dataset(tmp_path)
+    add_episode(dataset, 3)
+    dataset.close()
+    arguments = ("record", "so101", "--dataset", str(tmp_path), "--task", "w", "--codec", "mpeg4")
+    assert cli.run(arguments) == cli.USAGE
+    assert "has videos of av1, not mpeg4" in capsys.readouterr().err
+    assert check(tmp_path) == 1
 
 
 @pytest.mark.parametrize(

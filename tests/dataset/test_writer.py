@@ -374,6 +374,20 @@ def test_another_kind_of_episode_is_refused(root: Path, other: Layout, told: str
         dataset.require(other)
 
 
+def test_a_codec_that_is_named_is_the_datasets_or_refused(root: Path) -> None:
+    dataset = Dataset(root)
+    assert dataset.codec_for(None) == "av1" and dataset.codec_for("mpeg4") == "mpeg4"
+    episode = begin(dataset, layout=msgspec.structs.replace(LAYOUT, codec="mpeg4"))
+    fill(episode, [row(number) for number in range(3)])
+    episode.finish()
+    dataset.commit(episode.folder)
+    dataset.close()
+    again = Dataset(root)
+    assert again.codec_for(None) == again.codec_for("mpeg4") == "mpeg4"
+    with pytest.raises(DatasetError, match="has videos of mpeg4, not av1"):
+        again.codec_for("av1")
+
+
 IN_DEGREES = ("deg", "deg", "percent")
 
 

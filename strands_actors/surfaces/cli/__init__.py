@@ -293,7 +293,10 @@ def record(
     episodes: Annotated[int | None, typer.Option(min=1, help="Of a dataset: end after so many.")] = None,
     fps: Annotated[int, typer.Option(min=1, max=240, help="Of a dataset.")] = 30,
     camera: Annotated[list[str] | None, typer.Option(help="Of a dataset: a camera of the robot's.")] = None,
-    codec: Annotated[str, typer.Option(help="Of its videos: av1, or mpeg4 for a small processor.")] = "av1",
+    codec: Annotated[
+        str | None,
+        typer.Option(help="Of its videos: av1, or mpeg4 for a small processor. A dataset keeps its own."),
+    ] = None,
     keys: Annotated[
         str | None,
         typer.Option(

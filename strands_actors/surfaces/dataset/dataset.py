@@ -47,7 +47,7 @@ from .layout import (
 from .staging import FINISHED, Staged, read_staged, staged_folders
 from .statistics import aggregate
 from .storage import REMOVED, STAGED_SUFFIX, Lock, Storage
-from .video import count_frames, remux
+from .video import DEFAULT, count_frames, remux
 
 PLACING = "placing.json"
 """In an episode's folder: where its files go, written before the first of them goes there."""
@@ -187,6 +187,16 @@ class Dataset:
         if difference := difference_of(layout.features(), ours.features()):
             raise DatasetError(f"{self.root} has other features: {difference}. use another folder")
         return ours if ours.units else msgspec.structs.replace(ours, units=layout.units)
+
+    def codec_for(self, named: str | None) -> str:
+        """Return what to encode videos with. Raise ``DatasetError`` when another codec was named than
+        the dataset has."""
+        ours = self.layout.codec if self.layout and self.layout.cameras else None
+        if named and ours and named != ours:
+            raise DatasetError(
+                f"{self.root} has videos of {ours}, not {named}. name no codec, or use another folder"
+            )
+        return named or ours or DEFAULT
 
     def require_place(self) -> None:
         """Raise ``DatasetError`` when the folder is another than the one that was opened."""

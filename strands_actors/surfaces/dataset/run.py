@@ -84,7 +84,8 @@ def require_order(order: Order) -> None:
         raise DatasetError(f"fps {order.fps!r}: a whole number from {FPS[0]} to {FPS[1]}")
     if len(set(order.cameras)) < len(order.cameras):
         raise DatasetError(f"cameras {', '.join(order.cameras)}: one is named twice")
-    require_codec(order.codec, [])
+    if order.codec is not None:
+        require_codec(order.codec, [])
 
 
 async def record_episodes(
@@ -100,13 +101,16 @@ async def record_episodes(
     require_order(order)
     dataset = Dataset(Path(order.root), storage)
     try:
-        return await _record(order, dataset, controls, tell, show, attach)
+        codec = dataset.codec_for(order.codec)
+        order = msgspec.structs.replace(order, codec=codec)
+        return await _record(order, codec, dataset, controls, tell, show, attach)
     finally:
         dataset.close()
 
 
 async def _record(
     order: Order,
+    codec: str,
     dataset: Dataset,
     controls: Controls,
     tell: Callable[[Event], None],
@@ -117,7 +121,7 @@ async def _record(
         async with visit(order.robot) as node, open_background() as nursery:
             readers = {name: attach(order.robot, name) for name in order.cameras}
             shapes = await trio.to_thread.run_sync(wait_for_shapes, readers, abandon_on_cancel=True)
-            require_codec(order.codec, shapes)
+            require_codec(codec, shapes)
             recorder: Recorder[Session]
             operator = Onlooker(node.ref(addresses.of(order.robot).tasks, Tasks).tell)
 

@@ -21,7 +21,6 @@ from strands_actors.kernel.processes.interpreter import PYTHON, environment
 from .errors import DatasetError
 from .run import require_order
 from .session import LEAVE_S, Event, Order
-from .video import DEFAULT
 
 CHILD = f"{__package__}.child"
 END_S = LEAVE_S + 15.0
@@ -47,7 +46,7 @@ def record_dataset(
     task: str,
     fps: int = 30,
     cameras: Sequence[str] | str = (),
-    codec: str = DEFAULT,
+    codec: str | None = None,
 ) -> DatasetRecording:
     """Record episodes of a connected robot (or the running one of that name) into a dataset, which
     is made, or grows.

@@ -45,7 +45,8 @@ LEAVE_S = 20.0
 
 
 class Order(msgspec.Struct, frozen=True):
-    """What is to be recorded. ``episodes``: end after so many; ``seconds``: episodes begin by
+    """What is to be recorded. ``codec``: the dataset's own, or the default, unless one is named;
+    ``episodes``: end after so many; ``seconds``: episodes begin by
     themselves and are so long."""
 
     robot: str
@@ -53,7 +54,7 @@ class Order(msgspec.Struct, frozen=True):
     task: str
     fps: int = 30
     cameras: tuple[str, ...] = ()
-    codec: str = DEFAULT
+    codec: str | None = None
     episodes: int | None = None
     seconds: float | None = None
 
@@ -159,7 +160,7 @@ class Session:
             self._order.fps,
             axes.joints,
             self._shapes,
-            self._order.codec,
+            self._order.codec or DEFAULT,
             axes.units,
         )
         self._layout = self._dataset.require(layout)
