@@ -21,11 +21,14 @@ import pytest
 
 from strands_actors import Robot, record_dataset, register_native_driver, register_robot
 from strands_actors.surfaces import cli
+from strands_actors.surfaces.cli.dataset import is_achieved
 from strands_actors.surfaces.dataset import DatasetError
 from strands_actors.surfaces.dataset.dataset import Dataset, Index
 from strands_actors.surfaces.dataset.repair import repair
+from strands_actors.surfaces.dataset.run import EpisodeSummary, Summary
 from strands_actors.surfaces.dataset.session import Order
 from strands_actors.surfaces.dataset.show import show
+from strands_actors.surfaces.recording.recorder import GONE
 from strands_actors.testing import Twin
 from tests.cli.command import Command, refusal_code
 from tests.cli.terminal import Terminal
@@ -250,6 +253,49 @@ def test_the_command_records_by_itself_and_tells_in_json(
     assert run("dataset", "compact", str(root), "-o", str(copy))["episodes"] == 2 and check(copy) == 2
 
 
+@pytest.mark.parametrize(
+    ("episodes", "saved", "ended", "left", "achieved"),
+    [
+        (5, 2, GONE, "", False),
+        (2, 2, GONE, "", True),
+        (None, 2, GONE, "", True),
+        (None, 2, GONE, "repair it", False),
+        (5, 2, "interrupted", "repair it", True),
+        (5, 2, "done", "", True),
+    ],
+)
+def test_a_robot_that_is_gone_before_the_last_episode_is_no_success(
+    episodes: int | None, saved: int, ended: str, left: str, achieved: bool
+) -> None:
+    told = [EpisodeSummary(number, 30, 1.0, 0, "") for number in range(saved)]
+    summary = Summary("set", "so101", 9.0, told, saved, [], left, ended)
+    assert is_achieved(Order("so101", "set", "w", episodes=episodes), summary) is achieved
+
+
+def test_the_command_says_by_its_code_that_the_robot_is_gone(arm: Any, tmp_path: Path) -> None:
+    command = Command(Path(os.environ["STRANDS_ACTORS_RUN"]))
+    arguments = ("--task", "w", "--episodes", "5", "--seconds", "30")
+    with command.start("record", "so101", "--dataset", str(tmp_path / "set"), *arguments) as recorder:
+        try:
+            assert recorder.stderr is not None
+            assert next(line for line in recorder.stderr if "episode 0: recording" in line)
+            arm.cleanup()
+            assert recorder.wait(PATIENCE_S) == 1
+        finally:
+            recorder.kill()
+
+
+def test_a_page_that_cannot_be_is_told_in_a_line(arm: Any, tmp_path: Path) -> None:
+    command = Command(Path(os.environ["STRANDS_ACTORS_RUN"]))
+    done = command.run(
+        "record", "so101", "--dataset", str(tmp_path / "set"), "--task", "w", "--keys", "phone:203.0.113.9:8000"
+    )
+    assert done.returncode == cli.USAGE, done.stderr
+    assert done.stderr.splitlines()[-1].startswith("strands-actors: record: no page at 203.0.113.9:8000")
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "set").exists()
+
+
 def test_a_codec_that_the_dataset_has_not_is_refused_before_anything_is_recorded(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -282,3 +328,4 @@ def test_what_cannot_be_is_told_in_a_line(
     assert cli.run(arguments) == cli.USAGE
     said = capsys.readouterr().err
     assert told in said and said.count("\n") == 1
+    assert not any(tmp_path.iterdir())

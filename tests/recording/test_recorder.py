@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import itertools
+import os
+import subprocess
+import sys
 from typing import Any
 
 import msgspec
@@ -24,7 +27,6 @@ from strands_actors.supervisors.instrument import (
     Detached,
     InstrumentKeeper,
 )
-from strands_actors.surfaces.recording import recorder
 from strands_actors.surfaces.recording.errors import RecordingError
 from strands_actors.surfaces.recording.recorder import FIRST_S, SOURCES, Recorder
 from strands_actors.testing import run_virtual
@@ -121,7 +123,7 @@ def test_one_that_fails_leaves_its_place_to_the_next(monkeypatch: pytest.MonkeyP
                 await nursery.start(robot.cell(at, lambda: InstrumentKeeper({}, kept)).run)
             for open_sink, why in ((refuse, "another fps"), (lambda attached: Full(), "no space")) * 2:
                 process = next(processes)
-                monkeypatch.setattr(recorder.os, "getpid", lambda one=process: one)
+                monkeypatch.setattr(os, "getpid", lambda one=process: one)
                 node = Node(f"recorder.{process}", MonotonicClock())
                 network.join().attach(node)
                 await nursery.start(node.run)
@@ -133,9 +135,13 @@ def test_one_that_fails_leaves_its_place_to_the_next(monkeypatch: pytest.MonkeyP
 
 
 def test_a_second_recorder_is_told_once_who_records() -> None:
+    by = f"process {os.getppid()}"  # lives
+
     class Taken(Keeper):
         def receive(self, message: Attach | Detach | Acknowledge) -> Any:
-            return Refused("recorded", "record: process 7 records this robot already", "end that one first")
+            return Refused(
+                "recorded", f"record: process {os.getppid()} records this robot already", "end that one first"
+            )
 
     async def run() -> None:
         node = Node("here", VirtualClock())
@@ -145,7 +151,51 @@ def test_a_second_recorder_is_told_once_who_records() -> None:
                 await nursery.start(node.cell(addresses.of(ROBOT).instrument(name), Taken).run)
             with pytest.raises(RecordingError) as refused:
                 await Recorder(ROBOT, lambda attached: Sink()).run(node)
-            assert str(refused.value) == f"{ROBOT}: process 7 records this robot already. end that one first"
+            assert str(refused.value) == f"{ROBOT}: {by} records this robot already. end that one first"
             nursery.cancel_scope.cancel()
 
     run_virtual(run)
+
+
+@pytest.mark.parametrize("reaped", [True, False])
+@pytest.mark.parametrize("patience_s", [1.2, 100.0])
+def test_a_recorder_that_was_killed_keeps_no_other_away_for_long(reaped: bool, patience_s: float) -> None:
+    """The robot gives it up after two seconds; when it does not, the refusal is told."""
+    with subprocess.Popen([sys.executable, "-c", ""]) as dead:
+        if reaped:
+            dead.wait()
+        else:
+            os.waitid(os.P_PID, dead.pid, os.WEXITED | os.WNOWAIT)
+
+        class Keeps(Keeper):
+            async def started(self) -> None:
+                self.began = trio.current_time()
+
+            def receive(self, message: Attach | Detach | Acknowledge) -> Any:
+                if isinstance(message, Attach) and trio.current_time() < self.began + patience_s:
+                    return Refused("recorded", f"record: process {dead.pid} records this robot already", "end it")
+                return super().receive(message)
+
+        async def run() -> None:
+            node, sinks = Node("here", VirtualClock()), list[Sink]()
+
+            def open_sink(attached: Attached) -> Sink:
+                sinks.append(Sink())
+                return sinks[-1]
+
+            async with trio.open_nursery() as nursery:
+                await nursery.start(node.run)
+                for name in SOURCES:
+                    await nursery.start(node.cell(addresses.of(ROBOT).instrument(name), Keeps).run)
+                if patience_s > FIRST_S:
+                    with pytest.raises(
+                        RecordingError, match=f"process {dead.pid} records this robot already. end it"
+                    ):
+                        await Recorder(ROBOT, open_sink).run(node)
+                    assert not sinks
+                else:
+                    await Recorder(ROBOT, open_sink).run(node, FIRST_S)
+                    assert len(sinks) == 1
+                nursery.cancel_scope.cancel()
+
+        run_virtual(run)

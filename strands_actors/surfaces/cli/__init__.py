@@ -13,6 +13,7 @@ from typing import Annotated
 import typer
 
 from strands_actors.contract.extras import MissingExtra
+from strands_actors.surfaces.recording.errors import RecordingError
 
 from .errors import Problem
 from .options import All, Json, Kind, Mesh, What, Which, finite, one_or_all
@@ -488,7 +489,7 @@ def _ended(error: BaseException) -> int:
         case BrokenPipeError():  # who read our output has seen enough
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return 0
-        case Problem() | OSError():
+        case Problem() | RecordingError() | OSError():
             raise Ended(_line(str(first))) from error
     raise error
 

@@ -15,7 +15,6 @@ from rich.table import Table
 
 from strands_actors.surfaces.dataset.compact import compact as make_compact
 from strands_actors.surfaces.dataset.dataset import ASIDE
-from strands_actors.surfaces.dataset.errors import DatasetError
 from strands_actors.surfaces.dataset.keys import HELP, STDIN, read_keys, read_words, single_keys
 from strands_actors.surfaces.dataset.layout import STAGING
 from strands_actors.surfaces.dataset.page import serve_keys
@@ -25,11 +24,13 @@ from strands_actors.surfaces.dataset.session import Event, Order, Progress, Stat
 from strands_actors.surfaces.dataset.show import Shown
 from strands_actors.surfaces.dataset.show import show as look_at
 from strands_actors.surfaces.recording.errors import RecordingError
+from strands_actors.surfaces.recording.recorder import GONE
 from strands_actors.teleoperation.teleoperator import PAGES, where_to_listen
 
 from .errors import Problem
 from .teleop import how_to_open
 
+NOT_ACHIEVED = 1
 CLEAR = "\r\x1b[K"
 BAR = 12
 
@@ -88,7 +89,7 @@ def record(order: Order, keys: str | None, as_json: bool) -> int:
                         order.robot, host, port, onlooker, command, lambda at: screen.say(how_to_open(name, at))
                     )
                 except OSError as failure:
-                    raise DatasetError(f"no page at {host}:{port}: {failure}") from failure
+                    raise Problem(f"record: no page at {host}:{port}: {failure}") from failure
 
     def tell(event: Event) -> None:
         onlooker.hear(event)
@@ -110,7 +111,13 @@ def record(order: Order, keys: str | None, as_json: bool) -> int:
     finally:
         screen.clear()
     print(json.dumps(msgspec.to_builtins(summary)) if as_json else _summed_up(summary))
-    return 0
+    return 0 if is_achieved(order, summary) else NOT_ACHIEVED
+
+
+def is_achieved(order: Order, summary: Summary) -> bool:
+    """Whether there is what was asked for. Who ends it by a key, or Ctrl-C, has wanted no more."""
+    has_all = order.episodes is None or len(summary.episodes) >= order.episodes
+    return summary.ended != GONE or (has_all and not summary.left)
 
 
 def _page(keys: str | None) -> tuple[str, str, int]:

@@ -145,6 +145,7 @@ class Dataset:
         ``OSError``."""
         self.root = root
         self.storage = storage or Storage()
+        self._made = [folder for folder in (root, *root.parents) if not folder.exists()]
         root.mkdir(parents=True, exist_ok=True)
         self._lock = Lock(root)
         self.swept: list[str] = []
@@ -155,7 +156,7 @@ class Dataset:
             self._sweep(index)
             self._recover()
         except BaseException:
-            self._lock.release()
+            self.close()
             raise
 
     def _take(self, index: Index) -> None:
@@ -212,9 +213,12 @@ class Dataset:
         return self.storage.free_bytes(self.root)
 
     def close(self) -> None:
-        """Let others write. What is empty goes."""
-        if self.staging.is_dir() and not any(self.staging.iterdir()):
+        """Let others write. What is empty goes: of folders, those that were made for this."""
+        with contextlib.suppress(OSError):  # it is not there, or not empty
             self.staging.rmdir()
+        with contextlib.suppress(OSError):
+            for folder in self._made if self._lock.is_of(self.root) else ():
+                folder.rmdir()
         self._lock.release()
 
     # -- what is not counted

@@ -10,8 +10,10 @@ there is somebody to attach to.
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
+from pathlib import Path
 from typing import Generic, Protocol, TypeVar
 
 import msgspec
@@ -44,6 +46,7 @@ ASK_S = 0.5
 RETRY_S = 0.02
 GONE_S = 2.0
 """A robot none of whose processes has answered for so long has ended."""
+GONE = "the robot is gone"
 DETACH_S = 1.0
 LEAVE_S = 0.3
 """For the same after a failure: of what is left nothing is wanted."""
@@ -190,6 +193,7 @@ class Recorder(Generic[SomeSink]):
         self._sink: SomeSink | None = None
         self._failure: Exception | None = None
         self._ended = ""
+        self._refused = ""  # what the robot has said last
         self._over = trio.Event()
         self._sources: list[Source] = []
         self._began = trio.current_time()
@@ -233,6 +237,9 @@ class Recorder(Generic[SomeSink]):
             now = trio.current_time()
             if self._sink is None:
                 if now > self._began + FIRST_S:
+                    if self._refused:
+                        self.fail(RecordingError(self._refused))
+                        return
                     silent = next(name for name in SOURCES if name not in self._present)
                     self.fail(RecordingError(f"{self._robot}: its {silent} process does not answer"))
                 continue
@@ -241,14 +248,16 @@ class Recorder(Generic[SomeSink]):
             if not any(source.attached for source in self._sources):
                 heard_at = max(source.heard_at for source in self._sources)
                 if now > heard_at + GONE_S:
-                    self.end("the robot is gone")
+                    self.end(GONE)
 
     # -- from the sources
 
     def _attached(self, name: str, answer: Attached | Refused) -> None:
         if isinstance(answer, Refused):
-            if self._sink is None:
-                self.fail(RecordingError(f"{self._robot}: {answer.text.removeprefix('record: ')}"))
+            self._refused = f"{self._robot}: {answer.text.removeprefix('record: ')}"
+            # The robot gives one up that was killed in a moment, and is asked again until then.
+            if self._sink is None and not _is_of_the_dead(answer):
+                self.fail(RecordingError(self._refused))
         elif self._sink is None and self._failure is None:
             self._present[name] = answer
             if len(self._present) == len(SOURCES):
@@ -294,6 +303,18 @@ class Recorder(Generic[SomeSink]):
                 self._failure = self._failure or failure
         if self._failure is not None:
             raise self._failure
+
+
+def _is_of_the_dead(refusal: Refused) -> bool:
+    """Whether the recorder that has the robot has ended."""
+    named = re.search(r"process (\d+) records", refusal.text)
+    if named is None:
+        return False
+    try:
+        stat = Path(f"/proc/{named[1]}/stat").read_text()
+    except OSError:
+        return Path("/proc/self").exists()  # without any of these files nothing is known
+    return stat.rpartition(")")[2].split()[0] in "ZX"
 
 
 @asynccontextmanager
