@@ -173,11 +173,9 @@ class Link:
 
     def _take(self, state: State, t_ns: int) -> None:
         ticks = self._ticks
-        if ticks is not None:
-            ticks.take(state.tick, t_ns)
-            if ticks.new_ns != t_ns:
-                self.discarded["that repeat their tick"] += 1
-                return
+        if ticks is not None and not ticks.take(state.tick, t_ns):
+            self.discarded["that repeat their tick"] += 1
+            return
         self.state = state
         if ticks is None or ticks.goes_on:
             self.state_ns = t_ns
