@@ -115,3 +115,31 @@ def test_a_script_is_told_when_its_robot_is_gone(arm: Any, tmp_path: Path) -> No
         arm.cleanup()
         assert recording._process is not None
         recording._process.wait(PATIENCE_S)
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        *(
+            ({"robot": robot}, "robot is .* give a connected robot")
+            for robot in (5, None, ["so101"], "", b"so101", Robot)
+        ),
+        ({"robot": Path("so101")}, "robot is .* give a connected robot"),
+        *(({"root": root}, "root is .* give a path") for root in (5, None, "", b"set", ["set"])),
+        *(
+            ({"cameras": cameras}, "cameras is .* in a list")
+            for cameras in (5, None, [["w"]], [5], b"w", "", [None])
+        ),
+        *(({"codec": codec}, "there is no codec .* use av1 or mpeg4") for codec in (["av1"], 5, "", True)),
+        *(({"task": task}, "a dataset needs a task") for task in (5, None, "", ["wave"])),
+        *(({"fps": fps}, "fps .*: a whole number from 1 to 240") for fps in (30.0, "30", None, True, 0)),
+    ],
+)
+def test_a_slip_is_refused_by_name_and_nothing_is_written(
+    given: dict[str, Any], told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    arguments: dict[str, Any] = {"robot": "so101", "root": "set", "task": "wave"}
+    with pytest.raises(DatasetError, match=told):
+        record_dataset(**arguments | given)
+    assert not any(tmp_path.iterdir())

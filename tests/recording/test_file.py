@@ -21,7 +21,7 @@ from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.gate.messages import Acquire, Lease, LinkLost, Observed, Resume, Stop
 from strands_actors.supervisors.instrument import Attached, Batch, Entry, Kind, encode
 from strands_actors.supervisors.root.messages import Happened, StateIs
-from strands_actors.surfaces.recording import RecordingError
+from strands_actors.surfaces.recording import RecordingError, record, replay
 from strands_actors.surfaces.recording.code import build_driver
 from strands_actors.surfaces.recording.file import METADATA, RecordingFile, new_info, read
 from strands_actors.surfaces.recording.rows import CHANNELS, Command, Gap, Lifecycle, schema
@@ -45,6 +45,27 @@ PYTHON_TYPES: dict[str, tuple[type, ...]] = {
 
 def batch_of(*lines: tuple[Kind, str, int, int, str, object]) -> Batch:
     return Batch(1, 1, tuple(msgspec.Raw(encode(line)) for line in lines))
+
+
+@pytest.mark.parametrize("path", [None, 5, b"x.mcap", ["x"], {}, "", "a\0b"])
+def test_what_is_no_path_is_refused_by_name_and_nothing_is_written(
+    path: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(RecordingError, match=r"record: path is .*\. give a path"), record("so101", path):
+        pass
+    with pytest.raises(RecordingError, match=r"read: path is .*\. give a path"):
+        read(path)
+    with pytest.raises(RecordingError, match=r"replay: recording is .*\. give a path"):
+        replay(path)
+    assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("robot", [None, 5, b"so101", ["so101"], Path("so101"), ""])
+def test_what_is_no_robot_is_refused_by_name(robot: Any, tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    with pytest.raises(RecordingError, match=r"record: robot is .*\. give a connected robot"), record(robot, path):
+        pass
 
 
 @pytest.fixture(scope="module")

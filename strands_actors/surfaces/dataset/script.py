@@ -16,7 +16,9 @@ from typing import NoReturn, Protocol
 
 import msgspec
 
+from strands_actors.contract.shown import shown
 from strands_actors.kernel.processes.interpreter import PYTHON, environment
+from strands_actors.surfaces.recording.given import name_of, path_of
 
 from .errors import DatasetError
 from .run import require_order
@@ -57,9 +59,13 @@ def record_dataset(
 
     Raise ``RecordingError`` when it cannot be recorded; the robot does not notice.
     """
-    name = robot if isinstance(robot, str) else robot.name
-    named = (cameras,) if isinstance(cameras, str) else tuple(cameras)
-    order = Order(name, os.path.abspath(root), task, fps, named, codec)
+    what = "record_dataset"
+    name = name_of(what, robot, DatasetError)
+    folder = os.path.abspath(path_of(what, "root", root, DatasetError))
+    named = (cameras,) if isinstance(cameras, str) else cameras
+    if not isinstance(named, Sequence) or not all(isinstance(each, str) and each.strip() for each in named):
+        raise DatasetError(f"{what}: cameras is {shown(cameras)}. give the names of the robot's cameras, in a list")
+    order = Order(name, folder, task, fps, tuple(named), codec)
     require_order(order)
     return DatasetRecording(order)
 

@@ -13,6 +13,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from strands_actors.contract.shown import shown
+
 from .errors import DatasetError
 from .layout import CameraShape
 
@@ -60,8 +62,8 @@ DEFAULT = "av1"
 
 def require_codec(name: str, cameras: Sequence[CameraShape]) -> Codec:
     """Raise ``DatasetError`` for a codec that there is not, or that cannot have such pictures."""
-    if name not in CODECS:
-        raise DatasetError(f"there is no codec {name!r}. use {' or '.join(CODECS)}")
+    if not isinstance(name, str) or name not in CODECS:
+        raise DatasetError(f"there is no codec {shown(name)}. use {' or '.join(CODECS)}")
     codec = CODECS[name]
     for camera in cameras:
         if camera.height % 2 or camera.width % 2 or min(camera.height, camera.width) < codec.least:

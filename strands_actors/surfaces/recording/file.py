@@ -29,6 +29,7 @@ from strands_actors.supervisors.instrument import FORMAT, Attached, Batch, Entry
 from strands_actors.version import __version__  # noqa: E402
 
 from .errors import RecordingError  # noqa: E402
+from .given import path_of  # noqa: E402
 from .rows import CHANNELS, SCHEMA_NAMES, Gap, Journal, schema  # noqa: E402
 from .views import Row, View, decode_entries  # noqa: E402
 
@@ -126,9 +127,9 @@ def new_info(robot: str, code: str, attached: Attached) -> Info:
 
 
 def read(path: str | os.PathLike[str]) -> Recording:
-    """Raise ``RecordingError`` for a file that is damaged, or none of ours; ``OSError`` when it
-    cannot be read."""
-    path = Path(path)
+    """Raise ``RecordingError`` for what is no path, and for a file that is damaged, or none of ours;
+    ``OSError`` when it cannot be read."""
+    path = path_of("read", "path", path)
     with path.open("rb") as stream:
         try:
             return _read(path, stream)

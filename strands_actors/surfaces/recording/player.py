@@ -29,6 +29,7 @@ from strands_actors.supervisors.wire.watchdog import Watchdog, WatchdogMemory
 from .code import build_driver
 from .errors import RecordingError
 from .file import Recording, entries_of, read
+from .given import path_of
 from .phrases import in_words
 from .replay_context import Effect, ReplayContext, ReplayDeferred, answer_effect
 from .rows import Gap
@@ -261,7 +262,7 @@ def replay(recording: Recording | str | os.PathLike[str], driver: Driver | None 
     """Once through a recording, or the file of one. Raise ``RecordingError`` when its driver is not
     here, or it is of another version, and what ``read`` raises."""
     if not isinstance(recording, Recording):
-        recording = read(recording)
+        recording = read(path_of("replay", "recording", recording))
     try:
         return Replay(recording, driver).run()
     except msgspec.MsgspecError as error:

@@ -15,6 +15,7 @@ import trio
 from strands_actors.kernel.processes.interpreter import PYTHON, environment
 
 from .errors import RecordingError
+from .given import name_of, path_of
 from .to_file import record_until_told
 
 END_S = 15.0
@@ -30,7 +31,8 @@ class Named(Protocol):
 def record(robot: str | Named, path: str | Path) -> Iterator[None]:
     """Record a connected robot (or the running one of that name) for as long as the block runs.
     Raise ``RecordingError`` when it cannot be recorded; the robot does not notice."""
-    name = robot if isinstance(robot, str) else robot.name
+    name = name_of("record", robot)
+    path = path_of("record", "path", path)
     process = subprocess.Popen(
         [*PYTHON, "-m", __name__, name, str(path)],
         stdin=subprocess.DEVNULL,
