@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import random
 import signal
@@ -101,6 +102,17 @@ def test_a_dataset_shows_what_is_wrong_and_touches_nothing(root: Path) -> None:
     assert shown.cameras == {"front": "96x64 av1", "wrist": "64x80 av1"}
 
 
+def test_what_a_recorder_takes_away_while_somebody_looks_is_not_missed(
+    root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = unfinished(root, 50)
+    gone = folder.with_name("episode-1")
+    (root / "meta/stats.json.staged").symlink_to("gone")  # listed, and there no more
+    (folder / "front.final.mp4").symlink_to("gone")
+    monkeypatch.setattr("strands_actors.surfaces.dataset.repair.staged_folders", lambda staging: [gone, folder])
+    assert [one.folder for one in show(root).unfinished] == [folder.name]
+
+
 def test_a_summary_says_what_was_put_aside_and_where_it_lies(
     capsys: pytest.CaptureFixture[str], root: Path
 ) -> None:
@@ -159,6 +171,37 @@ def test_a_copy_replaces_nothing(root: Path, tmp_path: Path) -> None:
         compact(root, root)
     with pytest.raises(DatasetError, match="is no dataset"):
         compact(tmp_path / "none", tmp_path / "copy")
+
+
+def test_a_copy_beside_a_recorder_has_the_figures_of_its_own_episodes(
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dataset = Dataset(root)
+    add_episode(dataset, 33)
+
+    def and_one_more(root: Path) -> Index:
+        index = Index(root)
+        add_episode(dataset, 7, "wave")
+        return index
+
+    monkeypatch.setattr("strands_actors.surfaces.dataset.compact.Index", and_one_more)
+    copy = tmp_path / "copy"
+    compact(root, copy)
+    assert check(copy) == 1 and check(root) == 2
+    assert json.loads((copy / "meta/stats.json").read_bytes())["action"]["count"] == [33]
+    assert pq.read_table(copy / "meta/tasks.parquet").num_rows == info_of(copy)["total_tasks"] == 1
+
+
+def test_a_copy_that_cannot_be_made_leaves_nothing(root: Path, tmp_path: Path) -> None:
+    dataset = Dataset(root)
+    for _ in range(2):
+        add_episode(dataset, 3)
+    copy = tmp_path / "copy"
+    compact(root, copy)
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(DatasetError, match="it is compact already"):
+        compact(copy, tmp_path / "again")
+    assert sorted(tmp_path.rglob("*")) == before
 
 
 # -- SIGKILL

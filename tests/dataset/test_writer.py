@@ -160,6 +160,15 @@ def test_figures_of_a_column_and_of_all_episodes() -> None:
         assert np.allclose(merged[name], whole[name]), name
 
 
+def test_figures_without_quantiles_are_merged_as_they_are() -> None:
+    """Another program's, whose dataset goes on here, or is copied."""
+    parts = [of_column(np.full((count, 1), float(count))) for count in (2, 6)]
+    for part in parts:
+        del part["q50"]
+    merged = aggregate([{"a": part} for part in parts])["a"]
+    assert merged["mean"] == [5.0] and "q50" not in merged and "q01" in merged
+
+
 def test_figures_of_pictures_are_those_of_their_pixels() -> None:
     rng = np.random.default_rng(4)
     pictures = [rng.integers(10, 200, (60, 80, 3), dtype=np.uint8) for _ in range(3)]

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,9 +15,10 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from .dataset import Index
-from .episode import index_table
+from .episode import figures_in, index_table
 from .errors import DatasetError
-from .layout import DATA_MB, INFO, STAGING, STATS, TASKS, VIDEO_MB, FileSlot
+from .layout import DATA_MB, INFO, STAGING, STATS, TASKS, VIDEO_MB, FileSlot, tasks_table
+from .statistics import aggregate
 from .storage import STAGED_SUFFIX, Storage
 from .video import concatenate, setup_of
 
@@ -50,9 +50,21 @@ def compact(root: Path, copy: Path, storage: Storage | None = None) -> Compacted
     staged = copy.with_name(copy.name + STAGED_SUFFIX)
     storage.remove(staged)  # of a run that was ended
     staged.mkdir(parents=True)
-    for name in (INFO, STATS, TASKS):
-        (staged / name).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(root / name, staged / name)
+    try:
+        return _copy(index, staged, copy, storage)
+    except BaseException:
+        storage.remove(staged)
+        raise
+
+
+def _copy(index: Index, staged: Path, copy: Path, storage: Storage) -> Compacted:
+    assert index.info is not None
+    root = index.root
+    # Of the episodes that the index has, not of those that a recorder has added since.
+    (staged / INFO).parent.mkdir(parents=True)
+    figures = aggregate([figures_in(row) for row in index.rows]) or json.loads((root / STATS).read_bytes())
+    (staged / STATS).write_bytes(json.dumps(figures, indent=4).encode())
+    pq.write_table(tasks_table(index.tasks), staged / TASKS, compression="snappy")
     rows = [dict(row) for row in index.rows]
     _join_data(index, rows, staged)
     for key in index.videos:

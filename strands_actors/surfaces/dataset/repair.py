@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from pathlib import Path
 
@@ -71,6 +72,17 @@ def _told(folder: str, episode: Episode) -> Repaired:
     return Repaired(folder, episode.index, episode.frames, episode.marks.told)
 
 
+def _written(folder: Path) -> float:
+    """When something was written into it last; 0: it is gone."""
+    newest = 0.0
+    with contextlib.suppress(FileNotFoundError):
+        newest = folder.stat().st_mtime
+        for path in folder.iterdir():
+            with contextlib.suppress(FileNotFoundError):  # it has its place now
+                newest = max(newest, path.stat().st_mtime)
+    return newest
+
+
 class Unfinished(msgspec.Struct, frozen=True):
     folder: str
     task: str
@@ -83,11 +95,12 @@ def unfinished_in(root: Path) -> list[Unfinished]:
     """Look at what is in staging, without touching it: it may be being recorded."""
     found = []
     for folder in staged_folders(root / STAGING):
-        newest = max((path.stat().st_mtime for path in folder.iterdir()), default=folder.stat().st_mtime)
-        since = round(time.time() - newest, 1)
+        since = round(time.time() - _written(folder), 1)
         try:
             staged = read_staged(folder)
         except DatasetError as problem:
+            if not folder.exists():  # it was counted, or discarded, while we looked
+                continue
             found.append(Unfinished(folder.name, "", 0, since, str(problem)))
         else:
             found.append(Unfinished(folder.name, staged.about.task, staged.table.num_rows, since))

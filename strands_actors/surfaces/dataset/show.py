@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 from pathlib import Path
 from typing import Any
 
@@ -69,7 +71,7 @@ def show(root: Path) -> Shown:
         {key.removeprefix("observation.images."): _camera(info["features"][key]) for key in index.videos},
         len(episodes),
         index.frames,
-        sum(path.stat().st_size for path in _files(root)),
+        _bytes(root),
         episodes,
         [one.episode for one in episodes if not one.marks],
         [str(path) for path in uncounted if is_own_name(path)],
@@ -83,5 +85,12 @@ def _camera(feature: dict[str, Any]) -> str:
     return f"{width}x{height} {(feature.get('info') or {}).get('video.codec', '')}"
 
 
-def _files(root: Path) -> list[Path]:
-    return [path for path in root.rglob("*") if path.is_file() and STAGING.name not in path.relative_to(root).parts]
+def _bytes(root: Path) -> int:
+    """Of all files. A recorder beside us may take some away."""
+    total = 0
+    for folder, below, names in os.walk(root):
+        below[:] = [name for name in below if name != STAGING.name]
+        for name in names:
+            with contextlib.suppress(FileNotFoundError):
+                total += os.stat(os.path.join(folder, name)).st_size
+    return total

@@ -76,5 +76,5 @@ def _merge(parts: Sequence[Figures]) -> Figures:
     mean = (stacked["mean"] * weights).sum(0)
     spread = ((stacked["std"] ** 2 + (stacked["mean"] - mean) ** 2) * weights).sum(0)
     found = {"min": stacked["min"].min(0), "max": stacked["max"].max(0), "mean": mean, "std": np.sqrt(spread)}
-    found |= {name: (stacked[name] * weights).sum(0) for name in QUANTILES}
+    found |= {name: (stacked[name] * weights).sum(0) for name in QUANTILES if name in stacked}
     return {name: value.tolist() for name, value in found.items()} | {"count": [int(counts.sum())]}
