@@ -3,6 +3,7 @@ their robots."""
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -300,14 +301,15 @@ def test_moves_of_our_own_are_not_taken_for_another_clients() -> None:
             twin.body.end_move()
             async with wired(server.address) as wire:
                 for at in range(40):
-                    await wire.write((*FAR[:7], float(at), 0.0, 2.0), Free())
+                    with contextlib.suppress(PermitDenied):  # on a busy machine the one before is not answered yet
+                        await wire.write((*FAR[:7], float(at), 0.0, 2.0), Free())
                     await trio.sleep(0.013)
                     sensors = (await wire.read()).sensors
                     assert sensors["ignored"] == sensors["others_move"] == (0.0,)
                 await wire.make_safe("hold")
                 twin.body.play(Move("b9cbfc2f-79b0-4181-bce4-8ce04b277b90", [(FAR, 9.0)]))
-                await trio.sleep(0.3)
-                assert (await wire.read()).sensors["others_move"] == (1.0,)
+                while (await wire.read()).sensors["others_move"] != (1.0,):  # noqa: ASYNC110  # ``daemon`` ends it
+                    await trio.sleep(0.05)
 
     trio.run(main)
 
