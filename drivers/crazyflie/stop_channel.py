@@ -80,13 +80,8 @@ class _OwnLink(StopChannel):
 
 
 class _SerialLine(DuplicateDescriptor[CrazyflieConfig, SerialLink]):
-    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Let go of a port that was unplugged: while somebody has it open, the adapter gets another
-        name when it comes back."""
-        task_status.started()
-        if self.port is not None:
-            await self.port.hung_up()
-            self.close()
+    async def hung_up(self, port: SerialLink) -> None:
+        await port.hung_up()
 
     def adopt(self, descriptor: int) -> SerialLink:
         return adopt_line(descriptor, self.config.endpoint().path)

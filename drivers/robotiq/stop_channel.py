@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 
-import trio
-
 from strands_actors.contract.stop_channels import DuplicateDescriptor
 from strands_actors.contract.wire import MotorReport, WireDown
 from strands_actors.drivers.common.serial_port import adopt_serial, open_serial
@@ -31,13 +29,8 @@ class RobotiqStopChannel(DuplicateDescriptor[RobotiqConfig, GripperClient]):
         super().__init__(config, descriptors, clock)
         self._open = partial(open_gripper, config, clock, open_stream, open_port)
 
-    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Let go of a serial port that was unplugged: while somebody has it open, the adapter gets
-        another name when it comes back."""
-        task_status.started()
-        if isinstance(self.port, SerialGripper):
-            await self.port.hung_up()
-            self.close()
+    async def hung_up(self, port: GripperClient) -> None:
+        await (port.hung_up() if isinstance(port, SerialGripper) else super().hung_up(port))
 
     def adopt(self, descriptor: int) -> GripperClient:
         return SerialGripper(adopt_serial(descriptor, self.config.port), self.config, self.clock)

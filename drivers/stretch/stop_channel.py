@@ -38,13 +38,8 @@ class BoardStopChannel(DuplicateDescriptor[StretchConfig, Board]):
         self._open = open_port
         super().__init__(config, descriptors, clock)
 
-    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Let go of a port that was unplugged: while somebody has it open, the board gets another
-        name when it comes back."""
-        task_status.started()
-        if self.port is not None:
-            await self.port.port.hung_up()
-            self.close()
+    async def hung_up(self, port: Board) -> None:
+        await port.port.hung_up()
 
     def adopt(self, descriptor: int) -> Board:
         return Board(self.name, adopt_serial(descriptor, self.config.usb(self.name)), self.clock)

@@ -59,6 +59,10 @@ class DuplicateDescriptor(StopChannel, Generic[ConfigT, PortT]):
     async def open_port(self) -> PortT:
         """Return the port, opened by its path or address. Raise ``WireDown``."""
 
+    async def hung_up(self, port: PortT) -> None:
+        """Return once the device behind the port is gone. Most ports do not tell that."""
+        await trio.sleep_forever()
+
     @abstractmethod
     async def make_safe_on(self, port: PortT, safe_state: str) -> Reports:
         """Do as ``make_safe``. Raise ``WireDown`` when nothing could be written on this port."""
@@ -66,6 +70,14 @@ class DuplicateDescriptor(StopChannel, Generic[ConfigT, PortT]):
     @abstractmethod
     def failed(self, why: str) -> Reports:
         """Report that nothing was written."""
+
+    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        """Let go of a port that was unplugged: while somebody has it open, an adapter gets another
+        name when it comes back."""
+        task_status.started()
+        if self.port is not None:
+            await self.hung_up(self.port)
+            self.close()
 
     async def make_safe(self, safe_state: str) -> Reports:
         if self.port is not None:

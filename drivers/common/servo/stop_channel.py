@@ -6,8 +6,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Generic
 
-import trio
-
 from strands_actors.contract.stop_channels import DuplicateDescriptor
 from strands_actors.contract.wire import MotorReport, WireDown
 from strands_actors.drivers.common.half_duplex import PacketT
@@ -33,13 +31,8 @@ class ServoStopChannel(DuplicateDescriptor[ServoConfig, BytePort], Generic[Packe
         self._open = open_port
         super().__init__(config, descriptors, clock)
 
-    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Let go of a port that was unplugged: while somebody has it open, the adapter gets another
-        name when it comes back."""
-        task_status.started()
-        if self.port is not None:
-            await self.port.hung_up()
-            self.close()
+    async def hung_up(self, port: BytePort) -> None:
+        await port.hung_up()
 
     def adopt(self, descriptor: int) -> BytePort:
         return adopt_serial(descriptor, self.config.port)
