@@ -130,10 +130,15 @@ def parse_address(text: str, default_port: int) -> tuple[str, int]:
     return host, int(port)
 
 
+class NobodyListens(WireDown):
+    """The host refuses the connection: no program has that port open."""
+
+
 async def open_tcp(host: str, port: int) -> TcpPort:
     """Connect within ``CONNECT_S`` to the first of the host's addresses that takes it. Raise
-    ``WireDown``."""
+    ``WireDown``; ``NobodyListens`` where the last of them refuses."""
     name = f"{host}:{port}"
+    kind_of_end: type[WireDown] = WireDown
     why = f"no answer within {CONNECT_S:g} s"
     with trio.move_on_after(CONNECT_S):
         try:
@@ -145,7 +150,8 @@ async def open_tcp(host: str, port: int) -> TcpPort:
                 return TcpPort(await _connect(socket.socket(family, kind, protocol), address), name)
             except OSError as error:
                 why = _words(error)
-    raise WireDown(f"{name}: cannot connect ({why}). Check port=, cable and power")
+                kind_of_end = NobodyListens if isinstance(error, ConnectionRefusedError) else WireDown
+    raise kind_of_end(f"{name}: cannot connect ({why}). Check port=, cable and power")
 
 
 async def _connect(sock: socket.socket, address: object) -> socket.socket:

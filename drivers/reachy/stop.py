@@ -10,8 +10,6 @@ that was ordered.
 from __future__ import annotations
 
 import contextlib
-import errno
-import os
 from collections.abc import Callable, Sequence
 
 import trio
@@ -21,6 +19,7 @@ from strands_actors.contract.wire import MotorReport, StopChannel, WireDown
 from strands_actors.drivers.common.http_port import HttpPort
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.outcome import Outcome
+from strands_actors.drivers.common.tcp_port import NobodyListens
 from strands_actors.drivers.common.velocity_base import nothing_pending
 from strands_actors.drivers.common.websocket import WebSocket, open_websocket
 from strands_actors.kernel.clock import Clock
@@ -63,6 +62,7 @@ class Stopper:
         self._pinged = 0  # behind the frames that were sent last
         self._port = HttpPort(host, number)
         self.written = self.acknowledged = False
+        self._is_refused = False  # the newest attempt
         self.detail = f"not confirmed: {self._port.name} is silent"
 
     async def run(self, safe_state: str, within_s: float, pending: Callable[[], bool] = nothing_pending) -> str:
@@ -81,9 +81,10 @@ class Stopper:
                     if not detail:
                         return ""
                 except MalformedFrame as malformed:
-                    self.detail = f"not confirmed: {malformed}"
+                    self.detail, self._is_refused = f"not confirmed: {malformed}", False
                 except WireDown as down:
                     self.detail = f"not confirmed: {down}" if self.written else str(down)
+                    self._is_refused = isinstance(down, NobodyListens)
                 await trio.sleep(AGAIN_S)
         return self.detail
 
@@ -91,7 +92,7 @@ class Stopper:
     def nobody_there(self) -> bool:
         """Return whether the connection is refused: no daemon runs there. One that does not answer
         may be the robot's."""
-        return not self.written and os.strerror(errno.ECONNREFUSED) in self.detail
+        return not self.written and self._is_refused
 
     def close(self) -> None:
         self._port.close()
