@@ -73,16 +73,19 @@ def parse(
         named.update(base)
     if state.live_until_ns and len(state.target) > len(axes):
         # Two commands may reach the wire as one, the newer: it tells what the other has told, too.
-        told = int(state.target[len(axes)])
-        named.update(at for at in range(len(axes)) if told >> at & 1 and at not in base)
+        named.update(_told(state.target, len(axes)).difference(base))
     mask = float(sum(1 << at for at in named))
     return msgspec.structs.replace(parsed, values=(*parsed.values, mask), until_ns=until_ns)
 
 
 def named_in(values: Sequence[float], axes: Sequence[str]) -> frozenset[str]:
     """Return which axes a target tells: what ``parse`` put behind it."""
-    mask = int(values[len(axes)])
-    return frozenset(axis for at, axis in enumerate(axes) if mask >> at & 1)
+    return frozenset(axes[at] for at in _told(values, len(axes)))
+
+
+def _told(values: Sequence[float], axes: int) -> set[int]:
+    mask = int(values[axes])
+    return {at for at in range(axes) if mask >> at & 1}
 
 
 # -- conditions
