@@ -85,10 +85,7 @@ def _goes_on(holder: Holder | None, robot: str) -> bool:
     ours, which ends."""
     if holder is None or (holder.robot == robot and holder.pid == os.getpid()):
         return False
-    try:
-        return exists(holder.pid)
-    except PermissionError:
-        return True
+    return exists(holder.pid)
 
 
 def _refusal(plan: Plan, holder: Holder | None) -> str:

@@ -287,9 +287,12 @@ def _has_ended(pidfd: int) -> bool:
 
 
 def exists(pid: int) -> bool:
-    """Return whether there is a process of that number; one that has ended and was not reaped counts."""
+    """Return whether there is a process of that number, whoever's; one that has ended and was not
+    reaped counts."""
     try:
         os.kill(pid, 0)
     except ProcessLookupError:
         return False
+    except PermissionError:
+        return True
     return True

@@ -101,22 +101,20 @@ async def record_episodes(
     require_order(order)
     dataset = Dataset(Path(order.root), storage)
     try:
-        codec = dataset.codec_for(order.codec)
-        order = msgspec.structs.replace(order, codec=codec)
-        return await _record(order, codec, dataset, controls, tell, show, attach)
+        return await _record(order, dataset, controls, tell, show, attach)
     finally:
         dataset.close()
 
 
 async def _record(
     order: Order,
-    codec: str,
     dataset: Dataset,
     controls: Controls,
     tell: Callable[[Event], None],
     show: Callable[[Progress], None],
     attach: Attach,
 ) -> Summary:
+    codec = dataset.codec_for(order.codec)
     with trio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals:
         async with visit(order.robot) as node, open_background() as nursery:
             readers = {name: attach(order.robot, name) for name in order.cameras}

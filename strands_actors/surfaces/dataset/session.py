@@ -28,7 +28,7 @@ from .errors import DatasetError
 from .frames import Assembler, Axes, Made, missed
 from .layout import CameraShape, Layout
 from .staging import Picture, StagedEpisode, new_folder
-from .video import DEFAULT, VideoError
+from .video import VideoError
 from .worker import Worker
 
 QUEUE_FRAMES = 60
@@ -160,7 +160,7 @@ class Session:
             self._order.fps,
             axes.joints,
             self._shapes,
-            self._order.codec or DEFAULT,
+            self._dataset.codec_for(self._order.codec),
             axes.units,
         )
         self._layout = self._dataset.require(layout)

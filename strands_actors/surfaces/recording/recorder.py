@@ -13,7 +13,6 @@ import os
 import re
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
-from pathlib import Path
 from typing import Generic, Protocol, TypeVar
 
 import msgspec
@@ -23,8 +22,10 @@ from strands_actors.caller.nodes import open_node
 from strands_actors.caller.run_directory import notes
 from strands_actors.kernel.actor import Actor, Cell
 from strands_actors.kernel.frames import Down
+from strands_actors.kernel.health.processor import life_of
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import PREFIX, AskTimeout, Node, Unreachable
+from strands_actors.kernel.processes.process import exists
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.instrument import (
     SILENT_S,
@@ -310,11 +311,8 @@ def _is_of_the_dead(refusal: Refused) -> bool:
     named = re.search(r"process (\d+) records", refusal.text)
     if named is None:
         return False
-    try:
-        stat = Path(f"/proc/{named[1]}/stat").read_text()
-    except OSError:
-        return Path("/proc/self").exists()  # without any of these files nothing is known
-    return stat.rpartition(")")[2].split()[0] in "ZX"
+    pid = int(named[1])
+    return not exists(pid) or life_of(pid).dying
 
 
 @asynccontextmanager
