@@ -3,8 +3,8 @@
 
 A robot of this user that does not answer there is asked again by the way its actors speak to each
 other, which also ends a process that has frozen. Nothing that could be stopped is an error, not a
-success: who presses e-stop and reaches nobody must be told. A configuration that cannot be used keeps no stop from
-the robots of this user.
+success: who presses e-stop and reaches nobody must be told. A configuration that cannot be used
+keeps no stop from the robots of this user.
 """
 
 from __future__ import annotations
