@@ -64,17 +64,20 @@ class Sink:
     def close(self) -> None: ...
 
 
+class Sinks(list[Sink]):
+    """One for each recording that has begun."""
+
+    def open(self, attached: Attached) -> Sink:
+        self.append(Sink())
+        return self[-1]
+
+
 def test_a_recording_is_under_way_when_wire_and_root_are_in_it_and_has_what_they_told_first() -> None:
     async def run() -> None:
-        node, sinks = Node("here", VirtualClock()), list[Sink]()
-
-        def open_sink(attached: Attached) -> Sink:
-            sinks.append(Sink())
-            return sinks[-1]
-
+        node, sinks = Node("here", VirtualClock()), Sinks()
         async with trio.open_nursery() as nursery:
             await nursery.start(node.run)
-            nursery.start_soon(Recorder(ROBOT, open_sink).run, node)
+            nursery.start_soon(Recorder(ROBOT, sinks.open).run, node)
             await nursery.start(node.cell(addresses.of(ROBOT).instrument("wire"), Keeper).run)
             await trio.sleep(FIRST_S / 2)
             assert not sinks, "an event of the root would not be in it"
@@ -177,12 +180,7 @@ def test_a_recorder_that_was_killed_keeps_no_other_away_for_long(reaped: bool, p
                 return super().receive(message)
 
         async def run() -> None:
-            node, sinks = Node("here", VirtualClock()), list[Sink]()
-
-            def open_sink(attached: Attached) -> Sink:
-                sinks.append(Sink())
-                return sinks[-1]
-
+            node, sinks = Node("here", VirtualClock()), Sinks()
             async with trio.open_nursery() as nursery:
                 await nursery.start(node.run)
                 for name in SOURCES:
@@ -191,10 +189,10 @@ def test_a_recorder_that_was_killed_keeps_no_other_away_for_long(reaped: bool, p
                     with pytest.raises(
                         RecordingError, match=f"process {dead.pid} records this robot already. end it"
                     ):
-                        await Recorder(ROBOT, open_sink).run(node)
+                        await Recorder(ROBOT, sinks.open).run(node)
                     assert not sinks
                 else:
-                    await Recorder(ROBOT, open_sink).run(node, FIRST_S)
+                    await Recorder(ROBOT, sinks.open).run(node, FIRST_S)
                     assert len(sinks) == 1
                 nursery.cancel_scope.cancel()
 

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import socket
 import stat
-import subprocess
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib import resources
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -25,6 +22,7 @@ from strands_actors.teleoperation.page.requests import Lateness, parse, refuse
 from tests.answers import json_of, until
 
 from .conftest import Pair
+from .page_script import run_on_page
 
 HOSTS = {"127.0.0.1:80", "localhost:80"}
 MS = 1_000_000
@@ -192,10 +190,5 @@ console.log(JSON.stringify(seen))
 
 def test_a_gamepad_counts_only_while_its_page_has_the_focus() -> None:
     """Elsewhere a browser may tell for ever how it was last: with the dead-man held."""
-    node = shutil.which("node")
-    if node is None:
-        pytest.skip("no node")
-    page = resources.files("strands_actors.teleoperation.page").joinpath("page.html")
-    told = subprocess.run([node, "-e", PADS, str(page)], capture_output=True, text=True, timeout=30.0, check=True)
     held = {"a": 1, "b": 0}
-    assert json.loads(told.stdout) == [held, None, None, None, held], "back again, only a new press counts"
+    assert json.loads(run_on_page(PADS)) == [held, None, None, None, held], "back again, only a new press counts"

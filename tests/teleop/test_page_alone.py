@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import base64
 import os
-import shutil
-import subprocess
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from importlib import resources
 
 import pytest
 import trio
@@ -18,6 +15,8 @@ from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.supervisors.root.messages import Operate
 from strands_actors.teleoperation.page import server
 from strands_actors.teleoperation.teleoperator import where_to_listen
+
+from .page_script import run_on_page
 
 
 class Served:
@@ -91,12 +90,7 @@ console.log(before, opened)
 
 def test_a_page_that_nobody_sees_wants_no_seat() -> None:
     """It would be silent, be turned out, and come again."""
-    node = shutil.which("node")
-    if node is None:
-        pytest.skip("no node")
-    page = resources.files("strands_actors.teleoperation.page").joinpath("page.html")
-    told = subprocess.run([node, "-e", HIDDEN, str(page)], capture_output=True, text=True, timeout=30.0, check=True)
-    assert told.stdout.split() == ["0", "1"]
+    assert run_on_page(HIDDEN).split() == ["0", "1"]
 
 
 @pytest.mark.parametrize("host", ["LocalHost", "localhost", "127.0.0.1"])

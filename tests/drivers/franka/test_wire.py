@@ -84,7 +84,9 @@ async def goal_of(wire: FrankaWire, far: float) -> tuple[float, ...]:
     return (here[0] + (far if here[0] < 0.3 else -far), *here[1:])
 
 
-async def mode_is(wire: FrankaWire, mode: RobotMode) -> None:
+async def switch(wire: FrankaWire, twin: Twin, mode: RobotMode) -> None:
+    """Have the controller go to a mode, and wait until the wire knows."""
+    twin.order(f"mode {mode.name}")
     with trio.fail_after(PATIENCE_S):
         while (await wire.read()).sensors["robot_mode"] != (float(mode),):  # noqa: ASYNC110  # as in ``until``
             await trio.sleep(0.005)
@@ -161,14 +163,12 @@ def test_a_target_that_comes_before_the_motion_before_has_ended_is_begun_by_the_
     async def act(wire: FrankaWire) -> None:
         await wire.arm(Yes())
         goal = await goal_of(wire, 0.05)
-        twin.order("mode MOVE")
-        await mode_is(wire, RobotMode.MOVE)
+        await switch(wire, twin, RobotMode.MOVE)
         for _ in range(3):
             await wire.write(goal, Yes())
         with pytest.raises(PermitDenied, match="a stop is waiting"):
             await wire.write(goal, No())
-        twin.order("mode IDLE")
-        await mode_is(wire, RobotMode.IDLE)
+        await switch(wire, twin, RobotMode.IDLE)
         assert not twin.log.host("enable"), "it was not written, and nothing goes on by itself"
         with pytest.raises(PermitDenied, match="a stop is waiting"):
             await wire.write(goal, No())
@@ -225,14 +225,12 @@ def test_saf_010_what_the_transport_re_sends_is_begun_within_its_deadline_and_ep
         await wire.arm(Yes())
         transport = transport_on(wire)
         goal = await goal_of(wire, 0.05)
-        twin.order("mode MOVE")
-        await mode_is(wire, RobotMode.MOVE)
+        await switch(wire, twin, RobotMode.MOVE)
         now_ns = time.monotonic_ns()
         expires_ns = now_ns + round(expires_s * NS) if expires_s else 0
         await transport._obey(Write(EPOCH, now_ns + NS, goal, expires_ns))
         await trio.sleep(0.15)
-        twin.order("mode IDLE")
-        await mode_is(wire, RobotMode.IDLE)
+        await switch(wire, twin, RobotMode.IDLE)
         for number in range(10):
             await transport._obey(Cycle(number, resend_epoch))
             await trio.sleep(0.03)
@@ -247,12 +245,10 @@ def test_saf_002_what_waits_to_be_begun_is_not_begun_after_a_stop(twin: Twin) ->
         await wire.arm(Yes())
         transport = transport_on(wire)
         goal = await goal_of(wire, 0.05)
-        twin.order("mode MOVE")
-        await mode_is(wire, RobotMode.MOVE)
+        await switch(wire, twin, RobotMode.MOVE)
         await transport._obey(Write(EPOCH, time.monotonic_ns() + NS, goal))
         await transport._obey(MakeSafe(EPOCH + 1, "stop", Reason.STOP))
-        twin.order("mode IDLE")
-        await mode_is(wire, RobotMode.IDLE)
+        await switch(wire, twin, RobotMode.IDLE)
         await wire.arm(Yes())
         for number in range(10):
             await transport._obey(Cycle(number, EPOCH + 1))
@@ -269,15 +265,13 @@ def test_saf_010_a_target_is_not_begun_behind_a_motion_that_is_not_ours(twin: Tw
     async def act(wire: FrankaWire) -> None:
         await wire.arm(Yes())
         goal = await goal_of(wire, 0.05)
-        twin.order("mode MOVE")
-        await mode_is(wire, RobotMode.MOVE)
+        await switch(wire, twin, RobotMode.MOVE)
         with pytest.raises(PermitDenied, match="another one runs"), trio.fail_after(PATIENCE_S):
             while True:
                 await wire.write(goal, Yes())
                 await trio.sleep(0.05)
         assert "another one runs" in (await wire.read()).faults["motion"]
-        twin.order("mode IDLE")
-        await mode_is(wire, RobotMode.IDLE)
+        await switch(wire, twin, RobotMode.IDLE)
         with pytest.raises(PermitDenied, match="another one runs"):
             await wire.write(goal, Yes())
         assert not twin.log.host("enable")
