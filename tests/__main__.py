@@ -3,6 +3,8 @@ at the first that fails. Arguments go to pytest.
 
 ``python -m tests lerobot``: what needs LeRobot itself (``tests/lerobot``), and nothing else.
 
+``python -m tests long``: the tests that this leaves out (``tests/long.py``).
+
 A test that fails beside another is run once more, alone, and named: two robots on a machine that
 pauses may be late where one is not. Who fails alone fails.
 
@@ -25,13 +27,15 @@ if sys.argv[1:2] == ["lerobot"]:
 
     sys.exit(main(sys.argv[2:]))
 
+LONG = sys.argv[1:2] == ["long"]
+ARGUMENTS = ("-m", "long", *sys.argv[2:]) if LONG else ("-m", "not long", *sys.argv[1:])
 STEPS = (
     ("ruff", "check", "."),
     ("ruff", "format", "--check", "."),
     ("mypy",),
-    ("pytest", "-n", "3", "--dist", "worksteal", "--durations=20", *sys.argv[1:]),
+    ("pytest", "-n", "3", "--dist", "worksteal", "--durations=20", *ARGUMENTS),
 )
-ALONE = ("pytest", "--last-failed", "--last-failed-no-failures", "none", *sys.argv[1:])
+ALONE = ("pytest", "--last-failed", "--last-failed-no-failures", "none", *ARGUMENTS)
 SUITES = {"newton": ("tests/newton/suite.py",), "peers": ("tests/peers/suite.py",)}
 """Not in the ordinary run: no file of theirs is called ``test_``."""
 SOME_FAILED = 1

@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, settings
 
 from .forked import fork_what_is_started_here
 
-pytest_plugins = ["strands_actors.pytest_plugin", "tests.real_time"]
+pytest_plugins = ["strands_actors.pytest_plugin", "tests.long", "tests.real_time"]
 """The first as if the package were installed with its entry point."""
 
 collect_ignore = ["lerobot"]

@@ -218,6 +218,7 @@ def wave(observation: dict[str, float]) -> dict[str, float]:
     return {"shoulder_pan": 5.0 * math.sin(2 * time.monotonic())}
 
 
+@pytest.mark.long
 def test_saf_001_003_setpoints_do_not_notice_what_becomes_of_a_camera(new_arm: NewArm, run_dir: Path) -> None:
     """SAF-001, SAF-003: killed, frozen and flooded in turn, beside a stream at 50 Hz: none of its
     setpoints comes after its lifetime (the robot would hold), and a stop is as quick as ever."""

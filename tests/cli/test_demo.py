@@ -7,6 +7,8 @@ import json
 import signal
 from pathlib import Path
 
+import pytest
+
 from tests.answers import until
 
 from .command import PATIENCE_S, Command
@@ -38,6 +40,7 @@ def test_every_fault_is_followed_by_the_safe_state(cli: Command, tmp_path: Path)
     assert cli.processes() == []
 
 
+@pytest.mark.long
 def test_without_faults_it_reports_the_pace(cli: Command, tmp_path: Path) -> None:
     done = cli.run("demo", "--no-faults", "--seconds", "6", "--out", "wave.png", cwd=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr

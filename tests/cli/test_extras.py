@@ -115,6 +115,7 @@ except ImportError as why:
     assert "pip install 'strands-actors[record]'" in said
 
 
+@pytest.mark.long
 def test_the_demo_runs_without_its_picture(lean: Command, tmp_path: Path) -> None:
     done = lean.run("demo", "--no-faults", "--seconds", "6", cwd=tmp_path)
     assert done.returncode == 0, done.stderr

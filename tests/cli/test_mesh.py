@@ -9,6 +9,8 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from tests.answers import until
 
 from .command import Command, RobotProcess, refusal_code
@@ -40,6 +42,7 @@ def test_what_a_robot_publishes_is_shown(cli: Command, robot: RobotProcess) -> N
         assert "nobody" in done.stderr and done.stderr.count("\n") == 1
 
 
+@pytest.mark.long
 def test_a_topic_that_nobody_publishes_is_told_and_waited_on_no_longer_than_is_wanted(
     cli: Command, robot: RobotProcess
 ) -> None:
@@ -50,6 +53,7 @@ def test_a_topic_that_nobody_publishes_is_told_and_waited_on_no_longer_than_is_w
     assert "nothing came of strands/so101/nothing for 3.5 s" in ended
 
 
+@pytest.mark.long
 def test_a_target_is_sent_once_the_script_has_given_the_lease_up(cli: Command, robot: RobotProcess) -> None:
     done = cli.run("send", "so101", "shoulder_pan=5")
     assert (done.returncode, done.stdout) == (1, "")
@@ -70,6 +74,7 @@ def test_a_target_is_sent_once_the_script_has_given_the_lease_up(cli: Command, r
     assert done.returncode == 2 and "joint=number" in done.stderr
 
 
+@pytest.mark.long
 def test_what_a_script_has_released_is_moved_without_a_resume(cli: Command, robot: RobotProcess) -> None:
     """By one command after the other. It holds in between, and says why."""
     assert robot.call("send_action", {"shoulder_pan": 2.0})["status"] == "success"
@@ -81,6 +86,7 @@ def test_what_a_script_has_released_is_moved_without_a_resume(cli: Command, robo
     assert cause == "the writer gave its lease back"
 
 
+@pytest.mark.long
 def test_an_interrupted_send_leaves_the_robot_holding(cli: Command, robot: RobotProcess) -> None:
     assert robot.call("release")["status"] == "success"
     with cli.start("send", "so101", "shoulder_pan=20", "--for", "60", "--resume") as sending:
@@ -109,6 +115,7 @@ def test_estop_alone_is_for_every_robot(cli: Command, robot: RobotProcess) -> No
     assert resumed["done"]
 
 
+@pytest.mark.long
 def test_a_frozen_root_is_reported_and_its_wire_is_safe_by_itself(cli: Command, robot: RobotProcess) -> None:
     (tree,) = cli.json("tree")["robots"]
     (root,) = [process["pid"] for process in tree["processes"] if process["role"] == "root"]
@@ -183,6 +190,7 @@ def test_trace_shows_who_tells_whom_what(cli: Command, robot: RobotProcess) -> N
     assert accepted["sender"] == "gate"
 
 
+@pytest.mark.long
 def test_trace_of_a_robot_at_rest_says_that_it_waits(cli: Command, robot: RobotProcess) -> None:
     assert robot.call("release")["status"] == "success"
     done = cli.run("trace", "so101", "--seconds", "5")

@@ -8,6 +8,7 @@ import signal
 from pathlib import Path
 from typing import cast
 
+import pytest
 import trio
 
 from strands_actors.caller.directory import Directory
@@ -39,6 +40,7 @@ def test_estop_locks_until_resume(cli: Command, robot: RobotProcess) -> None:
     assert robot.call("send_action", MOVE)["status"] == "success"
 
 
+@pytest.mark.long
 def test_stop_disarms_without_a_lock(cli: Command, robot: RobotProcess) -> None:
     done = cli.run("stop", "--all")
     assert done.returncode == 0, done.stderr
@@ -58,6 +60,7 @@ def test_estop_reaches_a_robot_whose_wire_is_frozen(cli: Command, robot: RobotPr
     assert resumed["status"] == "success", resumed
 
 
+@pytest.mark.long
 def test_every_robot_at_once(cli: Command, robot: RobotProcess) -> None:
     with RobotProcess(cli) as other:
         done = cli.run("estop", "--all")

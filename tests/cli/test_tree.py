@@ -6,6 +6,8 @@ import os
 import signal
 from typing import Any
 
+import pytest
+
 from .command import Command, RobotProcess
 
 PROCESS_ROLES = {"caller", "root", "wire", "policy", "twin"}
@@ -60,6 +62,7 @@ def test_it_follows_a_task_and_a_stop(cli: Command, robot: RobotProcess) -> None
         assert word in drawn
 
 
+@pytest.mark.long
 def test_a_frozen_root_is_listed_as_unreachable(cli: Command, robot: RobotProcess) -> None:
     root = pids(only(cli.json("tree")))["root"]
     os.kill(root, signal.SIGSTOP)
@@ -74,6 +77,7 @@ def test_a_frozen_root_is_listed_as_unreachable(cli: Command, robot: RobotProces
     assert only(cli.json("tree"))["state"] == "armed"
 
 
+@pytest.mark.long
 def test_two_robots(cli: Command, robot: RobotProcess) -> None:
     with RobotProcess(cli):
         assert [tree["robot"] for tree in cli.json("tree")["robots"]] == ["so101", "so101-2"]

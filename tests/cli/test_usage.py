@@ -43,13 +43,20 @@ from .command import Command
         (["estop", "one", "--all"], "one and --all are both given"),
     ],
 )
-def test_one_line_and_exit_code_2(cli: Command, tmp_path: Path, arguments: list[str], named: str) -> None:
-    done = cli.run(*arguments, cwd=tmp_path)
-    assert done.returncode == 2
-    assert done.stdout == ""
-    assert done.stderr.startswith("strands-actors: ")
-    assert done.stderr.count("\n") == 1
-    assert named in done.stderr
+def test_one_line_and_exit_code_2(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
+    named: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run(arguments) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err.startswith("strands-actors: ")
+    assert told.err.count("\n") == 1
+    assert named in told.err
 
 
 @pytest.mark.parametrize(
@@ -99,6 +106,12 @@ def test_list_tells_who_drives_which_robot(cli: Command) -> None:
     assert "lerobot: pip install" in drawn  # who would drive it, and does not here
 
 
+def test_a_problem_is_the_exit_code_of_the_process(cli: Command) -> None:
+    done = cli.run("estop", "one", "--all")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("strands-actors: ")
+
+
 def test_version(cli: Command) -> None:
     done = cli.run("--version")
     assert (done.returncode, done.stdout, done.stderr) == (0, f"strands-actors {__version__}\n", "")
@@ -124,12 +137,15 @@ def test_version(cli: Command) -> None:
     ],
     ids=lambda arguments: arguments[0],
 )
-def test_with_json_a_problem_is_an_object_too(cli: Command, tmp_path: Path, arguments: list[str]) -> None:
-    done = cli.run(*arguments, "--json", cwd=tmp_path)
-    assert done.returncode == 2
-    told = json.loads(done.stdout)
+def test_with_json_a_problem_is_an_object_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], arguments: list[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run([*arguments, "--json"]) == 2
+    out, err = capsys.readouterr()
+    told = json.loads(out)
     assert list(told) == ["error"]
-    assert done.stderr == f"strands-actors: {told['error']}\n"
+    assert err == f"strands-actors: {told['error']}\n"
 
 
 @pytest.mark.parametrize(

@@ -224,6 +224,7 @@ def killed(root: Path, after_lines: int, delay_s: float) -> int:
     return said + process.communicate(timeout=PATIENCE_S)[0].count("finished\n")
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("seed", range(KILLS))
 def test_a_writer_that_is_killed_loses_no_finished_episode(root: Path, seed: int) -> None:
     rng = random.Random(seed)

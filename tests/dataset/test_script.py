@@ -60,6 +60,7 @@ def killed(recording: DatasetRecording, how: signal.Signals) -> None:
     recording._process.send_signal(how)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("word", ["start", "finish", "discard"])
 def test_a_recorder_that_is_frozen_is_given_up_and_what_it_had_is_repaired(
     arm: Any, tmp_path: Path, word: str, monkeypatch: pytest.MonkeyPatch

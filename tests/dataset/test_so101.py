@@ -152,6 +152,7 @@ def test_a_script_is_told_when_its_folder_is_moved_away(arm: Any, tmp_path: Path
     assert not (root / "meta").exists()
 
 
+@pytest.mark.long
 def test_saf_001_a_slow_disk_costs_frames_which_are_counted_and_no_setpoint(
     arm: Any, twin: Twin, tmp_path: Path
 ) -> None:

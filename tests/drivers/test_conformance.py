@@ -15,6 +15,11 @@ from strands_actors.testing.checks import close_bench
 from tests.kill.test_kill import WHOLE
 
 
+def quick(check: Check) -> bool:
+    """Of the kill cells, those in which the stop channel acts, or the wire alone."""
+    return not check.name.startswith("kill cell") or check.name.endswith(("wire-kill", "root-kill"))
+
+
 def checks() -> Iterator[object]:
     whole = {get_native_driver_class(robot) for robot in WHOLE}
     for robot in one_of_each():
@@ -22,7 +27,8 @@ def checks() -> Iterator[object]:
         assert driver_class is not None and issubclass(driver_class, Driver)
         for check in conformance(driver_class, robot):
             if not (driver_class in whole and check.name.startswith("kill cell")):
-                yield pytest.param(check, id=f"{robot}-{check}")
+                marks = () if quick(check) else (pytest.mark.long,)
+                yield pytest.param(check, id=f"{robot}-{check}", marks=marks)
 
 
 @pytest.fixture(scope="module", autouse=True)

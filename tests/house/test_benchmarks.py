@@ -15,6 +15,7 @@ INSTALLED = ("trio", "pykka")
 FAST = ("tell", "ask", "urgent", "virtual")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", FAST)
 def test_a_short_form_gives_the_figures_that_its_goals_judge(name: str) -> None:
     """How fast is for docs/benchmarks.md to say, and for a quiet machine: here the question has to

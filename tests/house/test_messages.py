@@ -4,6 +4,7 @@ the commands."""
 from __future__ import annotations
 
 import ast
+import functools
 import importlib
 import inspect
 import re
@@ -54,6 +55,7 @@ def messages(source: str) -> Iterator[str]:
                 yield text
 
 
+@functools.cache
 def all_messages() -> list[tuple[str, str]]:
     return [(name, text) for name, path in MODULES.items() for text in messages(path.read_text())]
 

@@ -109,6 +109,7 @@ def test_answers_are_late_and_requests_are_not(tmp_path: Path) -> None:
                 assert client.recv(1) == b""
 
 
+@pytest.mark.long
 def test_the_short_form_of_a_wire_gives_the_figures_that_its_goals_judge() -> None:
     found = wires.at_twin("xarm7", OURS, "short")
     assert {f"xarm7_{figure}" for figure in found} >= {goal.figure for goal in wires.goals_of("xarm7")}

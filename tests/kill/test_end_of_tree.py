@@ -103,6 +103,7 @@ def bench() -> Iterator[tuple[Bench, Caller]]:
         yield moving
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("delay_s", DELAYS_S)
 def test_saf_018_a_resume_at_the_death_of_the_caller_energises_nothing(
     bench: tuple[Bench, Caller], delay_s: float

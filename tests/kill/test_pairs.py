@@ -50,6 +50,7 @@ def benches() -> Iterator[dict[str, Bench]]:
         bench.__exit__(None, None, None)
 
 
+@pytest.mark.quick_cases(10)
 @pytest.mark.parametrize(("robot", "pair"), CELLS, ids=str)
 def test_saf_016_two_break_and_the_wire_is_safe(robot: str, pair: Pair, benches: dict[str, Bench]) -> None:
     if robot not in benches:

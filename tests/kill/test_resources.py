@@ -14,6 +14,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import pytest
+
 from strands_actors.caller.robot import RealRobot
 from strands_actors.testing import Twin
 from tests.answers import PATIENCE_S, pids, until
@@ -75,6 +77,7 @@ def test_saf_006_a_caller_without_free_descriptors_moves_and_stops(strands_robot
     twin.log.no_setpoint_after_safe(began_ns)
 
 
+@pytest.mark.long
 def test_restarts_of_a_policy_process_leave_root_and_wire_as_they_were(strands_robot: Start) -> None:
     arm, _ = strands_robot("so101")
     roles = ("root", "wire")

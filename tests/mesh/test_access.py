@@ -347,6 +347,7 @@ def stop_s(robot: RealRobot, twin: Twin) -> float:
     return twin.log.safe_within(began_ns, 10.0)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(("who", "verb"), [("viewer", "put"), ("operator", "put"), ("operator", "get")])
 def test_saf_006_a_flood_of_forged_commands_moves_nothing_and_delays_no_stop(
     who: str, verb: str, keys: Path, port: int, twin: Twin

@@ -56,6 +56,7 @@ def armed(robot: RealRobot) -> bool:
     return is_in(robot, "state", "armed") or robot.resume()["status"] == "success"
 
 
+@pytest.mark.long
 def test_saf_007_one_estop_stops_a_robot_of_every_wire(
     tmp_path: Path, run_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 import trio
 
 from strands_actors.testing import FakeHardware
@@ -27,6 +28,7 @@ def start(name: str, *arguments: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.long
 def test_a_fleet_is_stopped_and_no_lock_is_left_to_the_next_run() -> None:
     for _ in range(2):
         done = start("estop.py")

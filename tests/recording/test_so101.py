@@ -167,6 +167,7 @@ def run(run_dirs: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Itera
     yield path, out
 
 
+@pytest.mark.long
 def test_a_hundred_replays_differ_in_nothing(run: tuple[Path, str]) -> None:
     recording = read(run[0])
     driver = build_driver(recording.info)

@@ -33,6 +33,7 @@ def break_third(arm: RealRobot, twin: Twin, fault: str) -> None:
     until(lambda: "silent" in status(arm)["faults"].get("elbow_flex", ""), "the third servo is missed")
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("fault", FAULTS)
 def test_the_others_go_on(arm: RealRobot, twin: Twin, fault: str) -> None:
     normal = rates(twin)

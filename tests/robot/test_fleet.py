@@ -8,11 +8,14 @@ import subprocess
 import sys
 from typing import Any
 
+import pytest
+
 ATTEMPTS = 3
 """A machine that stands still for longer than a robot may be silent stops that robot: once more,
 then."""
 
 
+@pytest.mark.long
 def test_four_robots_at_20_hz_stay_armed() -> None:
     for _ in range(ATTEMPTS):
         done, told = run_fleet()

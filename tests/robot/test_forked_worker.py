@@ -39,6 +39,7 @@ time.sleep(600)
 """
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("how", ["cleanup", "killed"])
 def test_saf_018_a_forked_worker_that_lives_on_keeps_no_robots_name(
     how: str, twin: Twin, new_arm: NewArm, tmp_path_factory: pytest.TempPathFactory

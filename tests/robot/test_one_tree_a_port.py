@@ -87,6 +87,7 @@ def connected(kind: str, twin: Twin, made: list[RealRobot], name: str) -> RealRo
     return robot
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("kind", KINDS)
 def test_saf_009_a_second_script_does_not_get_a_robot_on_a_network(
     kind: str, tmp_path: Path, made: list[RealRobot]
@@ -108,6 +109,7 @@ def test_saf_009_a_second_script_does_not_get_a_robot_on_a_network(
             assert second.move() == "success"
 
 
+@pytest.mark.long
 def test_saf_009_a_script_that_is_killed_and_started_again_gets_its_robot(
     tmp_path: Path, made: list[RealRobot]
 ) -> None:

@@ -74,6 +74,7 @@ def test_a_robot_of_ours_may_be_simulated_by_a_model_of_ones_own(new: New, tmp_p
     assert json_of(sim.reset())["position"] == pytest.approx({"turn": 1.2, "reach": -0.05}, abs=0.02)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("robot", ["so101", "unitree_go2"])
 def test_where_it_stands_is_seen(new: New, robot: str) -> None:
     """A camera of the scene that looks at the origin sees the robot there, and not beside it."""

@@ -88,6 +88,7 @@ def new_arm(new_sim: NewSim) -> Iterator[NewArm]:
 # -- the verbs
 
 
+@pytest.mark.quick_cases(5)
 @pytest.mark.parametrize("robot", SIMULATED)
 def test_a_robot_is_simulated_from_its_first_verb_on(new_sim: NewSim, robot: str) -> None:
     joint, place, within = SIMULATED[robot]

@@ -42,6 +42,7 @@ def g1(run_dir: Path, log: Path) -> Iterator[SimRobot]:
         yield sim
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("robot", LEGS)
 def test_it_stands_and_a_joint_moves(run_dir: Path, log: Path, robot: str) -> None:
     joint = LEGS[robot]

@@ -47,6 +47,7 @@ def clear(run_dir: Path) -> None:
     until(cleared, "its root writes nothing more there")
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("verb", [("stop", "--all"), ("stop", "so101"), ("estop",), ("estop", "so101")])
 def test_a_robot_whose_note_is_gone_is_stopped_by_the_end_of_its_root(
     arm: RealRobot, twin: Twin, run_dir: Path, verb: tuple[str, ...]

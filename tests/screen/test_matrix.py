@@ -262,6 +262,7 @@ def test_two_trials_of_a_driver_of_somebody_elses() -> None:
     assert 0 < row.median_ms <= row.worst_ms
 
 
+@pytest.mark.long
 def test_trials_side_by_side_of_a_driver_of_somebody_elses() -> None:
     """Through the worker processes; what they cannot measure they say."""
     drivers: dict[str, type[Driver] | None] = {"blinky": Blinky}

@@ -163,6 +163,7 @@ def test_keys_act_on_the_selected_robot_only(
         on_screen(cli, monkeypatch, script)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(("how", "code"), [("key", 0), (signal.SIGTERM, 143)])
 def test_in_a_terminal_it_stops_a_robot_and_leaves_the_terminal_as_it_was(
     cli: Command, robot: RobotProcess, how: signal.Signals | str, code: int

@@ -358,6 +358,7 @@ def test_saf_016_root_and_wire_at_once_leave_it_to_the_standby(robot: T1) -> Non
     robot.log.no_setpoint_after_safe(first.t_ns)
 
 
+@pytest.mark.long
 def test_saf_010_a_twist_that_is_taken_up_late_is_followed_by_zero(robot: T1) -> None:
     """The robot's computer stands still with a twist on its way, and goes on after the caller gave
     up."""

@@ -180,6 +180,7 @@ def test_saf_007_an_emergency_stop_cuts_the_motors_and_locks(cf: Drone) -> None:
     until(lambda: cf.robot.resume() and cf.robot.takeoff()["status"] == "success", "it flies again")
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("how", ["stop", "land", "kill"])
 def test_saf_005_from_the_ceiling_it_is_flown_to_the_floor_before_its_motors_are_cut(cf: Drone, how: str) -> None:
     cf.take_off(1.95)
@@ -227,6 +228,7 @@ def test_a_stop_during_a_takeoff_wins(cf: Drone) -> None:
 # -- what ends a flight
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ("role", "number"),
     [("wire", signal.SIGKILL), ("wire", signal.SIGSTOP), ("root", signal.SIGKILL), ("root", signal.SIGSTOP)],
@@ -300,6 +302,7 @@ def test_saf_020_a_lost_link_lands_it_when_it_is_back(cf: Drone) -> None:
     assert cf.track()[-1][1] < FLOOR_M
 
 
+@pytest.mark.long
 def test_saf_010_what_waits_in_a_stopped_drone_is_followed_by_the_landing(cf: Drone) -> None:
     cf.fly()
     os.kill(cf.twin.process.pid, signal.SIGSTOP)
@@ -349,6 +352,7 @@ def test_saf_012_a_battery_that_is_not_heard_any_more_lands_it(cf: Drone) -> Non
 # -- links that lose
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("loss", [0.05, 0.2])
 def test_saf_005_a_lossy_slow_link_never_hangs(tmp_path: Path, run_dir: Path, loss: float) -> None:
     with drone(tmp_path, loss=loss, delay_s=0.1) as cf:
@@ -364,6 +368,7 @@ def test_saf_005_a_lossy_slow_link_never_hangs(tmp_path: Path, run_dir: Path, lo
         cf.lands(began_ns, 5.0)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("link", ["tcp", "serial"])
 def test_the_same_over_another_link(tmp_path: Path, run_dir: Path, link: str) -> None:
     with drone(tmp_path, link=link) as cf:

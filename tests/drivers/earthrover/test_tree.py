@@ -111,6 +111,7 @@ def test_saf_005_a_rover_that_reports_a_speed_is_not_reported_as_stopped(rover: 
     until(lambda: state(rover) == "disarmed", "it is confirmed when it can be")
 
 
+@pytest.mark.long
 def test_saf_010_a_command_that_waits_in_a_stopped_service_is_followed_by_zero(
     rover: RealRobot, twin: Twin
 ) -> None:
@@ -137,6 +138,7 @@ def test_saf_010_a_command_that_waits_in_a_stopped_service_is_followed_by_zero(
     until(lambda: status(rover)["sensors"].get("speed") == [0.0], "it stands")
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_saf_003_the_roots_own_connection_stops_the_rover(
     rover: RealRobot, twin: Twin, number: signal.Signals
@@ -163,6 +165,7 @@ def test_saf_020_a_cable_that_is_back_carries_zero_first(rover: RealRobot, twin:
     twin.log.no_setpoint_after_safe(back_ns)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("fault", ["garbage", "intermittent", "delayed", "slow"])
 def test_saf_006_a_stop_leaves_at_once_whatever_the_service_answers(
     rover: RealRobot, twin: Twin, fault: str

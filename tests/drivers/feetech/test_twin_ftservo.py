@@ -70,6 +70,7 @@ def twin(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Twin]:
         yield process
 
 
+@pytest.mark.long
 def test_the_vendors_newer_client_moves_turns_and_reads(twin: Twin) -> None:
     told = json.loads(run_with(FTSERVO, PROGRAM, twin.port).splitlines()[-1])
     assert told["model"] == 777

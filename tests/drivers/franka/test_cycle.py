@@ -238,6 +238,7 @@ def test_a_report_there_and_back() -> None:
     assert Report.unpack(report.pack()) == report
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("robot", ["panda", "fr3"])
 @pytest.mark.parametrize("late", [True, False], ids=["answers come too late", "states are lost"])
 def test_a_controller_that_went_on_by_itself_is_met_where_it_is(robot: str, late: bool) -> None:

@@ -50,6 +50,7 @@ def run(trajectory: Trajectory, path: list[tuple[float, ...]]) -> None:
     raise AssertionError("it does not arrive")
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("robot", arms())
 @pytest.mark.parametrize("factor", [0.2, 1.0])
 @settings(max_examples=5, deadline=None)
@@ -66,6 +67,7 @@ def test_from_rest_to_rest(robot: str, factor: float, data: st.DataObject) -> No
     check_limits(arm, factor, path)
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("robot", arms())
 @pytest.mark.parametrize("factor", [0.2, 1.0])
 @settings(max_examples=5, deadline=None)

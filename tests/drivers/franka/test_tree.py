@@ -161,6 +161,7 @@ def test_saf_013_status_says_stride_scheduling_and_what_the_firmware_does(arm: R
     assert told["sensors"]["flange_m"][2] == pytest.approx(0.59, abs=0.3)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("robot", ["fr3", "fr3_v2"])
 def test_the_arms_of_fci_10(robot: str, tmp_path: Path, run_dir: Path) -> None:
     with Twin(robot, tmp_path) as twin, robot_on(twin.port, robot, speed_factor=0.5, stream_rate_hz=100.0) as arm:
@@ -361,6 +362,7 @@ def test_saf_012_unplugged_while_it_moves(moving: RealRobot, twin: Twin) -> None
     comes_back(moving, twin)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("fault", ["stuck", "garbage"])
 def test_saf_012_states_that_say_nothing_are_no_link(moving: RealRobot, twin: Twin, fault: str) -> None:
     """Its numbers stand still, or nothing is a state: the connection is open all the same."""
@@ -373,6 +375,7 @@ def test_saf_012_states_that_say_nothing_are_no_link(moving: RealRobot, twin: Tw
     comes_back(moving, twin)
 
 
+@pytest.mark.long
 def test_it_comes_back_however_often_it_is_unplugged(arm: RealRobot, twin: Twin) -> None:
     wire = pids(arm)["wire"]
     for _ in range(5):

@@ -193,6 +193,7 @@ def test_a_wrong_password_is_named_and_not_told(tmp_path: Path) -> None:
 # -- processes die and freeze
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("second", ["accepted", "refused", "powerless"])
 @pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP])
 def test_saf_003_the_wire_process_dies_or_freezes_on_every_kind_of_base(

@@ -179,6 +179,7 @@ def test_1_ms_is_refused_at_connect_by_name(tmp_path: Path) -> None:
 # -- the pendant
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize(
     ("order", "undo", "code", "text"),
     [

@@ -111,6 +111,7 @@ def test_saf_003_a_duck_behind_ssh_is_stopped_through_the_roots_own(twin: Twin, 
     until(lambda: not any(runs(call["pid"]) for call in calls(log)), "no ssh is left behind")
 
 
+@pytest.mark.long
 def test_one_frame_of_the_depth_sensor_comes_over_its_own_socket(
     twin: Twin, log: Path, run_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

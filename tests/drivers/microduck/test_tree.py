@@ -243,6 +243,7 @@ def test_saf_020_a_socket_that_is_back_carries_the_stop_first(duck: RealRobot, t
     twin.log.no_setpoint_after_safe(back_ns)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("fault", ["garbage", "intermittent", "delayed", "slow", "stuck"])
 def test_saf_006_a_stop_leaves_at_once_whatever_robotd_answers(duck: RealRobot, twin: Twin, fault: str) -> None:
     act(duck, twin, vx=0.2, duration=10)

@@ -45,6 +45,9 @@ class SmallArm:
     def said(self, word: str, since_ns: int = 0) -> list[Line]:
         return [line for line in list(self.log) if line.text.split()[0] == word and line.t_ns >= since_ns]
 
+    def answer(self, text: str) -> None:
+        os.write(self._master, text.encode() + b"\n")
+
     def _serve(self) -> None:
         heard = b""
         while not self._over:
@@ -61,4 +64,4 @@ class SmallArm:
             self._joints |= {key: float(value) for key, value in (pair.split("=") for pair in rest)}
         answer = " ".join(str(value) for value in self._joints.values()) if word == "read" else "ok"
         if self.answers:
-            os.write(self._master, answer.encode() + b"\n")
+            self.answer(answer)

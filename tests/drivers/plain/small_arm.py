@@ -22,6 +22,8 @@ class SmallArmDriver:
     tool_type = "robot"
     tool_spec: dict[str, Any] = {}  # noqa: RUF012
 
+    ANSWER_S = 0.2
+
     def __init__(
         self,
         tool_name: str,
@@ -43,7 +45,7 @@ class SmallArmDriver:
         self._misbehave("connect")
         if self._serial is None:
             try:
-                self._serial = serial.Serial(self._port, timeout=0.2, exclusive=True)
+                self._serial = serial.Serial(self._port, timeout=self.ANSWER_S, exclusive=True)
             except OSError as error:
                 return f"{self._port} cannot be opened ({error})"
         return None
@@ -115,6 +117,12 @@ class SmallArmDriver:
             raise RuntimeError("the bus is upset")
         elif what == f"{call} dies":
             os.kill(os.getpid(), signal.SIGKILL)
+
+
+class PatientArmDriver(SmallArmDriver):
+    """Waits for an answer as long as a test needs to give one."""
+
+    ANSWER_S = 30.0
 
 
 class SensingArmDriver(SmallArmDriver):

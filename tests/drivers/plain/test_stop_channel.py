@@ -7,7 +7,6 @@ import time
 from collections.abc import Sequence
 
 import trio
-import trio.lowlevel
 
 from strands_actors.contract.wire import MotorReport
 from strands_actors.drivers.plain.config import PlainConfig
@@ -16,7 +15,7 @@ from strands_actors.drivers.plain.stop_channel import GONE_S, PlainStopChannel
 from strands_actors.kernel.clock import MonotonicClock
 
 from .rig import SmallArm
-from .small_arm import DeclaredArmDriver, SmallArmDriver
+from .small_arm import DeclaredArmDriver, PatientArmDriver, SmallArmDriver
 
 
 def config_of(cls: type, port: str) -> PlainConfig:
@@ -87,12 +86,20 @@ def test_saf_003_a_stop_that_is_given_up_goes_on_and_is_answered_when_it_is_aske
     small_arm: SmallArm,
 ) -> None:
     async def main() -> None:
-        channel = PlainStopChannel(config_of(SmallArmDriver, small_arm.port), [], MonotonicClock())
+        channel = PlainStopChannel(config_of(PatientArmDriver, small_arm.port), [], MonotonicClock())
+        small_arm.answers = False
+
+        async def stop() -> None:
+            while True:  # a busy machine may start no process within the time that the channel gives it
+                await channel.make_safe("stop")
+
         async with trio.open_nursery() as nursery:
-            nursery.start_soon(channel.make_safe, "stop")
-            while not small_arm.said("stop"):  # the other process' doing: there is no event
-                await trio.lowlevel.checkpoint()
+            nursery.start_soon(stop)
+            while not small_arm.said("stop"):  # noqa: ASYNC110  # the other process' doing: there is no event
+                await trio.sleep(0.01)
             nursery.cancel_scope.cancel()
+        small_arm.answers = True
+        small_arm.answer("ok")
         reports = await channel.make_safe("stop")
         channel.close()
         assert all(report.safe for report in reports)

@@ -65,6 +65,7 @@ def test_sensors_that_are_members_of_the_class_reach_the_mesh(new_robot: NewRobo
         subscriber.close()
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize(
     ("action", "text"),
     [
@@ -161,6 +162,7 @@ def test_saf_003_the_root_is_killed_and_the_wire_stops_its_own_object(
     until(lambda: not any(map(runs, left)), "nothing is left")
 
 
+@pytest.mark.long
 def test_saf_010_an_action_that_hangs_costs_the_process_and_is_never_done(
     new_robot: NewRobot, small_arm: SmallArm, wrong: Path
 ) -> None:
@@ -269,6 +271,7 @@ def test_a_class_that_says_nothing_of_its_axes_is_refused(registry: None, small_
     robot.cleanup()
 
 
+@pytest.mark.long
 def test_a_connection_that_hangs_is_given_up(registry: None, small_arm: SmallArm, wrong: Path) -> None:
     register_native_driver("small_arm", DeclaredArmDriver)
     wrong.write_text("connect hangs")

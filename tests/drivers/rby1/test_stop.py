@@ -214,6 +214,7 @@ async def test_saf_005_power_that_is_off_is_seen_though_the_robot_refuses_the_ot
     channel.close()
 
 
+@pytest.mark.quick_cases(2)
 @with_each(
     "powers",
     [

@@ -118,6 +118,7 @@ def test_a_single_command_is_repeated_so_that_the_robot_holds_on_to_it(robot: Re
 # -- the robot says no
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ("order", "says"),
     [
@@ -175,6 +176,7 @@ def test_an_estop_takes_the_power_where_that_was_asked_for(twin: Twin, run_dir: 
 # -- the robot freezes, or its network goes
 
 
+@pytest.mark.long
 def test_saf_010_what_a_frozen_robot_takes_up_late_is_followed_by_the_stop(moving: RealRobot, twin: Twin) -> None:
     twin.pause()
     until(lambda: not status(moving)["connected"], "it is noticed")
@@ -213,6 +215,7 @@ def test_saf_012_unplugged_while_it_moves(moving: RealRobot, twin: Twin) -> None
     assert twin.log.first_safe(plugged_ns) is not None
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("fault", ["garbage", "off", "stuck", "intermittent"])
 def test_it_recovers_from_what_it_cannot_use(moving: RealRobot, twin: Twin, fault: str) -> None:
     twin.fault(fault)

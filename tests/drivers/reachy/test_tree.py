@@ -213,6 +213,7 @@ def test_saf_003_the_stop_channel_ends_the_move(reachy: RealRobot, twin: Twin, n
     stands(reachy)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("service", ["wake", "track_face"])
 def test_saf_003_what_a_service_began_ends_with_its_caller(twin: Twin, run_dir: Path, service: str) -> None:
     script = (
@@ -248,6 +249,7 @@ def test_saf_020_a_cable_that_is_back_carries_the_safe_frame_first(reachy: RealR
     stands(reachy)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("fault", ["garbage", "intermittent", "delayed", "slow"])
 def test_saf_006_a_stop_leaves_at_once_whatever_the_daemon_answers(
     reachy: RealRobot, twin: Twin, fault: str

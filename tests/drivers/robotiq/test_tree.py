@@ -235,6 +235,7 @@ class Connecting(threading.Thread):
         self.problem = self._robot.connect_eagerly()
 
 
+@pytest.mark.quick_cases(4)
 @pytest.mark.parametrize("frames", [0, 1, 2, 3, 4, 5, 6, 7, 9, 11])
 def test_it_freezes_while_it_is_connected(gripper: RealRobot, twin: TwinProcess, frames: int) -> None:
     if frames == 0:

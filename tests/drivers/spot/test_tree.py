@@ -145,6 +145,7 @@ def test_saf_004_check_ins_stop_with_the_process_that_earns_them(spot: RealRobot
     until(lambda: state(spot) == "disarmed", "a new wire, disarmed")
 
 
+@pytest.mark.long
 def test_saf_013_when_all_of_us_are_killed_at_once_the_robot_settles_by_itself(
     spot: RealRobot, twin: Twin, tmp_path: Path
 ) -> None:
@@ -180,6 +181,7 @@ def test_saf_005_a_stop_stands_it_still_and_nothing_follows(spot: RealRobot, twi
     twin.log.no_setpoint_after_safe(began_ns)
 
 
+@pytest.mark.long
 def test_saf_005_a_robot_whose_report_moves_is_not_reported_as_stopped(spot: RealRobot, twin: Twin) -> None:
     walk(spot, twin, vx=0.5)
     twin.fault("wrong")
@@ -189,6 +191,7 @@ def test_saf_005_a_robot_whose_report_moves_is_not_reported_as_stopped(spot: Rea
     until(lambda: state(spot) == "disarmed", "it is confirmed when it can be")
 
 
+@pytest.mark.long
 def test_saf_010_a_command_that_waits_in_a_stopped_robot_is_followed_by_a_safe_frame(
     spot: RealRobot, twin: Twin
 ) -> None:
@@ -222,6 +225,7 @@ def test_saf_010_a_service_that_is_taken_and_not_answered_is_followed_by_a_safe_
     until(lambda: motors(spot) == p.Motors.OFF, "and without power")
 
 
+@pytest.mark.long
 def test_saf_002_a_robot_that_was_away_for_a_second_ends_safe(spot: RealRobot, twin: Twin) -> None:
     """Its writer goes on all the while: what waits is bounded, and the link counts as lost."""
     walk(spot, twin, vx=0.3)
@@ -237,6 +241,7 @@ def test_saf_002_a_robot_that_was_away_for_a_second_ends_safe(spot: RealRobot, t
     assert first_safe(twin.log, back_ns).safe_state == "settle"
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_saf_003_a_process_of_its_own_settles_it_by_the_e_stop(
     spot: RealRobot, twin: Twin, number: signal.Signals
@@ -265,6 +270,7 @@ def test_saf_020_a_cable_that_is_back_carries_no_command_before_the_safe_frame(s
     twin.log.no_setpoint_after_safe(back_ns)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("fault", ["garbage", "intermittent", "delayed", "slow"])
 def test_saf_006_a_stop_leaves_at_once_whatever_the_robot_answers(spot: RealRobot, twin: Twin, fault: str) -> None:
     walk(spot, twin, vx=0.5)
@@ -277,6 +283,7 @@ def test_saf_006_a_stop_leaves_at_once_whatever_the_robot_answers(spot: RealRobo
     until(lambda: state(spot) == "disarmed", "confirmed at last")
 
 
+@pytest.mark.long
 def test_saf_002_a_robot_whose_answers_are_damaged_is_told_to_stand_still_on_a_connection_that_is_not_heard(
     spot: RealRobot, twin: Twin
 ) -> None:
@@ -313,6 +320,7 @@ def why_if(answer: dict[str, Any]) -> str:
     return why(answer) if answer["status"] == "error" else ""
 
 
+@pytest.mark.long
 def test_a_button_on_the_robot_settles_the_tree_and_is_named(spot: RealRobot, twin: Twin) -> None:
     walk(spot, twin, vx=0.2)
     twin.order("press")

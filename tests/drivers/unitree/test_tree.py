@@ -314,6 +314,7 @@ def test_saf_014_a_joint_that_is_nowhere_ends_what_is_live(tmp_path: Path) -> No
         assert all(map(math.isfinite, commanded(g1, "unitree_g1")))
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("kind", ["unitree_g1", "unitree_go2", "unitree_h1", "b2"])
 def test_saf_014_a_joint_that_is_nowhere_is_not_held_there(tmp_path: Path, kind: str) -> None:
     with legs(tmp_path, kind) as robot:
@@ -329,6 +330,7 @@ def test_saf_014_a_joint_that_is_nowhere_is_not_held_there(tmp_path: Path, kind:
         assert all(map(math.isfinite, commanded(robot, kind)))
 
 
+@pytest.mark.long
 def test_a_stop_may_damp_before_it_lets_go(tmp_path: Path) -> None:
     with legs(tmp_path, on_exit="damp") as g1:
         began_ns = g1.run(Stand, duration=30.0)
@@ -362,6 +364,7 @@ def test_saf_012_a_state_that_repeats_its_tick_ends_a_rollout_and_confirms_no_st
 # -- the others
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("kind", ["unitree_go2", "unitree_h1", "unitree_h1_2", "b2"])
 def test_saf_014_the_others_are_refused_until_released(tmp_path: Path, kind: str) -> None:
     with legs(tmp_path, kind) as robot:
@@ -434,6 +437,7 @@ def test_nobody_there(tmp_path: Path) -> None:
 # -- strangers on the network
 
 
+@pytest.mark.long
 def test_saf_017_a_stranger_who_knows_the_robots_name_ends_nothing_and_hears_nothing(tmp_path: Path) -> None:
     """One datagram with the robot's GUID and a sequence number far ahead made every true state an
     old one: the robot was let go. And who listed the robot's address among its own was a peer."""

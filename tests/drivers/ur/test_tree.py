@@ -380,6 +380,7 @@ def test_saf_012_unplugged_while_it_moves(moving: RealRobot, twin: Twin) -> None
     comes_back(moving, twin)
 
 
+@pytest.mark.long
 def test_it_comes_back_however_often_it_is_unplugged(arm: RealRobot, twin: Twin) -> None:
     for _ in range(5):
         twin.unplug()
@@ -420,6 +421,7 @@ STAGES = {
 """Points of connect, by what the controller has heard."""
 
 
+@pytest.mark.quick_cases(4)
 @pytest.mark.parametrize("how", ["frozen", "unplugged"])
 @pytest.mark.parametrize("stage", STAGES)
 def test_saf_012_the_controller_goes_while_connecting(twin: Twin, run_dir: Path, stage: str, how: str) -> None:

@@ -134,6 +134,7 @@ def test_a_control_frequency_of_its_own(twin: Twin, run_dir: Path) -> None:
 # -- the controller says no
 
 
+@pytest.mark.quick_cases(4)
 @pytest.mark.parametrize(
     ("order", "says"),
     [
@@ -279,6 +280,7 @@ def test_it_comes_back_however_often_it_is_unplugged(arm: RealRobot, twin: Twin)
     json_of(nudge(arm))
 
 
+@pytest.mark.quick_cases(4)
 @pytest.mark.parametrize("how", ["frozen", "unplugged"])
 @pytest.mark.parametrize("frames", [1, 2, 3, 4, 5, 6, 7])
 def test_saf_012_the_controller_goes_while_connecting(twin: Twin, run_dir: Path, frames: int, how: str) -> None:

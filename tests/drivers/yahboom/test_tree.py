@@ -198,6 +198,7 @@ def test_saf_012_a_base_that_says_the_same_again_and_again_is_lost_and_told_noth
     is_lost_while_stuck(m3, twin, {"linear.x": 0.2}, "not changed its stamp")
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("fault", ["garbage", "intermittent", "delayed", "slow"])
 def test_saf_006_a_stop_leaves_at_once_whatever_the_bridge_answers(m3: RealRobot, twin: Twin, fault: str) -> None:
     drive(m3, twin, linear_x=0.5)
