@@ -57,6 +57,7 @@ def test_a_picture_too_large_as_jpeg_costs_itself_alone(tmp_path: Path) -> None:
     ring.close()
 
 
+@pytest.mark.long
 def test_a_film_is_a_camera_that_is_unplugged_at_its_end_and_wanted_as_jpeg(film: Path, run_dir: Path) -> None:
     cameras = {"film": {"index_or_path": str(film), "fps": 20, "width": 64, "height": 48, "warmup_s": 0}}
     with Robot("so101", mode="real", transport="twin", cameras={**cameras, "eye": STEADY}) as arm:

@@ -16,6 +16,7 @@ from tests.answers import until
 from .command import Command, RobotProcess, refusal_code
 
 
+@pytest.mark.long
 def test_what_a_robot_publishes_is_shown(cli: Command, robot: RobotProcess) -> None:
     done = cli.run("echo", "so101", "--count", "3", "--json")
     assert done.returncode == 0, done.stderr

@@ -93,6 +93,7 @@ def test_saf_018_a_lock_outlives_the_script_and_is_lifted_without_one(cli: Comma
         assert robot.call("send_action", MOVE)["status"] == "success"
 
 
+@pytest.mark.long
 def test_saf_018_resume_all_lifts_what_no_tree_holds(cli: Command) -> None:
     with RobotProcess(cli), RobotProcess(cli):
         assert cli.run("estop").returncode == 0

@@ -196,6 +196,7 @@ def test_a_robot_that_cannot_be_reached_from_there_is_told(tmp_path: Path) -> No
     with_channel(tmp_path, test)
 
 
+@pytest.mark.long
 def test_saf_005_an_sdk_that_hangs_as_it_is_loaded_leaves_nobody_behind(tmp_path: Path) -> None:
     class Impatient(Channel):
         START_S: ClassVar[float] = 3.0

@@ -52,6 +52,7 @@ def shown(socket: ClientConnection, condition: Callable[[dict[str, Any]], bool])
     raise AssertionError(told)
 
 
+@pytest.mark.long
 def test_keys_on_the_page_of_a_teleoperation_reach_a_recorder_beside_it(tmp_path: Path) -> None:
     root = tmp_path / "set"
     with Robot("so101", mode="real", transport="twin") as arm, Teleoperator("page") as page:
@@ -80,6 +81,7 @@ def test_keys_on_the_page_of_a_teleoperation_reach_a_recorder_beside_it(tmp_path
     assert len(Index(root).episodes) == 1
 
 
+@pytest.mark.long
 def test_a_recorder_has_a_page_of_its_own(tmp_path: Path) -> None:
     root = tmp_path / "set"
     command = Command(Path(os.environ["STRANDS_ACTORS_RUN"]))

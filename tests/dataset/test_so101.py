@@ -127,6 +127,7 @@ def test_a_script_records_episodes_and_what_was_asked_stands_beside_what_was_don
     assert all(abs(row["observation.state"][0]) <= 15 for row in rows)
 
 
+@pytest.mark.long
 def test_an_axis_that_nothing_reads_is_named_and_nothing_is_recorded(tmp_path: Path) -> None:
     register_robot("pan")
     register_native_driver("pan", Pan)
@@ -273,6 +274,7 @@ def test_a_robot_that_is_gone_before_the_last_episode_is_no_success(
     assert is_achieved(Order("so101", "set", "w", episodes=episodes), summary) is achieved
 
 
+@pytest.mark.long
 def test_the_command_says_by_its_code_that_the_robot_is_gone(arm: Any, tmp_path: Path) -> None:
     command = Command(Path(os.environ["STRANDS_ACTORS_RUN"]))
     arguments = ("--task", "w", "--episodes", "5", "--seconds", "30")

@@ -145,7 +145,7 @@ ROBOTS = {
 those of Franka, Kinova and KUKA."""
 
 
-@pytest.mark.quick_cases(3)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("name", ROBOTS)
 def test_a_recording_replays_with_equal_decisions(name: str, tmp_path: Path, run_dir: Path) -> None:
     deeds = ROBOTS[name]

@@ -128,6 +128,7 @@ async def end(process: subprocess.Popen[str], sig: signal.Signals) -> float:
             return (time.monotonic_ns() - sent_ns) / 1e9
 
 
+@pytest.mark.quick_cases(5)
 @pytest.mark.parametrize("how", ENDS)
 @real_time
 async def test_a_process_that_ends_is_gone_and_its_actors_with_it(how: str, tmp_path: Path) -> None:

@@ -65,6 +65,7 @@ async def test_a_child_has_descriptors_of_its_own_of_what_it_is_given(tmp_path: 
     assert mark.read_text() == "firstsecond"
 
 
+@pytest.mark.long
 @real_time
 async def test_saf_010_a_frozen_spawner_starts_nothing_later(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path

@@ -138,6 +138,7 @@ def test_saf_018_a_root_stays_for_a_motor_that_is_not_confirmed(bench: tuple[Ben
     bench[0].drop()
 
 
+@pytest.mark.long
 def test_saf_018_a_wire_without_a_root_stays_for_a_motor_that_is_not_confirmed(
     bench: tuple[Bench, Caller],
 ) -> None:

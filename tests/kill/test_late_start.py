@@ -42,6 +42,7 @@ def spawner_of(arm: RealRobot) -> int:
     return spawner
 
 
+@pytest.mark.long
 def test_saf_010_a_task_is_not_started_by_a_spawner_that_was_frozen(strands_robot: Start) -> None:
     arm, twin = strands_robot("so101")
     spawner, began_ns = spawner_of(arm), time.monotonic_ns()

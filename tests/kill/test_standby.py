@@ -66,6 +66,7 @@ def report_of(strands_run_dir: Path, robot: str) -> StandbyReport:
     return until(lambda: found if (found := read(path)) is not None and found.over else None, "it reports")
 
 
+@pytest.mark.quick_cases(4)
 @pytest.mark.parametrize("pair", PAIRS, ids=lambda pair: "-".join(number.name for number in pair))
 @pytest.mark.parametrize("kind", MOVES)
 def test_saf_016_root_and_wire_break_and_the_standby_makes_safe(

@@ -172,6 +172,7 @@ def test_saf_017_who_watches_or_commands_cannot_be_a_server(keys: Path, port: in
     run(test)
 
 
+@pytest.mark.long
 def test_saf_017_one_robots_certificate_speaks_for_no_other(
     keys: Path, port: int, run_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -203,6 +204,7 @@ def test_saf_017_one_robots_certificate_speaks_for_no_other(
     run(test)
 
 
+@pytest.mark.long
 def test_saf_017_a_handle_on_a_robot_hears_that_robot_alone(keys: Path, port: int) -> None:
     """Nothing is told to who has another robot's certificate."""
     impostor = Impostor(port, tls(keys / "ours", "arm-b"), ["so101"])

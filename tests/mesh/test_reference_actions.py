@@ -251,6 +251,7 @@ def test_saf_010_a_pose_that_comes_again_or_late_is_not_taken_up(simulated: Real
 # -- a simulation
 
 
+@pytest.mark.long
 def test_a_simulation_steps_and_is_put_back(simulated: RealRobot) -> None:
     home = simulated.get_observation()["gripper"]
     moved, stepped = sent(

@@ -171,6 +171,7 @@ def test_a_cleanup_that_is_not_heard_is_no_success(hosts: Hosts) -> None:
     assert "cleaned up" in why(there.send_action({"wrist_roll": 0.0}))
 
 
+@pytest.mark.long
 def test_a_viewer_gets_no_handle_and_who_is_not_there_is_named(hosts: Hosts) -> None:
     _, _, twin, cable, keys = hosts
     viewer, stranger = far(keys, cable, "viewer"), far(keys, cable, tool_name="nobody")

@@ -157,6 +157,7 @@ def test_only_sensors_that_a_robot_has_are_published(plain: list[Plain], monkeyp
     run(test)
 
 
+@pytest.mark.long
 def test_saf_012_no_sensor_tells_an_old_value_as_a_new_one(
     plain: list[Plain], monkeypatch: pytest.MonkeyPatch
 ) -> None:

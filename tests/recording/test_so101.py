@@ -288,6 +288,7 @@ def test_saf_006_a_frozen_recorder_changes_nothing(tmp_path: Path, monkeypatch: 
     assert [row["source"] for row in rows(path)["/so101/gap"]].count("wire") >= 1
 
 
+@pytest.mark.long
 def test_a_killed_recorder_changes_nothing_and_another_may_begin(tmp_path: Path) -> None:
     with Robot("so101", mode="real", transport="twin") as arm:
         with recorder(tmp_path / "one.mcap") as process:
@@ -369,6 +370,7 @@ def test_a_full_disk_ends_the_recording_and_nothing_else(tmp_path: Path) -> None
         move(arm, 10)
 
 
+@pytest.mark.long
 def test_it_ends_with_the_robot(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     with Robot("so101", mode="real", transport="twin") as arm:

@@ -129,6 +129,7 @@ def test_one_that_was_refused_can_connect_when_the_port_is_free(
     assert second.send_action({"shoulder_pan": 5.0})["status"] == "success"
 
 
+@pytest.mark.long
 def test_one_that_was_refused_does_not_snatch_the_port(arm: RealRobot, twin: Twin, new_arm: NewArm) -> None:
     second = new_arm(port=twin.port)
     assert second.connect_eagerly() is not None

@@ -67,6 +67,7 @@ def _refused(arm: RealRobot, action: dict[str, float]) -> str | None:
     return None if answer["status"] == "success" else answer["content"][0]["text"]
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("fault", FAULTS)
 def test_stop_releases_five_and_names_the_sixth(arm: RealRobot, twin: Twin, fault: str) -> None:
     arm.send_action({"shoulder_pan": 20.0})
@@ -98,6 +99,7 @@ def test_stop_releases_five_and_names_the_sixth(arm: RealRobot, twin: Twin, faul
     at(arm, "shoulder_pan", 0.0)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("fault", ["off", "garbage"])
 def test_an_arm_with_a_dead_servo_is_not_energised(arm: RealRobot, twin: Twin, fault: str) -> None:
     break_third(arm, twin, fault)

@@ -130,6 +130,7 @@ def test_saf_009_a_script_that_is_killed_and_started_again_gets_its_robot(
         assert "safe" in kinds[: kinds.index("setpoint")], "the old root first, then ours"
 
 
+@pytest.mark.long
 def test_saf_009_a_robot_whose_root_is_gone_is_anybodys_though_its_script_goes_on(
     tmp_path: Path, made: list[RealRobot]
 ) -> None:

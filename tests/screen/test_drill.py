@@ -95,7 +95,7 @@ def test_the_drill_of_every_driver_has_its_steps() -> None:
 # -- the drill
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("robot", DRILLED)
 def test_saf_003_it_passes_on_a_twin_and_leaves_a_certificate(cli: Command, robot: str, data: Path) -> None:
     for _ in range(ATTEMPTS):

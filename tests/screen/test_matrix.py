@@ -359,6 +359,7 @@ with moving_robot("so101") as (bench, caller):
 """
 
 
+@pytest.mark.long
 def test_a_bench_that_is_killed_leaves_neither_a_caller_that_spins_nor_a_twin() -> None:
     with subprocess.Popen([sys.executable, "-c", MOVING], stdout=subprocess.PIPE, text=True) as bench:
         try:

@@ -79,6 +79,7 @@ def test_nobody_is_there_and_it_quits(cli: Command, monkeypatch: pytest.MonkeyPa
     on_screen(cli, monkeypatch, script)
 
 
+@pytest.mark.long
 def test_a_robot_appears_is_stopped_locked_resumed_and_leaves(
     cli: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:

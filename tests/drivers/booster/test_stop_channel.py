@@ -131,6 +131,7 @@ def test_saf_005_a_robot_that_does_not_answer_is_not_confirmed(tmp_path: Path) -
         assert {report.detail for report in reports} == {"Move(0, 0, 0): not answered"}
 
 
+@pytest.mark.long
 def test_without_a_robot_it_is_not_ready(tmp_path: Path) -> None:
     nobody = BoosterConfig(model_of("booster_t1"), "127.0.0.77")
 

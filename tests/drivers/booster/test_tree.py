@@ -453,6 +453,7 @@ def test_without_a_port_the_one_robot_on_the_network_is_found(tmp_path: Path, ru
                 other.cleanup()
 
 
+@pytest.mark.long
 def test_without_a_robot_it_says_where_it_has_looked(run_dir: Path) -> None:
     domain = 90 + os.getpid() % 10
     robot = Robot("booster_t1", mode="real", port="", domain_id=domain, network_interface="127.0.0.1")

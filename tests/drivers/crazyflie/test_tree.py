@@ -180,7 +180,7 @@ def test_saf_007_an_emergency_stop_cuts_the_motors_and_locks(cf: Drone) -> None:
     until(lambda: cf.robot.resume() and cf.robot.takeoff()["status"] == "success", "it flies again")
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.long
 @pytest.mark.parametrize("how", ["stop", "land", "kill"])
 def test_saf_005_from_the_ceiling_it_is_flown_to_the_floor_before_its_motors_are_cut(cf: Drone, how: str) -> None:
     cf.take_off(1.95)
@@ -251,6 +251,7 @@ def test_saf_003_a_kill_in_flight_ends_on_the_floor_upright_within_three_seconds
         cf.log.no_setpoint_after_safe(land.t_ns)
 
 
+@pytest.mark.long
 def test_saf_016_root_and_wire_at_once_leave_it_to_the_standby(cf: Drone) -> None:
     cf.fly()
     victims = [pids(cf.robot)[role] for role in ("root", "wire")]
@@ -263,6 +264,7 @@ def test_saf_016_root_and_wire_at_once_leave_it_to_the_standby(cf: Drone) -> Non
     cf.log.no_setpoint_after_safe(land.t_ns)
 
 
+@pytest.mark.long
 def test_all_of_us_at_once_leave_it_to_the_firmware(cf: Drone) -> None:
     cf.fly()
     victims = [pids(cf.robot)[role] for role in ("root", "standby", "wire")]
@@ -336,6 +338,7 @@ def test_saf_012_what_happens_to_it_in_the_air_ends_its_flight(
     assert cf.robot.takeoff()["status"] == "error", "it stays down"
 
 
+@pytest.mark.long
 def test_saf_012_a_battery_that_is_not_heard_any_more_lands_it(cf: Drone) -> None:
     cf.take_off()
     began_ns = time.monotonic_ns()
@@ -352,7 +355,7 @@ def test_saf_012_a_battery_that_is_not_heard_any_more_lands_it(cf: Drone) -> Non
 # -- links that lose
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.long
 @pytest.mark.parametrize("loss", [0.05, 0.2])
 def test_saf_005_a_lossy_slow_link_never_hangs(tmp_path: Path, run_dir: Path, loss: float) -> None:
     with drone(tmp_path, loss=loss, delay_s=0.1) as cf:
@@ -368,7 +371,7 @@ def test_saf_005_a_lossy_slow_link_never_hangs(tmp_path: Path, run_dir: Path, lo
         cf.lands(began_ns, 5.0)
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.long
 @pytest.mark.parametrize("link", ["tcp", "serial"])
 def test_the_same_over_another_link(tmp_path: Path, run_dir: Path, link: str) -> None:
     with drone(tmp_path, link=link) as cf:
@@ -394,6 +397,7 @@ def test_old_firmware_is_refused(tmp_path: Path, run_dir: Path) -> None:
 # -- with others
 
 
+@pytest.mark.long
 def test_an_agent_can_land_it_and_cannot_take_off(cf: Drone) -> None:
     cf.take_off()
     began_ns = time.monotonic_ns()

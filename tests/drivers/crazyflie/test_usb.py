@@ -54,7 +54,7 @@ def fly(robot: RealRobot) -> None:
         time.sleep(0.05)
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.long
 @pytest.mark.parametrize("port", [RADIO, "usb://0"])
 def test_it_flies_and_lands_over_usb(events: Path, twin: Twin, run_dir: Path, port: str) -> None:
     with Robot("crazyflie", mode="real", port=port) as robot:
@@ -73,6 +73,7 @@ def test_it_flies_and_lands_over_usb(events: Path, twin: Twin, run_dir: Path, po
         assert settings["request 1"] == 1
 
 
+@pytest.mark.long
 def test_saf_003_when_the_wire_process_is_killed_another_process_lands_it_by_the_radio(
     events: Path, twin: Twin, run_dir: Path
 ) -> None:

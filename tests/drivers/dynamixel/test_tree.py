@@ -166,7 +166,7 @@ def test_the_robot_freezes_and_comes_back(arm: Any, twin: Twin) -> None:
     moving(arm)
 
 
-@pytest.mark.quick_cases(4)
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("how", ["frozen", "unplugged"])
 @pytest.mark.parametrize("frames", [0, 3, 10, 30, 80])
 def test_saf_012_the_robot_goes_while_connecting(twin: Twin, frames: int, how: str) -> None:

@@ -72,6 +72,7 @@ def test_saf_001_a_command_is_repeated_for_its_lifetime_and_ends_in_zero(rover: 
     drive(rover, twin, linear=0.1)  # a late writer may go on
 
 
+@pytest.mark.long
 def test_saf_001_the_lamp_keeps_the_twist_and_does_not_prolong_it(rover: RealRobot, twin: Twin) -> None:
     began_ns = drive(rover, twin, linear=0.5)
     for lamp in (1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0):
@@ -99,6 +100,7 @@ def test_saf_005_a_stop_is_repeated_until_a_newer_report_shows_speed_0(rover: Re
     assert twin.log.host("setpoint", began_ns) == [], "a resume moves nothing"
 
 
+@pytest.mark.long
 def test_saf_005_a_rover_that_reports_a_speed_is_not_reported_as_stopped(rover: RealRobot, twin: Twin) -> None:
     drive(rover, twin, linear=0.5)
     twin.fault("wrong")
@@ -152,6 +154,7 @@ def test_saf_003_the_roots_own_connection_stops_the_rover(
     until(lambda: state(rover) == "disarmed", "a new wire, disarmed")
 
 
+@pytest.mark.long
 def test_saf_020_a_cable_that_is_back_carries_zero_first(rover: RealRobot, twin: Twin) -> None:
     drive(rover, twin, linear=0.5)
     twin.unplug()

@@ -161,7 +161,7 @@ def test_saf_013_status_says_stride_scheduling_and_what_the_firmware_does(arm: R
     assert told["sensors"]["flange_m"][2] == pytest.approx(0.59, abs=0.3)
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.long
 @pytest.mark.parametrize("robot", ["fr3", "fr3_v2"])
 def test_the_arms_of_fci_10(robot: str, tmp_path: Path, run_dir: Path) -> None:
     with Twin(robot, tmp_path) as twin, robot_on(twin.port, robot, speed_factor=0.5, stream_rate_hz=100.0) as arm:

@@ -246,6 +246,7 @@ def test_saf_010_a_stop_of_a_frozen_base_is_not_called_success_and_is_carried_ou
     bench.comes_back()
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("second", ["accepted", "refused"])
 def test_saf_020_unplugged_while_it_moves_the_first_frame_on_the_new_link_is_the_safe_one(
     tmp_path: Path, second: str

@@ -179,7 +179,7 @@ def test_1_ms_is_refused_at_connect_by_name(tmp_path: Path) -> None:
 # -- the pendant
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ("order", "undo", "code", "text"),
     [
@@ -248,6 +248,7 @@ def test_saf_003_a_stall_of_31_ms_ends_the_motion_and_the_session_comes_back(
         iiwa.commandable()
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP])
 def test_saf_003_the_wire_process_dies_or_freezes_and_the_root_answers(
     tmp_path: Path, fault: signal.Signals

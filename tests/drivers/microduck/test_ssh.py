@@ -93,6 +93,7 @@ def test_a_missing_ssh_is_named() -> None:
         trio.run(main)
 
 
+@pytest.mark.long
 def test_saf_003_a_duck_behind_ssh_is_stopped_through_the_roots_own(twin: Twin, log: Path, run_dir: Path) -> None:
     with Robot("microduck", mode="real", port="ssh://me@duck.example") as duck:
         connected(duck)

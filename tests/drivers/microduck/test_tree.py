@@ -111,6 +111,7 @@ def test_saf_005_a_stop_is_repeated_until_its_state_shows_no_twist(duck: RealRob
     assert twin.log.host("setpoint", began_ns) == [], "a resume moves nothing"
 
 
+@pytest.mark.long
 def test_saf_005_a_duck_that_reports_a_twist_is_not_reported_as_stopped(duck: RealRobot, twin: Twin) -> None:
     act(duck, twin, vx=0.2, duration=10)
     twin.fault("wrong")
@@ -324,6 +325,7 @@ def test_saf_014_what_collapses_the_duck_wants_a_confirmation(duck: RealRobot, t
     assert sent == [{"ids": [20, 21]}]
 
 
+@pytest.mark.long
 def test_services(duck: RealRobot, twin: Twin) -> None:
     json_of(duck.enable())
     assert json_of(duck.skills())["skills"] == ["ground_pick", "kick_left", "kick_right", "sit_toggle", "roulade"]

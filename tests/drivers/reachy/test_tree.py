@@ -172,6 +172,7 @@ def test_saf_010_a_move_that_waits_in_a_stopped_daemon_is_ended(reachy: RealRobo
     stands(reachy)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("frozen_s", [0.6, 2.5])
 def test_saf_010_torque_that_waits_in_a_stopped_daemon_is_taken_away_again(
     reachy: RealRobot, twin: Twin, frozen_s: float
@@ -288,6 +289,7 @@ def test_saf_003_torque_that_somebody_takes_away_ends_what_is_live(reachy: RealR
     assert "motors are gravity_compensation" in status(reachy)["cause"]
 
 
+@pytest.mark.long
 def test_services(reachy: RealRobot, twin: Twin) -> None:
     assert set(json_of(reachy.list_moves())["moves"]) == {"amazed1", "cheerful1", "yes1"}
     assert len(json_of(reachy.express(move="yes1"))["move"]) == 36

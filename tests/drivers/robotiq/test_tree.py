@@ -235,7 +235,7 @@ class Connecting(threading.Thread):
         self.problem = self._robot.connect_eagerly()
 
 
-@pytest.mark.quick_cases(4)
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("frames", [0, 1, 2, 3, 4, 5, 6, 7, 9, 11])
 def test_it_freezes_while_it_is_connected(gripper: RealRobot, twin: TwinProcess, frames: int) -> None:
     if frames == 0:
@@ -258,6 +258,7 @@ def test_it_freezes_while_it_is_connected(gripper: RealRobot, twin: TwinProcess,
     move(gripper, 0.3)
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("delay_s", [0.0, 0.01, 0.05, 0.3])
 def test_it_freezes_while_it_moves(armed: RealRobot, twin: TwinProcess, delay_s: float) -> None:
     json_of(armed.send_action(SLOWLY))

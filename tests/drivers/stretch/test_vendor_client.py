@@ -79,6 +79,7 @@ def test_the_power_board_presses_the_runstop_and_releases_it(client: Client) -> 
     assert seen["voltage"] == pytest.approx(12.8, abs=0.1) and seen["az"] == pytest.approx(9.81, abs=0.01)
 
 
+@pytest.mark.long
 def test_a_base_drives_and_its_firmware_stops_it_when_nobody_speaks(client: Client) -> None:
     seen = client("base")
     assert seen["started"] and seen["fastest"] == pytest.approx(0.1, abs=0.01) and seen["x"] > 0.05

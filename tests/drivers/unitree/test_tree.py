@@ -256,6 +256,7 @@ def test_saf_012_a_robot_that_falls_silent_is_lost_and_comes_back_disarmed(tmp_p
         assert g1.log.host("safe")  # what may still be energised is let go first
 
 
+@pytest.mark.long
 def test_saf_020_a_robot_that_is_not_understood_is_let_go_and_hears_every_stop(tmp_path: Path) -> None:
     with legs(tmp_path) as g1:
         g1.run(Stand, duration=30.0)
@@ -425,6 +426,7 @@ def test_a_stop_of_a_robot_that_stands_by_itself(tmp_path: Path) -> None:
     assert not go2.events("fell")
 
 
+@pytest.mark.long
 def test_nobody_there(tmp_path: Path) -> None:
     robot = Robot("g1", mode="real", port="127.9.8.7")
     began_s = time.monotonic()

@@ -146,6 +146,7 @@ def test_a_policy_runs_at_125_hz_and_ends_in_a_hold(arm: RealRobot, twin: Twin) 
     json_of(nudge(arm))
 
 
+@pytest.mark.long
 def test_a_hold_from_high_speed_loses_the_program_to_the_watchdog_and_says_so(arm: RealRobot, twin: Twin) -> None:
     """Nobody can feed it while servoStop brakes: the arm stands all the same, and nothing goes on
     by itself."""
@@ -421,7 +422,7 @@ STAGES = {
 """Points of connect, by what the controller has heard."""
 
 
-@pytest.mark.quick_cases(4)
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("how", ["frozen", "unplugged"])
 @pytest.mark.parametrize("stage", STAGES)
 def test_saf_012_the_controller_goes_while_connecting(twin: Twin, run_dir: Path, stage: str, how: str) -> None:

@@ -212,6 +212,7 @@ def test_saf_003_the_wire_process_dies_or_freezes(moving: RealRobot, twin: Twin,
 # -- the controller freezes, or its network goes
 
 
+@pytest.mark.long
 def test_saf_010_what_a_frozen_controller_takes_up_late_is_followed_by_the_stop(
     moving: RealRobot, twin: Twin
 ) -> None:
@@ -280,7 +281,7 @@ def test_it_comes_back_however_often_it_is_unplugged(arm: RealRobot, twin: Twin)
     json_of(nudge(arm))
 
 
-@pytest.mark.quick_cases(4)
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("how", ["frozen", "unplugged"])
 @pytest.mark.parametrize("frames", [1, 2, 3, 4, 5, 6, 7])
 def test_saf_012_the_controller_goes_while_connecting(twin: Twin, run_dir: Path, frames: int, how: str) -> None:
