@@ -12,6 +12,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
+import pytest
 import trio
 from mcp import Client, StdioServerParameters
 from mcp.client.stdio import stdio_client
@@ -101,6 +102,7 @@ def test_with_allow_motion_it_moves_within_limits_and_is_safe_at_the_end(twin: T
     assert set(torque_now(twin.log).values()) == {0}
 
 
+@pytest.mark.long
 def test_an_interrupt_ends_it_safely(twin: Twin, run_dir: Path) -> None:
     server = subprocess.Popen(
         [sys.executable, "-c", MAIN, "mcp", "so101", "--port", twin.port, "--allow-motion"],
@@ -123,6 +125,7 @@ def test_an_interrupt_ends_it_safely(twin: Twin, run_dir: Path) -> None:
     assert limps(twin.log)
 
 
+@pytest.mark.long
 def test_what_cannot_be_served_is_said_in_one_line(run_dir: Path) -> None:
     async def main() -> None:
         code, said = await command(run_dir, "--port", "/dev/nowhere")

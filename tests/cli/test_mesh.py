@@ -199,6 +199,7 @@ def test_trace_of_a_robot_at_rest_says_that_it_waits(cli: Command, robot: RobotP
     assert done.stderr == "the actors of so101 tell each other nothing so far; waiting, Ctrl-C ends it\n"
 
 
+@pytest.mark.long
 def test_trace_of_nobody_names_who_is_there(cli: Command, robot: RobotProcess) -> None:
     done = cli.run("trace", "nobody")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)

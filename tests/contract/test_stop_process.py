@@ -123,6 +123,7 @@ def test_saf_003_an_sdk_that_does_not_answer_is_killed_and_another_one_asked(tmp
     with_channel(tmp_path, test)
 
 
+@pytest.mark.long
 def test_saf_005_an_sdk_that_always_hangs_is_reported_and_leaves_nobody_behind(tmp_path: Path) -> None:
     async def test(channel: Channel, folder: Folder) -> None:
         folder.tell("hang-always")

@@ -203,6 +203,7 @@ def test_saf_003_a_recorder_that_freezes_and_dies_costs_the_arm_nothing_and_its_
     assert Index(root).episodes[0].marks.repaired
 
 
+@pytest.mark.long
 def test_the_command_records_by_keys(arm: Any, tmp_path: Path) -> None:
     root = tmp_path / "set"
     command = Command(Path(os.environ["STRANDS_ACTORS_RUN"]))

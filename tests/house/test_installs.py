@@ -52,7 +52,7 @@ def resolve(python: str, machine: str, requirements: list[str]) -> set[str]:
     return {canonicalize_name(Requirement(line).name) for line in done.stdout.splitlines()}
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("machine", MACHINES)
 @pytest.mark.parametrize("python", PYTHONS)
 def test_everything_that_a_robot_needs_has_a_wheel(python: str, machine: str) -> None:

@@ -95,6 +95,7 @@ def test_frames_with_random_content(frames: list[bytes]) -> None:
     feed([data for data in frames if b"Boom" not in data])
 
 
+@pytest.mark.long
 @given(st.lists(st.lists(anything, max_size=8).map(lambda items: pack(*items)), max_size=10))
 def test_arrays_that_are_nearly_frames(frames: list[bytes]) -> None:
     feed(frames)

@@ -42,7 +42,7 @@ def told(allowed: int) -> dict[str, Any]:
     return answer
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("allowed", [12, 16, 20, 24, 28, 32, 36, 44])
 def test_too_few_descriptors_are_named_and_nothing_is_started(allowed: int) -> None:
     answer = told(allowed)

@@ -77,6 +77,7 @@ def _this_program() -> str:
     return f"robot so101 (process {os.getpid()}: {line[:40]}"
 
 
+@pytest.mark.long
 def test_a_program_that_takes_no_lock_is_named(twin: Twin, new_arm: NewArm) -> None:
     """It takes the answers to the handshake."""
     with subprocess.Popen(

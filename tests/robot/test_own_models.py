@@ -74,7 +74,7 @@ def test_a_robot_of_ours_may_be_simulated_by_a_model_of_ones_own(new: New, tmp_p
     assert json_of(sim.reset())["position"] == pytest.approx({"turn": 1.2, "reach": -0.05}, abs=0.02)
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.long
 @pytest.mark.parametrize("robot", ["so101", "unitree_go2"])
 def test_where_it_stands_is_seen(new: New, robot: str) -> None:
     """A camera of the scene that looks at the origin sees the robot there, and not beside it."""
@@ -158,6 +158,7 @@ def rows_of(picture: Any, channel: int) -> Any:
     return np.nonzero(lit)[0]
 
 
+@pytest.mark.long
 def test_objects_are_seen_fall_and_can_be_taken_away(arm: SimRobot) -> None:
     json_of(arm.send_action({"shoulder_pan": 20.0}))
     json_of(arm.step(500))

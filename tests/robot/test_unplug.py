@@ -157,6 +157,7 @@ def test_pulled_while_at_rest_it_stays_at_rest(arm: RealRobot, twin: Twin) -> No
     assert not twin.log.host("setpoint", plugged_ns)
 
 
+@pytest.mark.long
 def test_connecting_waits_for_a_link_that_is_about_to_come_back(arm: RealRobot, twin: Twin) -> None:
     twin.unplug()
     until(lambda: not status(arm)["connected"], "it is noticed")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from tests.cli.command import Command, RobotProcess
 
 
@@ -26,5 +28,6 @@ def test_commands_and_kinds_of_robot(cli: Command) -> None:
     assert completed(cli, "strands-actors twin so1") == ["so100", "so101"]
 
 
+@pytest.mark.long
 def test_robots_that_run(cli: Command, robot: RobotProcess) -> None:
     assert completed(cli, "strands-actors stop ") == ["so101"]

@@ -253,6 +253,7 @@ def test_the_page_shows_figures_reasons_and_conditions() -> None:
     assert "**1 not safe" in unsafe
 
 
+@pytest.mark.long
 def test_two_trials_of_a_driver_of_somebody_elses() -> None:
     (row,) = measure(
         "blinky", 2, Blinky, only=lambda cell: (cell.victim, cell.fault) == (Victims.WIRE, Faults.KILL)
@@ -310,6 +311,7 @@ def test_a_policy_that_has_ended_before_it_was_to_break_is_begun_again(monkeypat
     assert began == ["task"] * cells.STARTS
 
 
+@pytest.mark.long
 def test_a_caller_is_a_session_of_its_own_forked_from_one_thread() -> None:
     with Bench("blinky", Blinky) as bench:
         template = bench.template.pid

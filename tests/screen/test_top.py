@@ -131,6 +131,7 @@ def test_a_robot_appears_is_stopped_locked_resumed_and_leaves(
     on_screen(cli, monkeypatch, script)
 
 
+@pytest.mark.long
 def test_a_question_takes_no_stop_away(cli: Command, robot: RobotProcess, monkeypatch: pytest.MonkeyPatch) -> None:
     async def script(app: Top, pilot: Pilot[None]) -> None:
         await until(pilot, lambda: state(app) == "armed", "an armed robot")

@@ -53,6 +53,7 @@ def led(sim: SimRobot, there: Callable[[], bool], **rates: float) -> bool:
     return False
 
 
+@pytest.mark.long
 def test_an_arm_leads_a_simulation(sim: SimRobot) -> None:
     with Teleoperator("so101_leader", transport="twin") as leader:
         leader.move_by_hand({**NEUTRAL, "shoulder_pan": 10.0, "gripper": 50.0})

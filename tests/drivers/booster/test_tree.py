@@ -436,6 +436,7 @@ def test_a_robot_with_a_name_has_topics_of_its_own(tmp_path: Path, run_dir: Path
         assert robot.commands()[0][1].kind.name == "SERIAL"
 
 
+@pytest.mark.long
 def test_without_a_port_the_one_robot_on_the_network_is_found(tmp_path: Path, run_dir: Path) -> None:
     domain = 60 + os.getpid() % 30
     options = {"domain": domain, "multicast": True}

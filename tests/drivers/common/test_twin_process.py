@@ -155,6 +155,7 @@ def test_a_port_never_takes_the_place_of_a_file(tmp_path: Path) -> None:
         PtyLine(str(tmp_path))
 
 
+@pytest.mark.long
 def test_it_outlives_its_parent_long_enough_to_log_the_end(tmp_path: Path) -> None:
     reading, writing = os.pipe()
     try:

@@ -104,6 +104,7 @@ def test_connecting_and_arming_start_no_motor(cf: Drone) -> None:
     assert cf.log.host("setpoint") == []
 
 
+@pytest.mark.long
 def test_it_takes_off_moves_hovers_and_lands_as_its_program_says(cf: Drone) -> None:
     answer = json_of(cf.robot.takeoff())
     assert answer["height"] == pytest.approx(0.5, abs=0.06)

@@ -168,7 +168,7 @@ def test_saf_020_a_cable_that_is_back_carries_zero_first(rover: RealRobot, twin:
     twin.log.no_setpoint_after_safe(back_ns)
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.long
 @pytest.mark.parametrize("fault", ["garbage", "intermittent", "delayed", "slow"])
 def test_saf_006_a_stop_leaves_at_once_whatever_the_service_answers(
     rover: RealRobot, twin: Twin, fault: str

@@ -398,6 +398,7 @@ def test_power_cycled(moving: RealRobot, twin: Twin) -> None:
     comes_back(moving, twin)
 
 
+@pytest.mark.long
 def test_saf_012_a_controller_that_is_frozen_before_connecting_hangs_nobody(twin: Twin, run_dir: Path) -> None:
     """The vendor's constructors never return here."""
     twin.pause()

@@ -118,6 +118,7 @@ def test_connect_observe_act_refuse_stop_resume(bench: Bench) -> None:
     bench.comes_back()
 
 
+@pytest.mark.long
 def test_a_policy_runs_at_40_hz_and_ends_in_a_hold_that_the_next_command_leaves(bench: Bench) -> None:
     for _ in range(5):  # a machine that pauses for 75 ms ends a rollout
         json_of(bench.arm.run_policy(wave({"joint_1": 0.2}, 0.05), duration=2.0))

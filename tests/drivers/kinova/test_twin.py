@@ -72,6 +72,7 @@ def test_a_clients_day(client: Client, twin: TwinProcess) -> None:
     assert kinds == ["config", "setpoint", "safe", "config"]
 
 
+@pytest.mark.long
 def test_joint_speeds_never_expire(client: Client, twin: TwinProcess) -> None:
     """Not by silence, nor by the end of the session, nor by that of the connection."""
     client.send_joint_speeds(5.0)

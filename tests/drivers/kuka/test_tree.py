@@ -295,6 +295,7 @@ def test_saf_019_a_hold_moves_no_joint_nor_does_what_is_sent_to_another_after_it
         assert now[1] == pytest.approx(held[1] + 0.01, abs=1e-9)
 
 
+@pytest.mark.long
 def test_saf_004_a_script_that_is_stopped_is_held_and_its_session_goes_on(tmp_path: Path) -> None:
     """A latched target lives as long as its caller does."""
     program = (
@@ -336,6 +337,7 @@ def test_saf_010_what_a_controller_that_was_frozen_takes_up_late_ends_in_a_hold(
 # -- others
 
 
+@pytest.mark.long
 def test_a_recording_of_it_is_decided_the_same_again(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}

@@ -123,6 +123,7 @@ def test_saf_005_a_duck_that_reports_a_twist_is_not_reported_as_stopped(duck: Re
     until(lambda: state(duck) == "disarmed", "it is confirmed when it can be")
 
 
+@pytest.mark.long
 def test_saf_010_a_twist_that_waits_in_a_stopped_robotd_is_followed_by_a_stop(duck: RealRobot, twin: Twin) -> None:
     """robotd is stopped, a twist is handed to its socket, the caller stops, robotd goes on."""
     act(duck, twin, vx=0.1, duration=10)
@@ -145,6 +146,7 @@ def test_saf_010_a_twist_that_waits_in_a_stopped_robotd_is_followed_by_a_stop(du
     until(lambda: status(duck)["sensors"].get("twist_requested") == [0.0] * 3, "it stands")
 
 
+@pytest.mark.long
 def test_saf_010_no_stop_is_confirmed_while_a_skill_may_still_begin(duck: RealRobot, twin: Twin) -> None:
     """A skill is asked for on another connection than stops are."""
     act(duck, twin, head_yaw=0.1)

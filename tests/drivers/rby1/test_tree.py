@@ -93,6 +93,7 @@ def test_saf_014_refusals_name_the_joint_and_write_nothing(robot: RealRobot, twi
     assert not twin.log.host("setpoint", began_ns)
 
 
+@pytest.mark.long
 def test_a_policy_runs_at_50_hz_and_ends_in_a_hold(robot: RealRobot, twin: Twin) -> None:
     task = run_for(robot, wave, 2.0)
     assert task["steps"] > 40, task

@@ -114,6 +114,7 @@ def test_saf_005_a_stop_ends_what_another_client_began_too(reachy: RealRobot, tw
         stands(reachy)
 
 
+@pytest.mark.long
 def test_targets_that_the_daemon_ignores_are_told_and_all_moves_end(reachy: RealRobot, twin: Twin) -> None:
     with connect(f"ws://{twin.port}{p.SDK}", proxy=None, close_timeout=0.2) as other:
         other.send(json.dumps({"type": "goto_target", "antennas": [2.0, 2.0], "duration": 9.0}))
@@ -141,6 +142,7 @@ def test_moves_and_services_that_the_daemon_would_ignore_are_refused(reachy: Rea
     until(lambda: reachy.get_observation()["head_yaw"] == pytest.approx(40.0, abs=0.5), "and now it moves")
 
 
+@pytest.mark.long
 def test_a_move_that_is_ignored_for_one_in_no_list_is_told(reachy: RealRobot, twin: Twin) -> None:
     with connect(f"ws://{twin.port}{p.SDK}", proxy=None, close_timeout=0.2) as other:
         other.send(json.dumps({"type": "goto_target", "antennas": [2.0, 2.0], "duration": 9.0}))

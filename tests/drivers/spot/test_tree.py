@@ -118,6 +118,7 @@ def test_saf_001_a_twist_ends_on_the_robots_clock_and_nothing_repeats_it(spot: R
     json_of(spot.send_action({"vx": 0.1}))  # a late writer may go on
 
 
+@pytest.mark.long
 def test_a_twist_by_its_service_is_a_twist(spot: RealRobot, twin: Twin) -> None:
     stand(spot)
     began_ns = time.monotonic_ns()

@@ -56,7 +56,8 @@ def commands(entries: list[Entry]) -> list[p.Command]:
 
 
 def sensor(robot: RealRobot, name: str) -> list[float]:
-    found: list[float] = status(robot)["sensors"][name]
+    """What it was last told, once its board has told it in time."""
+    found: list[float] = until(lambda: status(robot)["sensors"].get(name), f"{name} is told")
     return found
 
 

@@ -53,6 +53,7 @@ def client(tmp_path: Path, python: Path) -> Iterator[Client]:
         yield run
 
 
+@pytest.mark.long
 def test_a_lift_is_moved(client: Client) -> None:
     seen = client("lift")
     assert seen["started"] and seen["homed"] and seen["mode"] == 5

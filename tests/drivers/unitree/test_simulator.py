@@ -84,6 +84,7 @@ for _ in range(20_000):  # 100 s: whoever waits for its words ends, too
 loopback interface it is found by multicast alone, at ports that nobody knows before."""
 
 
+@pytest.mark.long
 def test_unitrees_own_simulator_is_found_on_this_host() -> None:
     with running_with(UNITREE, STRANGER) as simulator:
         assert simulator.stdout is not None

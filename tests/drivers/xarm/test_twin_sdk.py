@@ -62,6 +62,7 @@ def run(twin: TwinProcess, program: str, *more: str) -> dict[str, Any]:
     return told
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("report", ["rich", "normal", "real"])
 def test_it_connects_hears_reports_of_each_kind_and_moves_the_arm(twin: TwinProcess, report: str) -> None:
     told = run(

@@ -122,6 +122,7 @@ def test_saf_005_a_base_whose_odometry_moves_is_not_reported_as_stopped(m3: Real
     until(lambda: state(m3) == "disarmed", "it is confirmed when it can be")
 
 
+@pytest.mark.long
 def test_saf_010_a_command_that_waits_in_a_stopped_bridge_is_followed_by_zero(m3: RealRobot, twin: Twin) -> None:
     """The bridge is stopped, a command is handed to its socket, the caller stops, the bridge
     goes on."""
