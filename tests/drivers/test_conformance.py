@@ -16,8 +16,8 @@ from tests.kill.test_kill import WHOLE
 
 
 def quick(check: Check) -> bool:
-    """Of the kill cells, those in which the stop channel acts, or the wire alone."""
-    return not check.name.startswith("kill cell") or check.name.endswith(("wire-kill", "root-kill"))
+    """Of the kill cells, that in which the stop channel acts."""
+    return not check.name.startswith("kill cell") or check.name.endswith("wire-kill")
 
 
 def checks() -> Iterator[object]:

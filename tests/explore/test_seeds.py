@@ -16,8 +16,8 @@ from strands_actors.testing.explore.robots import ROBOTS
 from strands_actors.testing.explore.search import run_apart, run_here, run_seeds
 
 RUNS = tomllib.loads((Path(__file__).parent / "seeds.toml").read_text())["run"]
-SEEDS = {"so101": 50, "xarm7": 50, "unitree_go2": 4, "fake_base": 100, "fake_drone": 80, "fake_http": 100}
-"""384, 22 s of one core, of which a run of legs takes ten times another's, and one of an SO-101 twice a
+SEEDS = {"so101": 50, "xarm7": 50, "unitree_go2": 4, "fake_base": 60, "fake_drone": 60, "fake_http": 60}
+"""284, 18 s of one core, of which a run of legs takes ten times another's, and one of an SO-101 twice a
 fake's; ``strands-actors explore`` takes as many as you give it."""
 HASH = """
 from strands_actors.testing.explore.plan import plan_of

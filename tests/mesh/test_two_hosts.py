@@ -42,6 +42,7 @@ async def observed(arm: RemoteRobot) -> dict[str, float]:
     return joints
 
 
+@pytest.mark.long
 def test_saf_001_a_cut_cable_is_safe_within_the_lifetime_and_moves_nothing_when_it_heals(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run_dir: Path
 ) -> None:

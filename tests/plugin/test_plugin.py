@@ -142,6 +142,7 @@ def test_saf_014_a_loop_moves_the_twin_and_what_is_refused_is_never_on_the_wire(
     assert {frame.data for frame in twin.log.host("setpoint", begun_ns)} <= same  # the goal, given again
 
 
+@pytest.mark.long
 def test_saf_005_disconnecting_stops_reads_back_and_ends_the_tree_and_it_may_connect_again(
     twin: Twin, make: Make
 ) -> None:

@@ -357,6 +357,7 @@ def rows_when_ended(process: subprocess.Popen[str], path: Path) -> dict[str, lis
     return rows(path)
 
 
+@pytest.mark.long
 def test_a_full_disk_ends_the_recording_and_nothing_else(tmp_path: Path) -> None:
     def small_disk() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, 40_000))

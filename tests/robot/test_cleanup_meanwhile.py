@@ -162,6 +162,7 @@ print(arm.get_status()["content"][0]["json"]["connect_error"], flush=True)
 """
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("how", ["cleanup", "block"])
 def test_saf_009_ctrl_c_while_it_connects_and_a_cleanup_energise_nothing(
     twin: Twin, run_dir: Path, how: str

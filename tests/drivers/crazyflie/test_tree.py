@@ -148,6 +148,7 @@ def test_saf_001_a_setpoint_is_resent_for_its_lifetime_and_then_it_hovers(cf: Dr
     json_of(cf.robot.send_action({"vx": 0.1}))  # a late writer may go on
 
 
+@pytest.mark.long
 def test_a_stop_lands_it_and_nothing_flies_again_before_a_resume(cf: Drone) -> None:
     cf.fly()
     began_ns = time.monotonic_ns()

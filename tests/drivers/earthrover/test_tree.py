@@ -184,6 +184,7 @@ def test_saf_006_a_stop_leaves_at_once_whatever_the_service_answers(
     until(lambda: state(rover) == "disarmed", "confirmed at last")
 
 
+@pytest.mark.long
 def test_saf_012_a_service_that_tells_the_last_report_for_ever_is_told_nothing(
     rover: RealRobot, twin: Twin
 ) -> None:

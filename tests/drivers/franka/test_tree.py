@@ -272,6 +272,7 @@ def test_commands_that_do_not_arrive_are_told_and_new_targets_refused(moving: Re
 # -- processes die and freeze
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP])
 def test_saf_003_the_wire_process_dies_or_freezes(moving: RealRobot, twin: Twin, fault: signal.Signals) -> None:
     """Its connection ends with it; the root sees that the arm stands, by one of its own."""
@@ -318,6 +319,7 @@ def test_saf_016_wire_and_root_die_together(moving: RealRobot, twin: Twin) -> No
 # -- the controller freezes, or its network goes
 
 
+@pytest.mark.long
 def test_saf_012_frozen_while_it_moves(moving: RealRobot, twin: Twin) -> None:
     """What is on its way then is followed by a safe frame when it wakes up."""
     twin.pause()

@@ -124,6 +124,7 @@ def test_connect_observe_act_stop_resume(tmp_path: Path) -> None:
         assert not [line for line in iiwa.sessions() if "aborted" in line]
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("sample_ms", [10, 5, 2])
 def test_a_stream_moves_the_arm_at_every_sample_time(tmp_path: Path, sample_ms: int) -> None:
     """0.3 rad at 0.5 rad/s. A machine that pauses ends the stream: then it goes on from where it

@@ -268,6 +268,7 @@ def test_saf_012_silence_is_no_state(duck: RealRobot, twin: Twin) -> None:
     until(lambda: state(duck) == "disarmed", "it is back, disarmed")
 
 
+@pytest.mark.long
 def test_saf_012_a_duck_that_says_the_same_again_and_again_is_lost_and_told_nothing(
     duck: RealRobot, twin: Twin
 ) -> None:

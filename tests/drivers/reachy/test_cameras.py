@@ -100,6 +100,7 @@ def test_the_robots_camera_is_a_camera_like_any_other(reachy: RealRobot, media: 
     assert isinstance(reachy.get_observation(images=True)["head"], Frame)
 
 
+@pytest.mark.long
 def test_a_stream_that_ends_is_opened_again(reachy: RealRobot, media: Media) -> None:
     until(lambda: sees(reachy, RED), "a picture")
     media.order("end")

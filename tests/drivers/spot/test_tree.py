@@ -258,6 +258,7 @@ def test_saf_003_a_process_of_its_own_settles_it_by_the_e_stop(
     stand(spot)  # a resume sets the e-stop up anew
 
 
+@pytest.mark.long
 def test_saf_020_a_cable_that_is_back_carries_no_command_before_the_safe_frame(spot: RealRobot, twin: Twin) -> None:
     walk(spot, twin, vx=0.5)
     twin.unplug()
@@ -426,6 +427,7 @@ def test_saf_007_an_estop_settles_it(spot: RealRobot, twin: Twin) -> None:
     twin.log.no_setpoint_after_safe(first_safe(twin.log, began_ns).t_ns)
 
 
+@pytest.mark.long
 def test_saf_012_a_robot_that_says_the_same_again_and_again_is_lost_and_told_to_move_no_more(
     spot: RealRobot, twin: Twin
 ) -> None:

@@ -326,6 +326,7 @@ def test_local_control_is_named(twin: Twin, run_dir: Path) -> None:
 # -- processes die and freeze
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP])
 def test_saf_003_the_wire_process_dies_or_freezes(moving: RealRobot, twin: Twin, fault: signal.Signals) -> None:
     """The root stops the arm by its own sockets, and starts the wire again."""
@@ -340,6 +341,7 @@ def test_saf_003_the_wire_process_dies_or_freezes(moving: RealRobot, twin: Twin,
 # -- the controller freezes, or its network goes
 
 
+@pytest.mark.long
 def test_saf_012_frozen_while_it_moves(moving: RealRobot, twin: Twin) -> None:
     twin.pause()
     assert slowest_status_s(moving, 2.0) < 0.2 + SLACK_S

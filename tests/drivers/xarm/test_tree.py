@@ -197,6 +197,7 @@ def test_nobody_listens_there(run_dir: Path) -> None:
 # -- processes die and freeze
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP])
 def test_saf_003_the_wire_process_dies_or_freezes(moving: RealRobot, twin: Twin, fault: signal.Signals) -> None:
     """The root stops the arm by its own connection, and starts the wire again."""
