@@ -181,7 +181,7 @@ def judge(player: Player) -> None:
                 assert not crash_ns < entry.t_ns < resumed, "moved after a restart without a resume"
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=200, deadline=None)
 @given(st.lists(st.sampled_from(EVENTS), min_size=3, max_size=40))
 def test_saf_001_002_006_007_008_009_hold_in_any_order(events: list[str]) -> None:
     async def run() -> None:
