@@ -13,8 +13,6 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
-from strands_actors.kernel.health.realtime import run_like_others
-
 from .forked import fork_what_is_started_here
 
 pytest_plugins = ["strands_actors.pytest_plugin", "tests.long", "tests.real_time"]
@@ -59,14 +57,6 @@ def run_dir(run_dirs: list[Path], monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("STRANDS_ACTORS_RUN", str(path))
     monkeypatch.setenv("STRANDS_ACTORS_DATA", str(path / "data"))
     return path
-
-
-@pytest.fixture(autouse=True)
-def like_others() -> Iterator[None]:
-    """Whatever a test made of this thread: one that runs before others would have all that is started
-    later do so, and two of them leave a machine nothing."""
-    yield
-    run_like_others()
 
 
 @pytest.hookimpl(wrapper=True)
