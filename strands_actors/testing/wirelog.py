@@ -100,7 +100,7 @@ class WireLog:
         of one kind as one, the last ``RUNS`` of them. What a robot answers is left out."""
         runs: list[tuple[str, float, int]] = []
         for entry in self.entries(since_ns):
-            if entry.sender == "robot" and entry.kind == "read":
+            if entry.sender == "robot" and entry.kind in ("read", "answer"):
                 continue
             what = f"{entry.sender} {entry.kind}" + (f" ({entry.safe_state})" if entry.safe_state else "")
             if runs and runs[-1][0] == what:

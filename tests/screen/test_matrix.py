@@ -121,12 +121,18 @@ def test_a_robot_that_the_fault_had_brought_to_the_safe_state_is_safe_when_the_s
 
 def test_what_was_not_safe_is_told_with_what_the_wire_showed(tmp_path: Path) -> None:
     path = tmp_path / "wire.ndjson"
-    kinds = [("host", "enable"), *[("host", "setpoint")] * 3, ("robot", "read"), ("robot", "watchdog")]
+    kinds = [
+        ("host", "enable"),
+        *[("host", "setpoint")] * 3,
+        ("robot", "read"),
+        ("robot", "answer"),
+        ("robot", "watchdog"),
+    ]
     rows = [{"t_ns": at * 10**6, "from": who, "kind": kind, "hex": ""} for at, (who, kind) in enumerate(kinds)]
     rows.append({"t_ns": 7_500_000, "from": "host", "kind": "safe", "hex": "", "safe_state": "limp"})
     path.write_text("".join(json.dumps(row) + "\n" for row in rows))
     story = WireLog(path).story(10**6)
-    assert story == "0.0 host setpoint x 3, 4.0 robot watchdog x 1, 6.5 host safe (limp) x 1"
+    assert story == "0.0 host setpoint x 3, 5.0 robot watchdog x 1, 6.5 host safe (limp) x 1"
     assert WireLog(path).story(10**9) == "nothing"
     told = [cells.told(each, WireLog(path), 10**6) for each in (outcome(7.0), outcome(7.0, after=1), outcome(70.0))]
     assert [each.story for each in told] == ["", story, story]
