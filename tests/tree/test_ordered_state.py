@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from strands_actors.supervisors.root.process import Unconfirmed
 from strands_actors.supervisors.wire.messages import RootGone
 from strands_actors.testing import FakeHardware, InlineTree, open_inline_tree, run_virtual
 from strands_actors.testing.fake import FakeWire
+from tests.answers import until
 
 from .writer import armed, driver_of, freeze, setpoints
 
@@ -350,7 +352,9 @@ def test_saf_005_no_attempt_waits_for_the_note_on_unconfirmed_motors(tmp_path: P
                     await trio.sleep(0.01)
 
     trio.run(run)
-    os.close(os.open(note, os.O_WRONLY))  # let its thread end
+    note.write_text('{"robot": "so101"}')  # the disk answers
+    until(note.is_file, "the note")
+    assert json.loads(note.read_text()) == {"robot": "so101", "unconfirmed": ["b"]}
 
 
 @pytest.mark.parametrize("locks", [True, False])
