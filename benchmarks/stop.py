@@ -49,10 +49,10 @@ QUESTION = Question(
         "plain zenoh and the SDK": at_twins({"ur5e": "ur"}, "mesh_stop", "bare", timeout_s=300),
     },
     goals=tuple(Goal(figure, "", at_most=2.0) for figure in FIGURES),
-    limit="""Measured on a machine on which a wake-up takes two to three times as long as on that of before (22
-November, 0.7 to 1.6 ms, all goals met): in turns on the machine of now, the code of then took 1.2 to 2.3 ms on
-a UR, 6 to 9 on the third row of a G1, and today's 1.0 to 3.0 (once 5.1), and 3 to 6. The call crosses from the
-caller's thread to its loop and from there to the wire process: 0.6 to 1.8 ms, whatever the policy does, half of
+    limit="""All goals are met on a machine in a good hour: 0.7 to 1.7 ms (27 November). In a bad one, in which a
+wake-up takes two to three times as long, three were: 1.0 to 3.0 ms on a UR (once 5.1), 3 to 6 on the third row
+of a G1 (26 November, in turns with the code of the 22nd, which took 1.2 to 2.3 and 6 to 9). The call crosses from
+the caller's thread to its loop and from there to the wire process: 0.6 to 1.8 ms, whatever the policy does, half of
 it waking up (two fifths of all samples are in epoll; see `setpoint`). On a UR the frame is ur-rtde's, which
 waits until the script has taken the setpoint before. The G1's policy of the third row computes in the caller
 for 30 of its 32 ms, and keeps the interpreter's lock: it is asked for four times on the way, every 0.1 ms (5 ms
