@@ -59,6 +59,21 @@ def run_dir(run_dirs: list[Path], monkeypatch: pytest.MonkeyPatch) -> Path:
     return path
 
 
+@pytest.fixture(autouse=True)
+def scheduled() -> Iterator[None]:
+    """How this process is scheduled is as before: what a test has made it, its children are, and all
+    tests behind it. One that is nice gets nothing on a busy machine."""
+
+    def look() -> tuple[int, ...]:
+        if not hasattr(os, "sched_getscheduler"):
+            return (os.getpriority(os.PRIO_PROCESS, 0),)
+        return os.getpriority(os.PRIO_PROCESS, 0), os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
+
+    before = look()
+    yield
+    assert look() == before, "nice value, policy or priority are others"
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(
     call: pytest.CallInfo[None],

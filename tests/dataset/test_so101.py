@@ -329,6 +329,7 @@ def test_what_cannot_be_is_told_in_a_line(
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("strands_actors.surfaces.cli.dataset.give_way", lambda: None)
     assert cli.run(arguments) == cli.USAGE
     said = capsys.readouterr().err
     assert told in said and said.count("\n") == 1

@@ -20,7 +20,7 @@ from strands_actors.surfaces.dataset.show import show
 from strands_actors.surfaces.dataset.staging import FINISHED, Row, StagedEpisode
 from strands_actors.surfaces.dataset.statistics import PictureFigures, aggregate, of_column
 from strands_actors.surfaces.dataset.storage import Storage
-from strands_actors.surfaces.dataset.video import CODECS, DEFAULT
+from strands_actors.surfaces.dataset.video import CODECS, DEFAULT, Encoder
 
 from .made import FRONT, LAYOUT, add_episode, begin, check, fill, info_of, row, scene
 
@@ -463,3 +463,21 @@ def test_an_episode_of_no_frame_is_refused(root: Path) -> None:
     with pytest.raises(DatasetError, match="no complete frame"):
         dataset.commit(episode.folder)
     assert not dataset.episodes and episode.folder.exists()
+
+
+@pytest.mark.parametrize("codec", CODECS)
+def test_an_encoder_is_run_as_its_caller_is(codec: str, tmp_path: Path) -> None:
+    """Run by root, SVT-AV1 takes SCHED_FIFO 99: no stop of a robot gets a processor beside it."""
+    before = set(os.listdir("/proc/self/task"))
+
+    def policies() -> set[int]:
+        """Of this thread, and of the encoder's, which live as long as it does."""
+        threads = {*os.listdir("/proc/self/task")} - before
+        return {os.sched_getscheduler(0), *(os.sched_getscheduler(int(thread)) for thread in threads)}
+
+    encoder = Encoder(tmp_path / "front.mp4", FRONT, 30, codec)
+    assert policies() == {os.SCHED_OTHER}
+    for number in range(10):
+        encoder.add(scene(FRONT, number))
+    assert policies() == {os.SCHED_OTHER}
+    encoder.finish()

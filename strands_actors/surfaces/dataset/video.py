@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import threading
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
@@ -92,7 +93,8 @@ class Encoder:
         self._stream.width, self._stream.height, self._stream.pix_fmt = camera.width, camera.height, PIXELS
         self._stream.time_base = self._base
         self._stream.gop_size = KEY_EVERY
-        self._container.start_encoding()  # the file is there, and what the encoder does not take is refused now
+        with _run_as_before():
+            self._container.start_encoding()  # the file is there, and what the encoder does not take is refused now
         self.frames = 0
 
     def add(self, picture: NDArray[np.uint8]) -> None:
@@ -111,6 +113,23 @@ class Encoder:
         """What was written stays."""
         with contextlib.suppress(OSError):  # a full disk: there is nothing more to write
             self._container.close()
+
+
+@contextlib.contextmanager
+def _run_as_before() -> Iterator[None]:
+    """SVT-AV1, where root runs it, gives its threads and the one that opens it SCHED_FIFO 99: ahead of every
+    process of a robot. Run them as the caller was."""
+    if not hasattr(os, "sched_getscheduler"):
+        yield
+        return
+    policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+    before = set(os.listdir("/proc/self/task"))
+    try:
+        yield
+    finally:
+        for thread in {*os.listdir("/proc/self/task")} - before | {str(threading.get_native_id())}:
+            with contextlib.suppress(ProcessLookupError):  # it has ended
+                os.sched_setscheduler(int(thread), policy, parameters)
 
 
 def _writer(path: Path, fps: int, options: dict[str, str]) -> OutputContainer:
