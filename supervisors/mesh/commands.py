@@ -251,6 +251,7 @@ class Commands(Actor):
     # -- writing
 
     async def _acquire(self, sender: str) -> dict[str, Any] | Refused:
+        await self._motion.until_held()
         status = await self._gate.ask(messages.GetStatus(), ASK_S)
         if not isinstance(status, messages.Status):
             return no_answer(status)

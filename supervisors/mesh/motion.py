@@ -79,6 +79,7 @@ class Motion:
         self._free.set()
         self._until_ns = 0
         """Until when; 0: until the rollout ends."""
+        self._is_ending = False
 
     async def do(self, sender: str, own: messages.Lease | None, command: mesh_json.Motion, answer: Answer) -> None:
         """Do what was asked, and answer. ``own``: the lease that the sender has by ``acquire``."""
@@ -185,20 +186,38 @@ class Motion:
     async def _beat(self, lease: messages.Lease) -> None:
         """Until its time is over, somebody stops the robot, or another lease has taken its place."""
         due_ns = 0
-        while self._kept == lease and self._is_wanted():
+        while self._kept == lease:
+            if not self._is_wanted() and await self._is_over(lease):
+                break
             if (now_ns := self._context.clock.now_ns()) >= due_ns:
-                if not await self._is_of_now(lease):
+                if not await self._is_of_now(lease) and await self._is_over(lease):
                     break
                 self._gate.tell(messages.Beat(lease.id))
                 due_ns = now_ns + round(BEAT_S * NS)
             await trio.sleep(min(BEAT_S, self._left_s()))
-        if self._kept == lease and (self._until_ns or self._task().exit_reason in ("duration", "n_steps")):
-            await self._hold(lease)
         if self._kept == lease:
             self._kept = None
         await self._give_up(lease)
         if self._kept is None:
             self._free.set()
+
+    async def _is_over(self, lease: messages.Lease) -> bool:
+        """Hold, unless who had the turn has asked for more under this lease. The next command waits for
+        the hold: it would be refused while one is carried out that needs no resume."""
+        async with self._turn:
+            if self._kept == lease and self._is_wanted() and await self._is_of_now(lease):
+                return False
+            if self._kept == lease and (self._until_ns or self._task().exit_reason in ("duration", "n_steps")):
+                self._is_ending = True
+                await self._hold(lease)
+                self._is_ending = False
+            return True
+
+    async def until_held(self) -> None:
+        """Wait while what was asked for is being ended."""
+        if self._is_ending:
+            async with self._turn:
+                pass
 
     async def _hold(self, lease: messages.Lease) -> None:
         """End what was asked for, when its time is over. Such a hold needs no resume before the

@@ -147,3 +147,19 @@ def test_a_pose_that_was_replaced_does_not_end_the_next() -> None:
             await _begin(client, robot, 0.3)  # its end was wanted: no resume
 
     run(test)
+
+
+def test_what_comes_while_a_pose_is_being_held_waits_for_that() -> None:
+    """The robot takes a while to hold. Its end was wanted, so nobody has to resume it."""
+
+    async def test() -> None:
+        hardware = FakeHardware(confirm_s=0.3)
+        async with robot_on_mesh(hardware) as (robot, tree, _), mesh() as client:
+            for _ in range(2):
+                await _begin(client, robot, 0.3)
+                await tree.until("holding")
+            async with control(client, robot) as arm:
+                told = await arm.send_action({"a": 0.5}, ttl_s=0.5)
+                assert not isinstance(told, Refused), told
+
+    run(test)

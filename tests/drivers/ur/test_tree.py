@@ -275,6 +275,7 @@ def test_a_pause_on_the_pendant_ends_the_program_and_says_what_to_do(arm: RealRo
     run_for(arm, wave, 0.3)
     assert state(arm) == "holding"
     pause_program(twin)
+    until(lambda: status(arm)["sensors"]["runtime_state"] != [float(p.RuntimeState.PLAYING)], "the arm tells it")
     until(lambda: _says(why(nudge(arm)), "was paused on the pendant"), "it is named")
     assert "stop(), then resume()" in why(nudge(arm))
     paused_ns = time.monotonic_ns()
