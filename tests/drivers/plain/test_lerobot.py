@@ -229,7 +229,9 @@ def test_a_bus_that_cannot_be_asked_at_once_is_asked_motor_by_motor() -> None:
 
 def test_saf_019_neither_a_hold_nor_an_action_energises_a_limp_servo(twin: Twin, arm: Any) -> None:
     """On an STS3215 a goal turns the torque on."""
+    moved_ns = time.monotonic_ns()
     json_of(arm.send_action({"shoulder_pan": arm.get_observation()["shoulder_pan"] + 5.0}))
+    until(lambda: twin.log.host("setpoint", moved_ns), "it is told")  # and energises nothing later
     twin.power_cycle()
     until(lambda: len(status(arm)["faults"]) == len(MOTORS), "their torque is looked at")
     assert set(status(arm)["faults"].values()) == {"limp"} and state(arm) == "armed"
