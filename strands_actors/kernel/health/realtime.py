@@ -15,6 +15,8 @@ import os
 import resource
 import signal
 import sys
+import threading
+from collections.abc import Iterator
 from types import FrameType
 
 STANDBY_PRIORITY = 13
@@ -105,13 +107,36 @@ def run_like_others() -> None:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
+@contextlib.contextmanager
+def run_as_before() -> Iterator[None]:
+    """Around what changes how threads are run: this one, and those that begin in the block, are run
+    as this one was."""
+    if not hasattr(os, "sched_setscheduler"):
+        yield
+        return
+    policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+    others = _threads() - {threading.get_native_id()}
+    try:
+        yield
+    finally:
+        _schedule(_threads() - others, policy, parameters)
+
+
+def _threads() -> set[int]:
+    return {int(thread) for thread in os.listdir("/proc/self/task")}
+
+
+def _schedule(threads: set[int], policy: int, parameters: os.sched_param) -> None:
+    for thread in threads:
+        with contextlib.suppress(ProcessLookupError):  # it has ended
+            os.sched_setscheduler(thread, policy, parameters)
+
+
 def _give_way(number: int, frame: FrameType | None) -> None:
     """Take SIGXCPU: a thread has computed for ``SPELL_S``. Every thread becomes ordinary."""
     global _spent
     _spent = True
-    for thread in os.listdir("/proc/self/task"):
-        with contextlib.suppress(ProcessLookupError):  # it has ended
-            os.sched_setscheduler(int(thread), os.SCHED_OTHER, os.sched_param(0))
+    _schedule(_threads(), os.SCHED_OTHER, os.sched_param(0))
     with contextlib.suppress(OSError, ValueError):  # a closed stderr
         print(f"process {os.getpid()} does not run first any more: {scheduling()}", file=sys.stderr, flush=True)
 

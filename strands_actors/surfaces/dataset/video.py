@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import threading
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from strands_actors.contract.shown import shown
+from strands_actors.kernel.health.realtime import run_as_before
 
 from .errors import DatasetError
 from .layout import CameraShape
@@ -93,7 +93,7 @@ class Encoder:
         self._stream.width, self._stream.height, self._stream.pix_fmt = camera.width, camera.height, PIXELS
         self._stream.time_base = self._base
         self._stream.gop_size = KEY_EVERY
-        with _run_as_before():
+        with run_as_before():  # run by root, SVT-AV1 puts its threads and this one at SCHED_FIFO 99
             self._container.start_encoding()  # the file is there, and what the encoder does not take is refused now
         self.frames = 0
 
@@ -113,23 +113,6 @@ class Encoder:
         """What was written stays."""
         with contextlib.suppress(OSError):  # a full disk: there is nothing more to write
             self._container.close()
-
-
-@contextlib.contextmanager
-def _run_as_before() -> Iterator[None]:
-    """SVT-AV1, where root runs it, gives its threads and the one that opens it SCHED_FIFO 99: ahead of every
-    process of a robot. Run them as the caller was."""
-    if not hasattr(os, "sched_getscheduler"):
-        yield
-        return
-    policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
-    before = set(os.listdir("/proc/self/task"))
-    try:
-        yield
-    finally:
-        for thread in {*os.listdir("/proc/self/task")} - before | {str(threading.get_native_id())}:
-            with contextlib.suppress(ProcessLookupError):  # it has ended
-                os.sched_setscheduler(int(thread), policy, parameters)
 
 
 def _writer(path: Path, fps: int, options: dict[str, str]) -> OutputContainer:
