@@ -80,6 +80,7 @@ class Motion:
         self._until_ns = 0
         """Until when; 0: until the rollout ends."""
         self._is_ending = False
+        """What was asked for is being held."""
 
     async def do(self, sender: str, own: messages.Lease | None, command: mesh_json.Motion, answer: Answer) -> None:
         """Do what was asked, and answer. ``own``: the lease that the sender has by ``acquire``."""
@@ -187,11 +188,12 @@ class Motion:
         """Until its time is over, somebody stops the robot, or another lease has taken its place."""
         due_ns = 0
         while self._kept == lease:
-            if not self._is_wanted() and await self._is_over(lease):
+            now_ns = self._context.clock.now_ns()
+            is_due = now_ns >= due_ns
+            goes_on = self._is_wanted() and (not is_due or await self._is_of_now(lease))
+            if not goes_on and await self._end(lease):
                 break
-            if (now_ns := self._context.clock.now_ns()) >= due_ns:
-                if not await self._is_of_now(lease) and await self._is_over(lease):
-                    break
+            if is_due:
                 self._gate.tell(messages.Beat(lease.id))
                 due_ns = now_ns + round(BEAT_S * NS)
             await trio.sleep(min(BEAT_S, self._left_s()))
@@ -201,9 +203,10 @@ class Motion:
         if self._kept is None:
             self._free.set()
 
-    async def _is_over(self, lease: messages.Lease) -> bool:
-        """Hold, unless who had the turn has asked for more under this lease. The next command waits for
-        the hold: it would be refused while one is carried out that needs no resume."""
+    async def _end(self, lease: messages.Lease) -> bool:
+        """Hold, where that is still to be done. Return False when who had the turn has asked for more
+        under this lease. The next command waits for the hold: it would be refused while one is carried
+        out that needs no resume."""
         async with self._turn:
             if self._kept == lease and self._is_wanted() and await self._is_of_now(lease):
                 return False
