@@ -218,12 +218,9 @@ forced = control.zeroFtSensor() and control.forceModeSetDamping(0.1)
 until(lambda: receive.getRuntimeState() == 1)
 again = control.reuploadScript()
 until(lambda: receive.getRuntimeState() == 2)
-def stopped():
-    if receive.getSafetyMode() != 3:
-        control.triggerProtectiveStop()  # a script that has just begun may not hear it
-        time.sleep(0.5)
-    return receive.getSafetyMode() == 3
-until(stopped)
+while receive.getSafetyMode() != 3:
+    stopped = control.triggerProtectiveStop()  # a script that has just begun may not hear it
+    time.sleep(0.5)
 from dashboard_client import DashboardClient
 dashboard = DashboardClient(host)
 dashboard.connect()
@@ -235,10 +232,10 @@ dashboard.addToLog("said")
 dashboard.unlockProtectiveStop()
 until(lambda: receive.getSafetyMode() == 1)
 end(moved=moved, fell=fell, forward=forward, lower=lower, inverse=inverse, joints=joints, back=back, limits=limits,
-    offset=offset, forced=forced, again=again, loaded=loaded)
+    offset=offset, forced=forced, again=again, stopped=stopped, loaded=loaded)
 """,
     )
-    assert told["moved"] and told["back"] and told["again"]
+    assert told["moved"] and told["back"] and told["again"] and told["stopped"]
     assert abs(told["fell"] - 0.05) < 0.003
     assert max(abs(a - b) for a, b in zip(told["forward"][:3], told["lower"][:3], strict=True)) < 0.003
     assert max(abs(a - b) for a, b in zip(told["inverse"], told["joints"], strict=True)) < 1e-3
