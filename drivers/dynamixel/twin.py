@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping
 from typing import Any, Unpack
 
 from strands_actors.drivers.common.dynamixel import twin
-from strands_actors.drivers.common.twin import Start
-from strands_actors.drivers.common.twin.servo_bus import serve
+from strands_actors.drivers.common.twin import Start, read_twin_options
+from strands_actors.drivers.common.twin.servo_bus import BusOptions, serve
 
 from .robots import LEADERS, TABLES
 
@@ -22,4 +22,4 @@ class DynamixelBus(twin.DynamixelBus):
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
     """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.servo_bus.serve``)."""
-    serve(DynamixelBus.for_robot(robot), options=options, **start)
+    serve(DynamixelBus.for_robot(robot), read_twin_options(robot, BusOptions, options), **start)

@@ -10,29 +10,41 @@ import base64
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
-from typing import Any, Unpack
+from typing import Annotated, Any, Unpack
 
 import msgspec
 
 from strands_actors.contract.axis import finite
+from strands_actors.contract.options import option
 from strands_actors.drivers.common.http_messages import Request
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.simulation_control.body import Felt, Hand
 from strands_actors.drivers.common.simulation_control.protocol import TIMESTEP_S
-from strands_actors.drivers.common.twin import Fault, Faults, Start, TcpServer, WireLog, known_options, run_server
+from strands_actors.drivers.common.twin import (
+    Fault,
+    Faults,
+    NetworkOptions,
+    Start,
+    TcpServer,
+    WireLog,
+    read_twin_options,
+    run_server,
+)
 from strands_actors.drivers.common.twin.http import Answer, serving
 
 from . import protocol as p
 from .mechanism import Rover
 from .robots import TABLES
 
-OPTIONS = {
-    "host": "address to serve at (default: one of its own in 127.0.0.0/8)",
-    "port": "TCP port (default: any free one)",
-    "watchdog_s": "seconds without a command after which the SDK process sends zero; 0: never (default 3)",
-    "fix": "whether the rover has a GPS fix (default true)",
-    "rear": "whether it has a rear camera (default true)",
-}
+
+class RoverTwinOptions(NetworkOptions, frozen=True):
+    watchdog_s: Annotated[
+        float | None,
+        option("seconds without a command after which the SDK process sends zero; 0: never; None: the robot's"),
+    ] = None
+    fix: Annotated[bool, option("whether the rover has a GPS fix")] = True
+    rear: Annotated[bool, option("whether it has a rear camera")] = True
+
 
 _HOME_DEG = 22.75, 114.09
 _M_PER_DEG = 111_320.0
@@ -190,11 +202,10 @@ def twin_of(robot: str, now_s: Callable[[], float] = time.monotonic, **options: 
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
     """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    given = known_options(options, OPTIONS)
-    host, port = given.pop("host", None), int(given.pop("port", 0))
-    twin = twin_of(robot, **given)
+    given = read_twin_options(robot, RoverTwinOptions, options)
+    twin = twin_of(robot, watchdog_s=given.watchdog_s, fix=given.fix, rear=given.rear)
 
     def build(wire_log: WireLog) -> TcpServer:
-        return TcpServer(twin, {port: serving(twin)}, wire_log, host)
+        return TcpServer(twin, {given.port: serving(twin)}, wire_log, given.host)
 
     run_server(build, **start)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, Unpack
+from typing import Annotated, Any, Unpack
 
+from strands_actors.contract.options import option
 from strands_actors.drivers.common.physics import Plant
-from strands_actors.drivers.common.twin import Exchange, Reply, Start
-from strands_actors.drivers.common.twin.process import known_options
-from strands_actors.drivers.common.twin.servo_bus import OPTIONS, ServoBus, serve
+from strands_actors.drivers.common.twin import Exchange, Reply, Start, read_twin_options
+from strands_actors.drivers.common.twin.servo_bus import BusOptions, ServoBus, serve
 
 from . import protocol as p
 from .robots import LEADERS, TABLES
@@ -112,11 +112,11 @@ def _answer(servo: Servo, packet: p.Packet) -> Reply | None:
     return reply if servo.get(p.STATUS_LEVEL) else None
 
 
-GOAL_OPTION = {"goal_energises": "a goal turns a servo's torque on, as on a real STS3215 (default: true)"}
+class FeetechTwinOptions(BusOptions, frozen=True):
+    goal_energises: Annotated[bool, option("whether a goal turns a servo's torque on, as on a real STS3215")] = True
 
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
     """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.servo_bus.serve``)."""
-    given = known_options(options, {**OPTIONS, **GOAL_OPTION})
-    bus = FeetechBus.for_robot(robot, goal_energises=bool(given.pop("goal_energises", True)))
-    serve(bus, options=given, **start)
+    given = read_twin_options(robot, FeetechTwinOptions, options)
+    serve(FeetechBus.for_robot(robot, goal_energises=given.goal_energises), given, **start)

@@ -8,11 +8,12 @@ blanked.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Unpack
+from typing import Annotated, Any, Unpack
 
 import msgspec
 import trio
 
+from strands_actors.contract.options import option
 from strands_actors.drivers.common.controlled_body import ControlledBody
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.twin import (
@@ -20,12 +21,13 @@ from strands_actors.drivers.common.twin import (
     Exchange,
     Fault,
     Faults,
+    NetworkOptions,
     Reply,
     Start,
     TcpServer,
     WireLog,
     answering,
-    known_options,
+    read_twin_options,
     run_server,
 )
 
@@ -33,13 +35,13 @@ from . import protocol as p
 from .base import Base, Second
 from .robots import TABLES
 
-OPTIONS = {
-    "host": "address to serve at (default: one of its own in 127.0.0.0/8)",
-    "port": "TCP port (default 10000)",
-    "username": "of those who may open a session (default admin)",
-    "password": "theirs (default admin)",
-    "second": f"what becomes of a second session: {', '.join(Second)} (default accepted)",
-}
+
+class KinovaTwinOptions(NetworkOptions, frozen=True):
+    port: Annotated[int, option("TCP port; 0: any free one", ge=0, le=65535)] = p.TCP_PORT
+    username: Annotated[str, option("of those who may open a session")] = "admin"
+    password: Annotated[str, option("theirs")] = "admin"
+    second: Annotated[Second, option(f"what becomes of a second session: {', '.join(Second)}")] = Second.ACCEPTED
+
 
 TICK_S = 0.01
 
@@ -164,18 +166,15 @@ class KinovaServer(TcpServer):
 
 def twin_of(robot: str, **options: Any) -> KinovaTwin:
     """The twin of a robot of ``robots.toml``; ``options`` of ``Base``."""
-    if "second" in options:
-        options["second"] = Second(options["second"])
     return KinovaTwin(Base(TABLES.table(robot), **options))
 
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
     """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    given = known_options(options, OPTIONS)
-    host, port = given.pop("host", None), int(given.pop("port", p.TCP_PORT))
-    twin = twin_of(robot, **given)
+    given = read_twin_options(robot, KinovaTwinOptions, options)
+    twin = twin_of(robot, username=given.username, password=given.password, second=given.second)
 
     def build(wire_log: WireLog) -> KinovaServer:
-        return KinovaServer(twin, port, wire_log, host)
+        return KinovaServer(twin, given.port, wire_log, given.host)
 
     run_server(build, **start)

@@ -10,11 +10,12 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple, Unpack
+from typing import Annotated, Any, NamedTuple, Unpack
 
 import trio
 
 from strands_actors.contract.axis import finite
+from strands_actors.contract.options import option
 from strands_actors.drivers.common.json_rpc import (
     INVALID_PARAMS,
     INVALID_REQUEST,
@@ -36,9 +37,10 @@ from strands_actors.drivers.common.twin import (
     Faults,
     Reply,
     Start,
+    TwinOptions,
     UnixServer,
     WireLog,
-    known_options,
+    read_twin_options,
     run_server,
 )
 
@@ -46,13 +48,16 @@ from . import protocol as p
 from .body import DEADMAN_S, Duck
 from .robots import TABLES
 
-OPTIONS = {
-    "path": "path of the socket (default: one in a directory of its own)",
-    "deadman_s": "seconds after which a twist that nobody says again is zeroed; 0: never (default 0.5)",
-    "api_version": "version of the protocol that it speaks (default 31)",
-    "mode": "drive mode at first: walk or roller (default walk)",
-    "enabled": "whether a policy drives it at first (default false)",
-}
+
+class DuckTwinOptions(TwinOptions, frozen=True):
+    path: Annotated[str | None, option("path of the socket; None: one in a directory of its own")] = None
+    deadman_s: Annotated[
+        float, option("seconds after which a twist that nobody says again is zeroed; 0: never", ge=0)
+    ] = DEADMAN_S
+    api_version: Annotated[int, option("version of the protocol that it speaks")] = p.API_VERSION
+    mode: Annotated[str, option("drive mode at first: walk or roller")] = "walk"
+    enabled: Annotated[bool, option("whether a policy drives it at first")] = False
+
 
 MAX_LINE = 64 * 1024
 LOOP_HZ = 50
@@ -119,11 +124,11 @@ class DuckTwin:
         table = TABLES.table(robot)
         if mode not in table["modes"]:
             raise ValueError(f"mode is {mode!r}. use {', '.join(table['modes'])}")
-        self.body = Duck(table, float(deadman_s), now_s)
+        self.body = Duck(table, deadman_s, now_s)
         self.faults = Faults()
-        self.api_version = int(api_version)
+        self.api_version = api_version
         self._table = table
-        self._began = mode, bool(enabled)
+        self._began = mode, enabled
         self._overridden: dict[str, str] = {}
         self._frozen: dict[str, Any] | None = None
         self._missed = 0
@@ -441,14 +446,19 @@ class _Client:
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
     """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    given = known_options(options, OPTIONS)
-    path = given.pop("path", None)
-    twin = DuckTwin(robot, **given)
+    given = read_twin_options(robot, DuckTwinOptions, options)
+    twin = DuckTwin(
+        robot,
+        deadman_s=given.deadman_s,
+        api_version=given.api_version,
+        mode=given.mode,
+        enabled=given.enabled,
+    )
 
     async def handle(connection: Connection) -> None:
         await _Client(twin, connection).serve()
 
     def build(wire_log: WireLog) -> UnixServer:
-        return UnixServer(twin, handle, wire_log, path)
+        return UnixServer(twin, handle, wire_log, given.path)
 
     run_server(build, **start)

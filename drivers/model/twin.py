@@ -5,18 +5,23 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from typing import Any, Unpack
+from typing import Annotated, Any, Unpack
 
 import trio
 
+from strands_actors.contract.options import option
 from strands_actors.drivers.common.jointed_body import JointedBody
 from strands_actors.drivers.common.physics import Plant
 from strands_actors.drivers.common.simulation_control.body import Body
-from strands_actors.drivers.common.twin import Start, WireLog, known_options, run_server
+from strands_actors.drivers.common.twin import Start, TwinOptions, WireLog, read_twin_options, run_server
 
 from .reading import Read, read_model
 
-OPTIONS = {"model": "path of the MJCF or URDF", "home": "where its joints begin, in radians and metres"}
+
+class ModelTwinOptions(TwinOptions, frozen=True):
+    model: Annotated[str, option("path of the MJCF or URDF")] = ""
+    home: Annotated[tuple[float, ...], option("where its joints begin, in radians and metres")] = ()
+
 
 BANDWIDTH_RAD_S = 30.0
 """Of servos that the model has no gains for: a tenth of a second, as of a small arm [assumed]."""
@@ -63,10 +68,12 @@ class ModelServer:
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
     """Simulate the model at ``options["model"]`` until interrupted. Raise ``ValueError``."""
-    given = known_options(options, OPTIONS)
-    read = read_model(given["model"])
+    given = read_twin_options(robot, ModelTwinOptions, options)
+    if not given.model:
+        raise ValueError(f"{robot}: it needs a model: {'model=PATH'} of an MJCF or URDF")
+    read = read_model(given.model)
 
     def build(wire_log: WireLog) -> ModelServer:
-        return ModelServer(read, given.get("home", ()))
+        return ModelServer(read, given.home)
 
     run_server(build, **start)

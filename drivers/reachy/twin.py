@@ -12,22 +12,24 @@ import math
 import time
 import uuid
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Unpack
+from typing import Annotated, Any, Unpack
 
 import msgspec
 import trio
 
 from strands_actors.contract.axis import finite
+from strands_actors.contract.options import option
 from strands_actors.drivers.common.http_messages import Request
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.twin import (
     Fault,
     Faults,
+    NetworkOptions,
     Reply,
     Start,
     TcpServer,
     WireLog,
-    known_options,
+    read_twin_options,
     run_server,
 )
 from strands_actors.drivers.common.twin.http import Answer, HttpSession
@@ -37,13 +39,12 @@ from . import protocol as p
 from .body import Move, ReachyBody, Row
 from .robots import TABLES, axes_of
 
-OPTIONS = {
-    "host": "address to serve at (default: one of its own in 127.0.0.0/8)",
-    "port": "TCP port (default: any free one)",
-    "wireless": "whether it is a Wireless, which has an IMU (default true)",
-    "motors": "mode of the motors at first: enabled, disabled or gravity_compensation (default enabled)",
-    "media": "whether it has a camera and microphones (default true)",
-}
+
+class ReachyTwinOptions(NetworkOptions, frozen=True):
+    wireless: Annotated[bool, option("whether it is a Wireless, which has an IMU")] = True
+    motors: Annotated[str, option(f"mode of the motors at first: {', '.join(p.MODES)}")] = "enabled"
+    media: Annotated[bool, option("whether it has a camera and microphones")] = True
+
 
 STATE_S = 0.02
 """Between two frames of the state."""
@@ -455,7 +456,6 @@ def serve_twin(twin: ReachyTwin, log: WireLog, host: str | None = None, port: in
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
     """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    given = known_options(options, OPTIONS)
-    host, port = given.pop("host", None), int(given.pop("port", 0))
-    twin = ReachyTwin(robot, **given)
-    run_server(lambda log: serve_twin(twin, log, host, port), **start)
+    given = read_twin_options(robot, ReachyTwinOptions, options)
+    twin = ReachyTwin(robot, wireless=given.wireless, motors=given.motors, media=given.media)
+    run_server(lambda log: serve_twin(twin, log, given.host, given.port), **start)

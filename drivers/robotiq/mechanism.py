@@ -55,9 +55,8 @@ class Setup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any], **bench: Any) -> Setup:
-        """``bench`` as it is given on a command line, too: text of numbers."""
         row = {name: table[name] for name in ("stroke_mm", "speed_mm_s", "open", "closed")}
-        return msgspec.convert({**row, **bench}, cls, strict=False)
+        return msgspec.convert({**row, **bench}, cls)
 
 
 class Gripper:

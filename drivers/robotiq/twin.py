@@ -6,19 +6,21 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, Unpack
+from typing import Annotated, Any, Literal, Unpack
 
+from strands_actors.contract.options import option
 from strands_actors.drivers.common.simulation_control.body import Body
 from strands_actors.drivers.common.twin import (
     Exchange,
     Fault,
+    NetworkOptions,
     PtyLine,
     Server,
     Start,
     TcpServer,
     WireLog,
     answering,
-    known_options,
+    read_twin_options,
     run_server,
 )
 
@@ -30,20 +32,27 @@ from .unit import RobotiqTwin
 from .urcap import PORT as URCAP_PORT
 from .urcap import UrcapSession
 
-OPTIONS = {
-    "host": "address to serve at (default: one of its own in 127.0.0.0/8)",
-    "port": "TCP port (default: any free one)",
-    "urcap_port": "TCP port of the URCap's text protocol (default 63352; with host= any free one)",
-    "framing": "tcp, or rtu: frames of a serial line over TCP, as a gateway hands them through (default tcp)",
-    "serial": "a serial port instead: true, or the path where it is to appear (default false)",
-    "baud": "bits per second of the serial port (default 115200)",
-    "unit_id": "Modbus unit (default 9)",
-    "object_mm": "width of a rigid object between the fingers (default 0: none)",
-    "activation_s": "seconds an activation takes (default 1.5)",
-    "activated": "whether it is activated from the start (default false)",
-    "echo_s": "seconds until a command counts and is repeated (default 0)",
-    "gflt": "number of a fault it has from the start; below 10 it has it for good (default 0: none)",
-}
+
+class RobotiqTwinOptions(NetworkOptions, frozen=True):
+    urcap_port: Annotated[
+        int | None,
+        option(f"TCP port of the URCap's text protocol; None: {URCAP_PORT}, and with host= any free one"),
+    ] = None
+    framing: Annotated[
+        Literal["tcp", "rtu"],
+        option("rtu: frames of a serial line over TCP, as a gateway hands them through"),
+    ] = "tcp"
+    serial: Annotated[bool, option("a serial port instead")] = False
+    link: Annotated[str | None, option("path at which the serial port appears; None: a temporary one")] = None
+    baud: Annotated[int, option("bits per second of the serial port", gt=0)] = BAUD
+    unit_id: Annotated[int, option("Modbus unit", ge=0, le=255)] = UNIT
+    object_mm: Annotated[float, option("width of a rigid object between the fingers; 0: none", ge=0)] = 0.0
+    activation_s: Annotated[float, option("seconds an activation takes", ge=0)] = 1.5
+    activated: Annotated[bool, option("whether it is activated from the start")] = False
+    echo_s: Annotated[float, option("seconds until a command counts and is repeated", ge=0)] = 0.0
+    gflt: Annotated[
+        int, option("number of a fault it has from the start; below 10 it has it for good; 0: none", ge=0, le=15)
+    ] = 0
 
 
 def twin_of(robot: str, now_s: Callable[[], float] = time.monotonic, **options: Any) -> RobotiqTwin:
@@ -76,25 +85,28 @@ class SerialRobot:
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
     """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    given = known_options(options, OPTIONS)
-    host, port = given.pop("host", None), int(given.pop("port", 0))
-    own = host is None and sys.platform.startswith("linux")
-    urcap_port = int(given.pop("urcap_port", URCAP_PORT if own else 0))
-    framing, serial = given.pop("framing", "tcp"), given.pop("serial", False)
-    baud = int(given.pop("baud", BAUD))
-    if framing not in ("tcp", "rtu"):
-        raise ValueError(f"framing is {framing!r}. use tcp or rtu")
-    twin = twin_of(robot, **given)
+    given = read_twin_options(robot, RobotiqTwinOptions, options)
+    own = given.host is None and sys.platform.startswith("linux")
+    urcap_port = (URCAP_PORT if own else 0) if given.urcap_port is None else given.urcap_port
+    twin = twin_of(
+        robot,
+        unit_id=given.unit_id,
+        object_mm=given.object_mm,
+        activation_s=given.activation_s,
+        activated=given.activated,
+        echo_s=given.echo_s,
+        gflt=given.gflt,
+    )
 
     def build_serial(wire_log: WireLog) -> Server:
-        line = PtyLine(serial if isinstance(serial, str) else None)
-        return Server(SerialRobot(twin, baud), line, wire_log)
+        line = PtyLine(given.link)
+        return Server(SerialRobot(twin, given.baud), line, wire_log)
 
     def build(wire_log: WireLog) -> TcpServer:
-        modbus = answering(lambda: TcpSession(twin) if framing == "tcp" else RtuSession(twin))
-        handlers = {port: modbus}
-        if urcap_port != port:
+        modbus = answering(lambda: TcpSession(twin) if given.framing == "tcp" else RtuSession(twin))
+        handlers = {given.port: modbus}
+        if urcap_port != given.port:
             handlers[urcap_port] = answering(lambda: UrcapSession(twin))
-        return TcpServer(twin, handlers, wire_log, host)
+        return TcpServer(twin, handlers, wire_log, given.host)
 
-    run_server(build_serial if serial else build, **start)
+    run_server(build_serial if given.serial else build, **start)

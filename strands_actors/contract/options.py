@@ -56,9 +56,12 @@ def meanings(options: type[DriverOptions]) -> dict[str, str]:
     return told
 
 
-def read_options(robot: str, options: type[Options], given: Mapping[str, Any]) -> Options:
+def read_options(
+    robot: str, options: type[Options], given: Mapping[str, Any], *, from_text: bool = False
+) -> Options:
     """Return the options as a struct. Raise ``TypeError`` for a keyword that is not there, with the
-    nearest, and ``ValueError`` for a value that is not accepted, with what would be."""
+    nearest, and ``ValueError`` for a value that is not accepted, with what would be. ``from_text``:
+    numbers and bools may be text, as on a command line."""
     known = [field.encode_name for field in msgspec.structs.fields(options)]
     wanted = {name: as_python(value) for name, value in given.items() if name in known or name not in ALWAYS}
     if unknown := [name for name in wanted if name not in known]:
@@ -66,16 +69,18 @@ def read_options(robot: str, options: type[Options], given: Mapping[str, Any]) -
         hint = f" ({unknown[0]!r} -> {close[0]!r}?)" if close else ""
         use = f"Use {', '.join(known)}" if known else "There is none"
         raise TypeError(f"{robot}: unknown option {', '.join(unknown)}{hint}. {use}")
-    for name, value in wanted.items():
-        if isinstance(value, float) and not math.isfinite(value):
-            raise ValueError(f"{robot}: {name} is {value!r}. {_wanted(options, name)}")
     try:
-        return msgspec.convert(wanted, options)
+        read = msgspec.convert(wanted, options, strict=not from_text)
     except msgspec.ValidationError as error:
         why, _, where = str(error).rpartition(" - at `$.")
         name = where.removesuffix("`").partition("[")[0]
         shown = "not accepted" if name in secrets_of(options) else repr(wanted.get(name))
         raise ValueError(f"{robot}: {name} is {shown}. {_wanted(options, name)} ({why or error})") from None
+    for field in msgspec.structs.fields(options):
+        number, name = getattr(read, field.name), field.encode_name
+        if name in wanted and isinstance(number, float) and not math.isfinite(number):
+            raise ValueError(f"{robot}: {name} is {wanted[name]!r}. {_wanted(options, name)}")
+    return read
 
 
 def plain(options: DriverOptions) -> dict[str, Any]:

@@ -11,22 +11,14 @@ from collections.abc import Mapping
 from typing import Any, Unpack
 
 from strands_actors.drivers.booster.robots import model_of
-from strands_actors.drivers.common.twin import Start, WireLog, known_options, run_server
-from strands_actors.drivers.common.twin.dds import OPTIONS as DDS_OPTIONS
+from strands_actors.drivers.common.twin import Start, WireLog, read_twin_options, run_server
 
-from .server import BoosterServer
-
-OPTIONS = {
-    **DDS_OPTIONS,
-    "robot_name": "name that is part of its topics (default: none)",
-    "mode": "mode it wakes up in: damping, prepare, walking (default), custom, soccer",
-    "battery": "state of charge, percent (default 80)",
-}
+from .server import BoosterServer, BoosterTwinOptions
 
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
     """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    given = known_options(options, OPTIONS)
+    given = read_twin_options(robot, BoosterTwinOptions, options)
     model = model_of(robot)
 
     def build(wire_log: WireLog) -> BoosterServer:

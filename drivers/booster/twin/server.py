@@ -17,9 +17,10 @@ from __future__ import annotations
 import struct
 import time
 from collections import deque
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
+from typing import Annotated, Literal
 
+from strands_actors.contract.options import option
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.drivers.booster import protocol as p
 from strands_actors.drivers.booster import rpc
@@ -29,7 +30,7 @@ from strands_actors.drivers.booster.rpc import Api, Mode, Request, Response
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.rtps import CDR, PREFIX_SIZE, Participant
 from strands_actors.drivers.common.twin import WireLog
-from strands_actors.drivers.common.twin.dds import DdsServer
+from strands_actors.drivers.common.twin.dds import DdsOptions, DdsServer
 from strands_actors.kernel.clock import NS
 
 from .onboard import Onboard
@@ -46,16 +47,24 @@ _ARMS = slice(FIRST_ARM, LAST_ARM + 1)
 _ROW = struct.Struct(f"<{LAST_ARM + 1 - FIRST_ARM}f")
 
 
+class BoosterTwinOptions(DdsOptions, frozen=True):
+    robot_name: Annotated[str, option("name that is part of its topics; empty: none")] = ""
+    mode: Annotated[Literal["damping", "prepare", "walking", "custom", "soccer"], option("mode it wakes up in")] = (
+        "walking"
+    )
+    battery: Annotated[float, option("state of charge, percent", ge=0, le=100)] = 80.0
+
+
 class BoosterServer(DdsServer):
     """Serves one robot. Its methods are what may happen to it while it runs."""
 
-    def __init__(self, model: Model, log: WireLog, options: Mapping[str, Any]) -> None:
-        mode = Mode[str(options.get("mode", "walking")).upper()]
+    def __init__(self, model: Model, log: WireLog, options: BoosterTwinOptions) -> None:
+        mode = Mode[options.mode.upper()]
         self.onboard = Onboard(model, self.note, mode)
         super().__init__(log, options, self.onboard.body, [motor.slot for motor in model.motors])
-        self.onboard.percent = float(options.get("battery", self.onboard.percent))
+        self.onboard.percent = options.battery
         self.body = BoosterBody(self.onboard)
-        self._name = str(options.get("robot_name", ""))
+        self._name = options.robot_name
         self._told: deque[tuple[float, ...]] = deque(maxlen=LATELY)
         self._due_ns: dict[str, int] = {}  # when each of the slow topics is told next
         self._answered: dict[Api, int | None] = {}  # with which status, instead of being done; None: not at all

@@ -7,7 +7,8 @@ A wire's own ``twin.py`` is a ``Robot`` (bytes in, timed replies out) and a ``ma
 
 from .faults import Fault, Faults, Reply, parse_fault
 from .line import Line, PtyLine
-from .process import Start, known_options, run, run_server
+from .options import HostOption, NetworkOptions, TwinOptions, read_twin_options
+from .process import Start, run, run_server
 from .server import Controls, Exchange, Robot, Server, Session
 from .tcp import ClientGone, Connection, Handler, TcpServer, answering, own_host
 from .unix import UnixServer
@@ -21,7 +22,9 @@ __all__ = [
     "Fault",
     "Faults",
     "Handler",
+    "HostOption",
     "Line",
+    "NetworkOptions",
     "PtyLine",
     "Reply",
     "Robot",
@@ -29,12 +32,13 @@ __all__ = [
     "Session",
     "Start",
     "TcpServer",
+    "TwinOptions",
     "UnixServer",
     "WireLog",
     "answering",
-    "known_options",
     "own_host",
     "parse_fault",
+    "read_twin_options",
     "run",
     "run_server",
 ]

@@ -9,24 +9,27 @@ from __future__ import annotations
 import time
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import aclosing
-from typing import Any, Protocol
+from typing import Annotated, Protocol
 
+from strands_actors.contract.options import option
 from strands_actors.drivers.common.rtps import CDR, Participant, Writer
 from strands_actors.kernel.clock import NS, MonotonicClock
 
 from .faults import Fault, Faults, Reply, parse_fault
+from .options import HostOption
 from .server import Frost
 from .tcp import own_host
 from .wirelog import WireLog
 
-OPTIONS = {
-    "host": "address to serve at (default: one of its own in 127.0.0.0/8)",
-    "domain": "DDS domain (default 0)",
-    "multicast": "be found by multicast, too, as a vendor's client looks for a robot (default: false)",
-}
-"""Of every such twin."""
+
+class DdsOptions(HostOption, frozen=True):
+    """Of every such twin."""
+
+    domain: Annotated[int, option("DDS domain", ge=0)] = 0
+    multicast: Annotated[bool, option("be found by multicast, too, as a vendor's client looks for a robot")] = False
+
 
 TICK_S = 0.002
 
@@ -41,7 +44,7 @@ class Motors(Protocol):
 class DdsServer(ABC):
     """Serves one robot. Its methods are what may happen to it while it runs."""
 
-    def __init__(self, log: WireLog, options: Mapping[str, Any], motors: Motors, slots: Sequence[int]) -> None:
+    def __init__(self, log: WireLog, options: DdsOptions, motors: Motors, slots: Sequence[int]) -> None:
         """``slots``: the number of each motor, which can get stuck or lose its supply."""
         self.log = log
         self.clock = MonotonicClock()
@@ -53,9 +56,9 @@ class DdsServer(ABC):
         self._frost = Frost()
         self._held = b""  # the state that a stuck robot repeats
         self._late: deque[tuple[int, bytes]] = deque()
-        self._domain = int(options.get("domain", 0))
-        self._multicast = bool(options.get("multicast", False))
-        self._host = str(options.get("host") or own_host())
+        self._domain = options.domain
+        self._multicast = options.multicast
+        self._host = options.host or own_host()
 
     @abstractmethod
     def make_endpoints(self, participant: Participant) -> None:

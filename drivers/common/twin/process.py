@@ -79,15 +79,6 @@ class Start(TypedDict, total=False):
     """Whether the robot is driven by its wire alone; the control then serves those who look."""
 
 
-def known_options(options: Mapping[str, Any] | None, known: Mapping[str, str]) -> dict[str, Any]:
-    """Return a copy of what a twin's ``main`` was given. Raise ``ValueError`` for one it does not
-    have."""
-    given = dict(options or {})
-    if unknown := given.keys() - known.keys():
-        raise ValueError(f"no option {', '.join(sorted(unknown))}. there are {', '.join(known)}")
-    return given
-
-
 def run(robot: Robot, line: Line, *, wire_time: bool = True, **start: Unpack[Start]) -> None:
     """Serve until SIGTERM, SIGINT or ``LINGER_S`` after ``parent_fd`` reached its end. SIGUSR1
     takes the robot's power away and gives it back.

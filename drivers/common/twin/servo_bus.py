@@ -5,15 +5,17 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar, Unpack
+from typing import Annotated, Generic, NamedTuple, Protocol, TypeVar, Unpack
 
+from strands_actors.contract.options import option
 from strands_actors.drivers.common.half_duplex import Decoder, PacketT
 from strands_actors.drivers.common.jointed_body import JointedBody
 from strands_actors.drivers.common.physics import Plant
 
 from .faults import Fault, Faults, Reply
 from .line import PtyLine
-from .process import Start, known_options, run
+from .options import TwinOptions
+from .process import Start, run
 from .server import Exchange, Robot
 
 TORN_FRAME_S = 0.01
@@ -244,13 +246,11 @@ class ServoBus(ABC, Generic[ServoT, PacketT]):
             self.plant.catch_up(at_s)
 
 
-OPTIONS = {
-    "link": "path at which the serial port appears (default: in a temporary directory)",
-    "wire_time": "replies take the time a UART takes (default: true)",
-}
+class BusOptions(TwinOptions, frozen=True):
+    link: Annotated[str | None, option("path at which the serial port appears; None: a temporary one")] = None
+    wire_time: Annotated[bool, option("whether replies take the time that a UART takes")] = True
 
 
-def serve(robot: Robot, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
+def serve(robot: Robot, options: BusOptions, **start: Unpack[Start]) -> None:
     """Serve a robot on a serial port until interrupted (see ``run``)."""
-    given = known_options(options, OPTIONS)
-    run(robot, PtyLine(given.get("link")), wire_time=bool(given.get("wire_time", True)), **start)
+    run(robot, PtyLine(options.link), wire_time=options.wire_time, **start)

@@ -13,19 +13,21 @@ import random
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import aclosing
-from typing import Any, Unpack
+from typing import Annotated, Any, Literal, Unpack
 
 import trio
 
+from strands_actors.contract.options import option
 from strands_actors.drivers.common.twin import (
     Fault,
     Faults,
+    NetworkOptions,
     Reply,
     Start,
     WireLog,
-    known_options,
     own_host,
     parse_fault,
+    read_twin_options,
     run_server,
 )
 from strands_actors.drivers.common.twin.server import Frost
@@ -36,16 +38,17 @@ from .ends import End, SerialEnd, TcpEnd, UdpEnd
 from .firmware import Firmware
 from .simulated import CrazyflieBody
 
-OPTIONS = {
-    "host": "address to serve at (default: one of its own in 127.0.0.0/8)",
-    "port": "UDP or TCP port (default: any free one)",
-    "link": "udp (default), tcp or serial",
-    "loss": "share of packets that are lost, each way, 0 to 1 (default 0)",
-    "delay_s": "seconds that a packet takes, each way (default 0)",
-    "protocol": "CRTP protocol version it reports (default 12)",
-    "auto_arm": "whether it arms by itself at boot, as a drone with brushed motors does (default false)",
-    "trace": "path of a file with time, height and tilt, a line every 10 ms",
-}
+
+class CrazyflieTwinOptions(NetworkOptions, frozen=True):
+    link: Annotated[Literal["udp", "tcp", "serial"], option("what it is connected by")] = "udp"
+    loss: Annotated[float, option("share of packets that are lost, each way", ge=0, le=1)] = 0.0
+    delay_s: Annotated[float, option("seconds that a packet takes, each way", ge=0)] = 0.0
+    protocol: Annotated[int, option("CRTP protocol version it reports")] = 12
+    auto_arm: Annotated[bool, option("whether it arms by itself at boot, as a drone with brushed motors does")] = (
+        False
+    )
+    trace: Annotated[str, option("path of a file with time, height and tilt, a line every 10 ms; empty: none")] = ""
+
 
 TICK_S = 0.01
 WRONG_M = 1.0
@@ -55,26 +58,25 @@ SEED = 23
 class CrazyflieServer:
     """Serves one robot. Its methods are what may happen to it while it runs."""
 
-    def __init__(self, table: Mapping[str, Any], log: WireLog, end: End, options: Mapping[str, Any]) -> None:
+    def __init__(self, table: Mapping[str, Any], log: WireLog, end: End, options: CrazyflieTwinOptions) -> None:
         self._log = log
         self._end = end
         self._faults = Faults()
         self._frost = Frost()
         self._clock = MonotonicClock()
         self._chance = random.Random(SEED)
-        self._loss, self._delay_s = float(options.get("loss", 0.0)), float(options.get("delay_s", 0.0))
+        self._loss, self._delay_s = options.loss, options.delay_s
         self._underway: list[tuple[int, int, bool, bytes]] = []  # due, order, to the robot, packet
         self._order = itertools.count()
         self.firmware = Firmware(
             table,
             time.monotonic,
-            protocol=int(options.get("protocol", 12)),
-            auto_arm=str(options.get("auto_arm", False)).lower() in ("1", "true"),
+            protocol=options.protocol,
+            auto_arm=options.auto_arm,
             note=self._note,
         )
         self.body = CrazyflieBody(self.firmware)
-        path = options.get("trace")
-        self._trace = open(path, "w", buffering=1) if path else None  # noqa: SIM115  # closed with the twin
+        self._trace = open(options.trace, "w", buffering=1) if options.trace else None  # noqa: SIM115  # closed with the twin
 
     @property
     def address(self) -> str:
@@ -192,24 +194,20 @@ class CrazyflieServer:
             self._trace.close()
 
 
-def open_end(options: Mapping[str, Any]) -> End:
-    """Return the robot's end of the link that ``options`` ask for. Raise ``ValueError`` or
-    ``OSError``."""
-    link = str(options.get("link", "udp"))
-    host, port = str(options.get("host") or own_host()), int(options.get("port", 0))
+def open_end(options: CrazyflieTwinOptions) -> End:
+    """Return the robot's end of the link that ``options`` ask for. Raise ``OSError``."""
+    host, port = options.host or own_host(), options.port
     ends: dict[str, Callable[[], End]] = {
         "udp": lambda: UdpEnd(host, port),
         "tcp": lambda: TcpEnd(host, port),
         "serial": SerialEnd,
     }
-    if link not in ends:
-        raise ValueError(f"link is {link!r}. use one of {', '.join(ends)}")
-    return ends[link]()
+    return ends[options.link]()
 
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
     """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    given = known_options(options, OPTIONS)
+    given = read_twin_options(robot, CrazyflieTwinOptions, options)
     table = TABLES.table(robot)
 
     def build(wire_log: WireLog) -> CrazyflieServer:

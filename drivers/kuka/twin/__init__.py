@@ -20,21 +20,23 @@ import time
 from collections import deque
 from collections.abc import Mapping, Sequence
 from contextlib import aclosing, suppress
-from typing import Any, Unpack
+from typing import Annotated, Any, Unpack
 
 import trio
 from msgspec.structs import replace
 
+from strands_actors.contract.options import option
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.twin import (
     Fault,
     Faults,
     Reply,
     Start,
+    TwinOptions,
     WireLog,
-    known_options,
     own_host,
     parse_fault,
+    read_twin_options,
     run_server,
 )
 from strands_actors.drivers.common.twin.server import Frost
@@ -45,16 +47,22 @@ from strands_actors.kernel.clock import NS, MonotonicClock
 from .body import KukaBody
 from .controller import Controller
 
-OPTIONS = {
-    "host": "address to speak from (default: one of its own in 127.0.0.0/8)",
-    "port": "UDP port of both ends (default: a free one, so that twins do not meet at the client's end)",
-    "from_port": "UDP port of its own end, when it is another one",
-    "client": "address of the client (default 127.0.0.1)",
-    "sample_ms": "sample time (default 10)",
-    "multiplier": "receive multiplier: an answer is due every so many cycles (default 1)",
-    "packed": "write repeated numbers packed (default: false)",
-    "checksum": "write the checksum (default: true)",
-}
+
+class KukaTwinOptions(TwinOptions, frozen=True):
+    host: Annotated[str | None, option("address to speak from; None: one of its own in 127.0.0.0/8")] = None
+    port: Annotated[
+        int,
+        option(
+            "UDP port of both ends; 0: a free one, so that twins do not meet at the client's end", ge=0, le=65535
+        ),
+    ] = 0
+    from_port: Annotated[int | None, option("UDP port of its own end, when it is another one")] = None
+    client: Annotated[str, option("address of the client")] = "127.0.0.1"
+    sample_ms: Annotated[int, option("sample time", gt=0)] = 10
+    multiplier: Annotated[int, option("receive multiplier: an answer is due every so many cycles", gt=0)] = 1
+    packed: Annotated[bool, option("write repeated numbers packed")] = False
+    checksum: Annotated[bool, option("write the checksum")] = True
+
 
 LAST_PORT = 32767
 """Above it ports are the system's to give away."""
@@ -66,25 +74,25 @@ MODES = ("safety", "client_mode", "control_mode", "overlay")
 class KukaServer:
     """Serves one controller. Its methods are what may happen to it while it runs."""
 
-    def __init__(self, arm: Arm, log: WireLog, options: Mapping[str, Any]) -> None:
+    def __init__(self, arm: Arm, log: WireLog, options: KukaTwinOptions) -> None:
         self._log = log
         self._faults = Faults()
         self._frost = Frost()
         self._clock = MonotonicClock()
         self.controller = Controller(
             arm,
-            sample_ms=int(options.get("sample_ms", 10)),
-            multiplier=int(options.get("multiplier", 1)),
+            sample_ms=options.sample_ms,
+            multiplier=options.multiplier,
             note=self._note,
         )
         self.body = KukaBody(self.controller)
-        self._packed = bool(options.get("packed", False))
-        self._checksum = bool(options.get("checksum", True))
-        self._client = str(options.get("client", "127.0.0.1"))
+        self._packed = options.packed
+        self._checksum = options.checksum
+        self._client = options.client
         self._sock: socket.socket | None = None
         self._plugged = trio.Event()
         host, port = self._find_place(options)
-        self._place = host, int(options.get("from_port", port))
+        self._place = host, port if options.from_port is None else options.from_port
         self._peer = self._client, port
         self._last: tuple[float, ...] = ()  # positions of the answer before
         self._readings: Mapping[str, tuple[float, ...]] = {}  # of one that is stuck
@@ -97,9 +105,9 @@ class KukaServer:
 
     # -- the network
 
-    def _find_place(self, options: Mapping[str, Any]) -> tuple[str, int]:
+    def _find_place(self, options: KukaTwinOptions) -> tuple[str, int]:
         """Return an address and a port that are free at both ends. Raise ``OSError``."""
-        host, port = str(options.get("host") or own_host()), int(options.get("port", 0))
+        host, port = options.host or own_host(), options.port
         if port:
             return host, port
         for _ in range(ATTEMPTS):
@@ -242,7 +250,7 @@ def _bound(host: str, port: int) -> socket.socket:
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
     """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    given = known_options(options, OPTIONS)
+    given = read_twin_options(robot, KukaTwinOptions, options)
     arm = arm_of(robot)
 
     def build(wire_log: WireLog) -> KukaServer:

@@ -7,12 +7,21 @@ released``, ``manager MINOR_FAULT``, ``manager MAJOR_FAULT`` and ``manager ok``.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Unpack
+from typing import Annotated, Any, Unpack
 
 import trio
 
+from strands_actors.contract.options import option
 from strands_actors.drivers.common.controlled_body import LedBody
-from strands_actors.drivers.common.twin import Fault, Start, TcpServer, WireLog, known_options, run_server
+from strands_actors.drivers.common.twin import (
+    Fault,
+    HostOption,
+    Start,
+    TcpServer,
+    WireLog,
+    read_twin_options,
+    run_server,
+)
 from strands_actors.drivers.common.twin.grpc import GrpcHost
 from strands_actors.drivers.rby1.protocol import PORT, Manager, ManagerOrder
 from strands_actors.drivers.rby1.robots import TABLES
@@ -20,10 +29,10 @@ from strands_actors.drivers.rby1.robots import TABLES
 from .controller import Controller
 from .service import RBY1Service
 
-OPTIONS = {
-    "host": "address to serve at (default: one of its own in 127.0.0.0/8)",
-    "port": f"TCP port of its gRPC server (default: {PORT})",
-}
+
+class RBY1TwinOptions(HostOption, frozen=True):
+    port: Annotated[int, option("TCP port of its gRPC server; 0: any free one", ge=0, le=65535)] = PORT
+
 
 TICK_S = 0.004
 
@@ -103,11 +112,10 @@ class RBY1Server(TcpServer):
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
     """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    given = known_options(options, OPTIONS)
-    host, port = given.pop("host", None), int(given.pop("port", PORT))
+    given = read_twin_options(robot, RBY1TwinOptions, options)
     controller = Controller(TABLES.table(robot))
 
     def build(wire_log: WireLog) -> RBY1Server:
-        return RBY1Server(controller, wire_log, host, port)
+        return RBY1Server(controller, wire_log, given.host, given.port)
 
     run_server(build, **start)

@@ -9,24 +9,32 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from typing import Any, Unpack
+from typing import Annotated, Any, Unpack
 
 import trio
 
-from strands_actors.drivers.common.twin import Connection, Start, TcpServer, WireLog, known_options, run_server
+from strands_actors.contract.options import option
+from strands_actors.drivers.common.twin import (
+    Connection,
+    NetworkOptions,
+    Start,
+    TcpServer,
+    WireLog,
+    read_twin_options,
+    run_server,
+)
 from strands_actors.drivers.common.twin.grpc import GrpcHost
 
 from .mechanism import Mechanism
 from .services import SKEW_S, SpotTwin
 from .tls import TlsConnection, certificate, server_context
 
-OPTIONS = {
-    "host": "address to serve at (default: one of its own in 127.0.0.0/8)",
-    "port": "TCP port (default: any free one)",
-    "skew_s": f"seconds that its clock is ahead of the host's (default {SKEW_S:g})",
-    "sync_s": "seconds that its time sync takes (default 0)",
-    "arm": "whether it has one (default true)",
-}
+
+class SpotTwinOptions(NetworkOptions, frozen=True):
+    skew_s: Annotated[float, option("seconds that its clock is ahead of the host's")] = SKEW_S
+    sync_s: Annotated[float, option("seconds that its time sync takes", ge=0)] = 0.0
+    arm: Annotated[bool, option("whether it has one")] = True
+
 
 _TICK_S = 0.01
 
@@ -66,10 +74,9 @@ class SpotServer(TcpServer):
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
     """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    given = known_options(options, OPTIONS)
-    host, port = given.pop("host", None), int(given.pop("port", 0))
-    twin = SpotTwin(robot, time.monotonic, **given)
-    run_server(lambda log: SpotServer(twin, port, log, host), **start)
+    given = read_twin_options(robot, SpotTwinOptions, options)
+    twin = SpotTwin(robot, time.monotonic, skew_s=given.skew_s, sync_s=given.sync_s, arm=given.arm)
+    run_server(lambda log: SpotServer(twin, given.port, log, given.host), **start)
 
 
-__all__ = ["OPTIONS", "Mechanism", "SpotServer", "SpotTwin", "main"]
+__all__ = ["Mechanism", "SpotServer", "SpotTwin", "main"]

@@ -3,25 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Unpack
+from typing import Annotated, Any, Unpack
 
-from strands_actors.drivers.common.twin import Start, WireLog, known_options, run_server
+from strands_actors.contract.options import option
+from strands_actors.drivers.common.twin import Start, TwinOptions, WireLog, read_twin_options, run_server
 from strands_actors.drivers.stretch.robots import TABLES
 
 from .server import StretchServer
 from .world import World
 
-OPTIONS = {"folder": "where the folder of ports appears (default: a temporary directory)"}
+
+class StretchTwinOptions(TwinOptions, frozen=True):
+    folder: Annotated[str | None, option("where the folder of ports appears; None: a temporary one")] = None
 
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
     """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``). More control
     lines: see ``StretchServer.order``."""
-    given = known_options(options, OPTIONS)
+    given = read_twin_options(robot, StretchTwinOptions, options)
     world = World(TABLES.canonical(robot))
 
     def build(wire_log: WireLog) -> StretchServer:
-        return StretchServer(world, wire_log, given.get("folder"))
+        return StretchServer(world, wire_log, given.folder)
 
     run_server(build, **start)
 

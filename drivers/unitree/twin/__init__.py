@@ -16,13 +16,13 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping, Sequence
-from typing import Any, Unpack
+from typing import Annotated, Any, Literal, Unpack
 
+from strands_actors.contract.options import option
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.rtps import CDR, Participant, Writer
-from strands_actors.drivers.common.twin import Start, WireLog, known_options, run_server
-from strands_actors.drivers.common.twin.dds import OPTIONS as DDS_OPTIONS
-from strands_actors.drivers.common.twin.dds import DdsServer
+from strands_actors.drivers.common.twin import Start, WireLog, read_twin_options, run_server
+from strands_actors.drivers.common.twin.dds import DdsOptions, DdsServer
 from strands_actors.drivers.unitree import protocol as p
 from strands_actors.drivers.unitree import rpc
 from strands_actors.drivers.unitree.protocol import Command, CommandCodec, StateCodec
@@ -32,13 +32,16 @@ from strands_actors.kernel.clock import NS
 from .onboard import Onboard
 from .standing import StandingBody
 
-OPTIONS = {
-    **DDS_OPTIONS,
-    "silence_s": "damp after so long without a LowCmd (default 0: never)",
-    "battery": "state of charge, percent (default 80), or unknown",
-    "fsm": "FSM id it wakes up in (default 801)",
-    "simulator": "speak as Unitree's own simulator: without checksum, tick, mode_machine, services and battery",
-}
+
+class UnitreeTwinOptions(DdsOptions, frozen=True):
+    silence_s: Annotated[float, option("damp after so long without a LowCmd; 0: never", ge=0)] = 0.0
+    battery: Annotated[int | Literal["unknown"], option("state of charge, percent, or unknown")] = 80
+    fsm: Annotated[int | None, option("FSM id it wakes up in; None: the robot's own")] = None
+    simulator: Annotated[
+        bool,
+        option("speak as Unitree's own simulator: without checksum, tick, mode_machine, services and battery"),
+    ] = False
+
 
 BATTERY_EVERY = 50
 """Ticks."""
@@ -57,17 +60,16 @@ def safe_state_of(command: Command) -> str:
 class UnitreeServer(DdsServer):
     """Serves one robot. Its methods are what may happen to it while it runs."""
 
-    def __init__(self, model: Model, log: WireLog, options: Mapping[str, Any]) -> None:
+    def __init__(self, model: Model, log: WireLog, options: UnitreeTwinOptions) -> None:
         self._model = model
-        self._simulator = bool(options.get("simulator", False))
-        self.onboard = Onboard(model, self.note, float(options.get("silence_s", 0.0)), self._simulator)
+        self._simulator = options.simulator
+        self.onboard = Onboard(model, self.note, options.silence_s, self._simulator)
         super().__init__(log, options, self.onboard.body, model.slots)
         self.body = StandingBody(self.onboard)
         """At the simulation control."""
-        battery = options.get("battery", self.onboard.soc)
-        self.onboard.soc = None if battery == "unknown" else int(battery)
-        if "fsm" in options:
-            self.onboard.set_fsm(int(options["fsm"]))
+        self.onboard.soc = None if options.battery == "unknown" else options.battery
+        if options.fsm is not None:
+            self.onboard.set_fsm(options.fsm)
         self._commands = CommandCodec(model)
         self._states = StateCodec(model)
         self._answers: dict[str, Writer] = {}
@@ -171,7 +173,7 @@ class UnitreeServer(DdsServer):
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
     """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    given = known_options(options, OPTIONS)
+    given = read_twin_options(robot, UnitreeTwinOptions, options)
     model = model_of(robot)
 
     def build(wire_log: WireLog) -> UnitreeServer:

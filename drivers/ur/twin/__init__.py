@@ -9,11 +9,21 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from functools import cache
-from typing import Any, Unpack
+from typing import Annotated, Any, Unpack
 
 import trio
 
-from strands_actors.drivers.common.twin import Fault, Faults, Start, TcpServer, WireLog, known_options, run_server
+from strands_actors.contract.options import option
+from strands_actors.drivers.common.twin import (
+    Fault,
+    Faults,
+    HostOption,
+    Start,
+    TcpServer,
+    WireLog,
+    read_twin_options,
+    run_server,
+)
 from strands_actors.drivers.ur import protocol as p
 from strands_actors.drivers.ur.arms import JOINTS, arm_of
 
@@ -27,10 +37,11 @@ from .text_ports import Dashboard, ScriptPort
 STATE_HZ = 10.0
 """Of 30001 and 30002. The real-time port tells each tick."""
 
-OPTIONS = {
-    "host": "address to serve at (default: one of its own in 127.0.0.0/8; the ports are fixed)",
-    "program_start_s": "seconds from a program's text to its first line (default 0.05)",
-}
+
+class URTwinOptions(HostOption, frozen=True):
+    """The ports are fixed."""
+
+    program_start_s: Annotated[float, option("seconds from a program's text to its first line", ge=0)] = 0.05
 
 
 class Machine:
@@ -130,10 +141,10 @@ class URServer(TcpServer):
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
     """Serve an arm of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    given = known_options(options, OPTIONS)
+    given = read_twin_options(robot, URTwinOptions, options)
     arm_of(robot)
 
     def build(wire_log: WireLog) -> URServer:
-        return URServer(robot, wire_log, given.get("host"), float(given.get("program_start_s", 0.05)))
+        return URServer(robot, wire_log, given.host, given.program_start_s)
 
     run_server(build, **start)

@@ -11,10 +11,11 @@ import functools
 import socket
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, Unpack
+from typing import Annotated, Any, Unpack
 
 import trio
 
+from strands_actors.contract.options import option
 from strands_actors.drivers.common.controlled_body import LedBody
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.physics import Plant
@@ -24,13 +25,14 @@ from strands_actors.drivers.common.twin import (
     Fault,
     Faults,
     Handler,
+    HostOption,
     Reply,
     Start,
     TcpServer,
     WireLog,
     answering,
-    known_options,
     own_host,
+    read_twin_options,
     run_server,
 )
 from strands_actors.drivers.xarm import protocol as p
@@ -39,15 +41,19 @@ from strands_actors.drivers.xarm.arms import arm_of
 from .controller import TICK_HZ, Controller
 from .publisher import HZ, Publisher
 
-OPTIONS = {
-    "host": "address to serve at (default: one of its own in 127.0.0.0/8)",
-    "port": f"TCP port of its control (default: {p.CONTROL_PORT}, which the vendor's software expects; where this "
-    "user may not have it, any free one). The ports of the reports are fixed",
-    "arm_type": "type in its version string: 3, 7 or 13 (default 7)",
-    "serial": "serial number of the arm (default XF1300012345)",
-    "firmware": "version of its firmware (default 1.12.10)",
-    "speed_limit_rad_s": "joint speed limit that it tells (default 3.14159)",
-}
+
+class XArmTwinOptions(HostOption, frozen=True):
+    port: Annotated[
+        int | None,
+        option(
+            f"TCP port of its control; None: {p.CONTROL_PORT}, which the vendor's software expects, and where this "
+            "user may not have it, any free one. The ports of the reports are fixed"
+        ),
+    ] = None
+    arm_type: Annotated[int, option("type in its version string: 3, 7 or 13")] = 7
+    serial: Annotated[str, option("serial number of the arm")] = "XF1300012345"
+    firmware: Annotated[str, option("version of its firmware")] = "1.12.10"
+    speed_limit_rad_s: Annotated[float, option("joint speed limit that it tells", gt=0)] = 3.14159
 
 
 class Machine:
@@ -196,13 +202,17 @@ def controller_of(
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
     """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    given = known_options(options, OPTIONS)
-    host = given.pop("host", None)
-    port = int(given.pop("port", p.CONTROL_PORT if may_bind(p.CONTROL_PORT) else 0))
-    kinds = {"arm_type": int, "speed_limit_rad_s": float}
-    controller = controller_of(robot, **{name: kinds.get(name, str)(value) for name, value in given.items()})
+    given = read_twin_options(robot, XArmTwinOptions, options)
+    port = (p.CONTROL_PORT if may_bind(p.CONTROL_PORT) else 0) if given.port is None else given.port
+    controller = controller_of(
+        robot,
+        arm_type=given.arm_type,
+        serial=given.serial,
+        firmware=given.firmware,
+        speed_limit_rad_s=given.speed_limit_rad_s,
+    )
 
     def build(wire_log: WireLog) -> XArmServer:
-        return XArmServer(controller, wire_log, host, port)
+        return XArmServer(controller, wire_log, given.host, port)
 
     run_server(build, **start)

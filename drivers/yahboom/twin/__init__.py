@@ -6,11 +6,21 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
-from typing import Any, Unpack
+from typing import Annotated, Any, Unpack
 
+from strands_actors.contract.options import option
 from strands_actors.drivers.common.simulation_control.body import Felt, Hand
 from strands_actors.drivers.common.simulation_control.protocol import TIMESTEP_S
-from strands_actors.drivers.common.twin import Fault, Faults, Start, TcpServer, WireLog, known_options, run_server
+from strands_actors.drivers.common.twin import (
+    Fault,
+    Faults,
+    NetworkOptions,
+    Start,
+    TcpServer,
+    WireLog,
+    read_twin_options,
+    run_server,
+)
 from strands_actors.drivers.common.twin.websocket import serving_websocket
 from strands_actors.drivers.yahboom.messages import REST, Twist
 from strands_actors.drivers.yahboom.robots import ARM_JOINTS, BASE, TABLES, table_of
@@ -18,12 +28,13 @@ from strands_actors.drivers.yahboom.robots import ARM_JOINTS, BASE, TABLES, tabl
 from .bridge import Graph, Session, serving
 from .mechanism import Mechanism
 
-OPTIONS = {
-    "host": "address to serve at (default: one of its own in 127.0.0.0/8)",
-    "port": "TCP port (default: any free one)",
-    "watchdog_s": "seconds without a command after which the base's firmware zeroes it; 0: never (default 0.3)",
-    "joints": "whether /joint_states is published, as the robot itself does not (default true)",
-}
+
+class M3ProTwinOptions(NetworkOptions, frozen=True):
+    watchdog_s: Annotated[
+        float | None,
+        option("seconds without a command after which the base's firmware zeroes it; 0: never; None: the robot's"),
+    ] = None
+    joints: Annotated[bool, option("whether /joint_states is published, as the robot itself does not")] = True
 
 
 class M3ProTwin:
@@ -124,13 +135,12 @@ class M3ProBody:
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
     """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    given = known_options(options, OPTIONS)
-    host, port = given.pop("host", None), int(given.pop("port", 0))
-    twin = M3ProTwin(robot, **given)
+    given = read_twin_options(robot, M3ProTwinOptions, options)
+    twin = M3ProTwin(robot, watchdog_s=given.watchdog_s, joints=given.joints)
 
     def build(wire_log: WireLog) -> TcpServer:
         serve = serving(twin.graph)
-        return TcpServer(twin, {port: serving_websocket(lambda path: serve)}, wire_log, host)
+        return TcpServer(twin, {given.port: serving_websocket(lambda path: serve)}, wire_log, given.host)
 
     run_server(build, **start)
 

@@ -67,7 +67,7 @@ def test_the_command_serves_a_twin_of_the_version_it_is_told(cli: Command, tmp_p
 
 @pytest.mark.parametrize(
     ("option", "said"),
-    [("fci=4", "There are 5, 10"), ("fci", "'fci' is not KEY=VALUE"), ("speed=1", "there are fci")],
+    [("fci=4", "There are 5, 10"), ("fci", "'fci' is not KEY=VALUE"), ("speed=1", "Use host, fci, tick_wait_ms")],
 )
 def test_options_that_a_twin_does_not_have(cli: Command, tmp_path: Path, option: str, said: str) -> None:
     done = cli.run("twin", "panda", "--port-file", str(tmp_path / "port"), "--option", option)

@@ -10,7 +10,7 @@ import trio
 
 from strands_actors.contract.wire import MotorReport, WireDown
 from strands_actors.drivers.common.twin import Fault
-from strands_actors.drivers.kinova.base import Base, CallFailed, Session
+from strands_actors.drivers.kinova.base import Base, CallFailed, Second, Session
 from strands_actors.drivers.kinova.client import KortexClient, Page
 from strands_actors.drivers.kinova.protocol import ArmState, Call, Frame, SubError
 from strands_actors.drivers.kinova.stop_channel import KinovaStopChannel
@@ -297,8 +297,8 @@ def wires(rig: Rig, channel: KinovaStopChannel) -> None:
     channel._wires = KortexClient(rig.ports[0], "the wire's", rig.clock, page)
 
 
-@pytest.mark.parametrize("second", ["accepted", "refused", "powerless"])
-def test_saf_003_every_base_is_stopped_when_the_wire_is_gone(second: str) -> None:
+@pytest.mark.parametrize("second", Second)
+def test_saf_003_every_base_is_stopped_when_the_wire_is_gone(second: Second) -> None:
     async def main() -> None:
         rig = Rig(second=second)
         await rig.wire.open()
@@ -314,7 +314,7 @@ def test_saf_003_every_base_is_stopped_when_the_wire_is_gone(second: str) -> Non
             began_s = trio.current_time()
             reports = await channel.make_safe("stop")
             assert next(frame.message for _, frame in rig.told if frame.session == 1) == last + 1
-            assert rig.stops() == [began_s] * (1 if second == "refused" else 2)
+            assert rig.stops() == [began_s] * (1 if second is Second.REFUSED else 2)
             assert all_safe(reports), reports
             assert rig.velocity < 0.01
             assert rig.twin.base.state is ArmState.SERVOING_READY, "no emergency stop was needed"
@@ -366,7 +366,7 @@ def test_a_lost_own_session_is_made_anew() -> None:
 
 def test_without_any_way_the_link_does_not_count_as_up() -> None:
     async def main() -> None:
-        rig = await Rig(second="refused").armed()
+        rig = await Rig(second=Second.REFUSED).armed()
         with pytest.raises(ExceptionGroup) as failure:
             async with served(rig.stop_channel()):
                 pass

@@ -12,11 +12,12 @@ import trio
 
 from strands_actors.contract.wire import MotorReport, PermitDenied
 from strands_actors.drivers.common.twin import WireLog as TwinLog
+from strands_actors.drivers.common.twin import read_twin_options
 from strands_actors.drivers.kuka.driver import Kuka
 from strands_actors.drivers.kuka.protocol import State
 from strands_actors.drivers.kuka.robots import arm_of
 from strands_actors.drivers.kuka.stop_channel import KukaStopChannel
-from strands_actors.drivers.kuka.twin import KukaServer
+from strands_actors.drivers.kuka.twin import KukaServer, KukaTwinOptions
 from strands_actors.drivers.kuka.wire import KukaWire
 from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.kernel.health.realtime import WIRE_PRIORITY, run_first, run_like_others
@@ -130,7 +131,11 @@ def on_a_twin(
 ) -> None:
     async def main() -> None:
         path = tmp_path / "wire.ndjson"
-        server = KukaServer(arm_of("kuka_iiwa"), TwinLog(str(path)), {"sample_ms": 5, **(options or {})})
+        server = KukaServer(
+            arm_of("kuka_iiwa"),
+            TwinLog(str(path)),
+            read_twin_options("kuka_iiwa", KukaTwinOptions, {"sample_ms": 5, **(options or {})}),
+        )
         async with trio.open_nursery() as nursery:
             server.plug()
             nursery.start_soon(server.serve)

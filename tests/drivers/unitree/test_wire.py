@@ -22,7 +22,7 @@ from strands_actors.drivers.unitree.link import MAX_PENDING, Link, Service
 from strands_actors.drivers.unitree.protocol import State, StateCodec
 from strands_actors.drivers.unitree.robots import model_of
 from strands_actors.drivers.unitree.safing import bring_down
-from strands_actors.drivers.unitree.twin import UnitreeServer
+from strands_actors.drivers.unitree.twin import UnitreeServer, UnitreeTwinOptions
 from strands_actors.drivers.unitree.wire import MAY_LET_GO, UnitreeWire, _Session
 from strands_actors.kernel.clock import NS, MonotonicClock
 from strands_actors.kernel.messages import Refused
@@ -279,7 +279,7 @@ def test_saf_005_a_release_that_was_refused_may_still_be_carried_out(monkeypatch
     """It is asked for once, however long the robot takes, and whatever becomes of the link."""
     monkeypatch.setattr(wire_module, "RELEASE_S", 0.4)
     model = model_of("unitree_go2")
-    server = UnitreeServer(model, WireLog(None), {})
+    server = UnitreeServer(model, WireLog(None), UnitreeTwinOptions())
     late: list[tuple[str, memoryview, int]] = []
     carry_out = server._on_request
 
