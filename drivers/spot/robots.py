@@ -42,7 +42,7 @@ def parts_of(table: Mapping[str, Any]) -> tuple[Part, ...]:
         for number, (key, limit) in enumerate(speeds.items(), 1)
     )
     joints = tuple(
-        Axis(key=key, unit="rad", low=low, high=high, speed=float(table["arm_rad_s"]), id=number)
+        Axis(key=key, unit="rad", low=low, high=high, speed=float(table["arm_rad_s"]), id=number, optional=True)
         for number, (key, (low, high)) in enumerate(table["joints_rad"].items(), len(base) + 1)
     )
     return Part(PartKind.BASE, base), Part(PartKind.ARM, joints[:-1]), Part(PartKind.GRIPPER, joints[-1:])

@@ -53,6 +53,7 @@ class Axis(msgspec.Struct, frozen=True, kw_only=True):
     rest: float = 0.0  # of a velocity axis: what it does when nobody commands it
     sign: float = 1.0  # number on the wire = sign * value
     id: int = 0  # of its motor, joint or register on the wire
+    optional: bool = False  # not every robot of this name has it; without it, it reads NaN
 
     @property
     def label(self) -> str:

@@ -20,8 +20,8 @@ def ms(value: float) -> int:
 class Robot:
     """Tells an assembler what happened, in milliseconds."""
 
-    def __init__(self) -> None:
-        self.assembler = Assembler(AXES, 0.1)
+    def __init__(self, axes: Axes = AXES) -> None:
+        self.assembler = Assembler(axes, 0.1)
 
     def sees(self, at: float, a: float | None, v: float = 0.0, oldest: float | None = None) -> None:
         oldest_ns = ms(at if oldest is None else oldest)
@@ -52,6 +52,25 @@ def test_a_frame_has_the_state_of_its_moment_and_what_was_decided_after_it() -> 
     assert row.state == (1.0, 0.0) and row.action == (6.0, 0.5)
     assert row.requested == (7.0, 0.5), "what was asked, not what the gate made of it"
     assert row.age_ms == (10.0,) and row.stale == () and row.gap == 0
+
+
+def test_an_axis_that_the_robot_may_lack_is_left_out_when_it_was_never_read() -> None:
+    robot = Robot(Axes(("a", "v", "claw"), frozenset({"v"}), ("rad", "m/s", "%"), frozenset({"claw"})))
+    robot.sees(990, 1.0)
+    assert robot.assembler.has_state(ms(1000)) and not robot.assembler.has_all
+    assert robot.assembler.leave_out_absent() == Axes(
+        ("a", "v"), frozenset({"v"}), ("rad", "m/s"), frozenset({"claw"})
+    )
+    assert robot.assembler.has_all and robot.rows(1000)[0].state == (1.0, 0.0)
+
+
+def test_an_axis_that_was_read_once_is_the_robots_and_a_reading_without_it_is_no_state() -> None:
+    robot = Robot(Axes(("a", "v"), frozenset({"v"}), optional=frozenset({"a"})))
+    robot.sees(980, 1.0)
+    robot.sees(990, None)
+    assert robot.assembler.has_all and robot.assembler.unread == ("a",)
+    assert robot.assembler.leave_out_absent().keys == ("a", "v")
+    assert robot.rows(1000)[0].state == (1.0, 0.0), "the state before"
 
 
 def test_a_frame_waits_for_the_journal_but_not_for_ever() -> None:

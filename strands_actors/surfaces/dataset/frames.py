@@ -8,7 +8,7 @@ the journal has come as far as the next one.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import TypeVar
 
 import msgspec
@@ -34,15 +34,21 @@ MOVING = ("armed",)
 
 class Axes(msgspec.Struct, frozen=True):
     """The robot's axes, in order. ``velocities``: those whose number is a speed; ``units``: of each,
-    where its driver says them."""
+    where its driver says them; ``optional``: those that not every robot of this name has."""
 
     keys: tuple[str, ...]
     velocities: frozenset[str] = frozenset()
     units: tuple[str, ...] = ()
+    optional: frozenset[str] = frozenset()
 
     @property
     def joints(self) -> tuple[str, ...]:
         return tuple(f"{key}.{'vel' if key in self.velocities else 'pos'}" for key in self.keys)
+
+    def without(self, absent: Collection[str]) -> Axes:
+        kept = [at for at, key in enumerate(self.keys) if key not in absent]
+        units = tuple(self.units[at] for at in kept) if self.units else ()
+        return msgspec.structs.replace(self, keys=tuple(self.keys[at] for at in kept), units=units)
 
 
 class Due(msgspec.Struct, frozen=True):
@@ -91,6 +97,7 @@ class Assembler:
 
     def __init__(self, axes: Axes, period_s: float) -> None:
         self._axes = axes
+        self._absent = axes.optional.intersection(axes.keys)  # optional ones that were never read
         self._period_ns = round(period_s * NS)
         self._states: _History[tuple[dict[str, float], int]] = _History()  # with when the oldest was read
         self._wanted: _History[_Wanted] = _History()
@@ -128,7 +135,8 @@ class Assembler:
 
     def _see(self, row: Seen) -> None:
         known = _numbers(row.position)
-        self.unread = tuple(key for key in self._axes.keys if key not in known)
+        self._absent = self._absent.difference(known)
+        self.unread = tuple(key for key in self._axes.keys if key not in known and key not in self._absent)
         if not self.unread:
             self._states.put(row.t_ns, (known, row.oldest_ns or row.t_ns))
 
@@ -148,6 +156,18 @@ class Assembler:
             self._wanted.put(at_ns, _Wanted(target, target | asked))
         elif before.target is not None or asked:
             self._wanted.put(at_ns, _Wanted(before.target, before.requested | asked))
+
+    @property
+    def has_all(self) -> bool:
+        """Whether each axis was read at least once."""
+        return not self._absent
+
+    def leave_out_absent(self) -> Axes:
+        """From now on the robot has no axis that it may lack and that was never read. Return those that
+        it has."""
+        self._axes = self._axes.without(self._absent)
+        self._absent = frozenset()
+        return self._axes
 
     def has_state(self, now_ns: int) -> bool:
         """Whether the robot is read."""

@@ -38,6 +38,9 @@ LEAST_FREE_BYTES = 256 << 20
 """No episode begins with less on the disk."""
 FIRST_S = 10.0
 """How long to wait for the robot's first state."""
+ABSENT_S = 1.0
+"""An axis that a robot may lack, and that its first states for so long are without, it has not. One
+alone is no proof."""
 PRESSED_NS = NS
 """A key that was pressed longer ago is not obeyed: who pressed it has seen that it was not."""
 LEAVE_S = 20.0
@@ -146,7 +149,7 @@ class Session:
         self._finished = 0
         self._episode: StagedEpisode | None = None  # the worker's
         self._shown: dict[str, tuple[Picture, int]] = {}
-        self._began_ns = self._last_ns = 0
+        self._began_ns = self._last_ns = self._first_ns = 0
         self._frames = self._gaps = self._late = 0  # of the running episode
         self._seen = 0  # frames of the last second
         self.saved: list[Episode] = []
@@ -154,18 +157,9 @@ class Session:
     # -- the sink
 
     def open_sink(self, attached: Attached) -> Session:
-        axes = axes_of(attached)
-        layout = Layout(
-            f"strands_{attached.driver['robot']}",
-            self._order.fps,
-            axes.joints,
-            self._shapes,
-            self._dataset.codec_for(self._order.codec),
-            axes.units,
-        )
-        self._layout = self._dataset.require(layout)
+        self._kind = f"strands_{attached.driver['robot']}"
         self._view = View("wire", attached.axes, 0)
-        self._assembler = Assembler(axes, self._period_ns / NS)
+        self._assembler = Assembler(axes_of(attached), self._period_ns / NS)
         self._opened_ns = self._clock.now_ns()
         return self
 
@@ -238,6 +232,8 @@ class Session:
             return "the last episode is being saved"
         if not self._assembler.has_state(self._clock.now_ns()):
             return self._nothing_read()
+        if not self.is_ready:
+            return f"it is not known yet which axes {self._order.robot} has. try again in {ABSENT_S:g} s"
         if dark := [name for name, reader in self._cameras.items() if frame_of(reader.newest()) is None]:
             return f"no picture of {', '.join(dark)}"
         try:
@@ -320,10 +316,24 @@ class Session:
 
     def _look_whether_ready(self, now_ns: int) -> None:
         if self._assembler.has_state(now_ns):
+            self._first_ns = self._first_ns or now_ns
+            if not self._assembler.has_all and now_ns - self._first_ns < ABSENT_S * NS:
+                return
+            try:
+                self._layout = self._layout_of(self._assembler.leave_out_absent())
+            except DatasetError as refused:
+                self._fail(refused)
+                return
             self.is_ready = True
             self._tell(Event("ready", self._number, text=self._about()))
         elif now_ns - self._opened_ns > FIRST_S * NS:
             self._fail(DatasetError(self._nothing_read()))
+
+    def _layout_of(self, axes: Axes) -> Layout:
+        codec = self._dataset.codec_for(self._order.codec)
+        return self._dataset.require(
+            Layout(self._kind, self._order.fps, axes.joints, self._shapes, codec, axes.units)
+        )
 
     def _nothing_read(self) -> str:
         unread = ", ".join(self._assembler.unread)
@@ -443,6 +453,7 @@ def axes_of(attached: Attached) -> Axes:
         attached.axes,
         frozenset(axis.key for axis in table if axis.mode is AxisMode.VELOCITY),
         tuple(units[key] for key in attached.axes) if units.keys() >= set(attached.axes) else (),
+        frozenset(axis.key for axis in table if axis.optional),
     )
 
 
