@@ -171,6 +171,12 @@ def test_a_copy_replaces_nothing(root: Path, tmp_path: Path) -> None:
         compact(root, root)
     with pytest.raises(DatasetError, match="is no dataset"):
         compact(tmp_path / "none", tmp_path / "copy")
+    theirs = tmp_path / "copy.staged/notes.txt"
+    theirs.parent.mkdir()
+    theirs.write_text("mine")
+    with pytest.raises(DatasetError, match="another copy is being made there, or one was ended"):
+        compact(root, tmp_path / "copy")
+    assert theirs.read_text() == "mine" and not (tmp_path / "copy").exists()
 
 
 def test_a_copy_beside_a_recorder_has_the_figures_of_its_own_episodes(

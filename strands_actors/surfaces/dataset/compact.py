@@ -40,7 +40,8 @@ Group = list[int]
 
 
 def compact(root: Path, copy: Path, storage: Storage | None = None) -> Compacted:
-    """Raise ``DatasetError`` when there is no dataset, or something is in the copy's place."""
+    """Raise ``DatasetError`` when there is no dataset, or something is in the place of the copy, or of
+    its folder until it is whole."""
     storage = storage or Storage()
     index = Index(root)
     if index.info is None:
@@ -48,8 +49,11 @@ def compact(root: Path, copy: Path, storage: Storage | None = None) -> Compacted
     if copy.exists():
         raise DatasetError(f"{copy} is there already. give another name, or remove it")
     staged = copy.with_name(copy.name + STAGED_SUFFIX)
-    storage.remove(staged)  # of a run that was ended
-    staged.mkdir(parents=True)
+    try:
+        staged.mkdir(parents=True)
+    except FileExistsError:
+        why = "another copy is being made there, or one was ended"
+        raise DatasetError(f"{staged} is there already: {why}. give another name, or remove it") from None
     try:
         return _copy(index, staged, copy, storage)
     except BaseException:
