@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import ipaddress
 import os
+import re
 from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
 from pathlib import Path
@@ -30,7 +31,8 @@ from .access import access_control, only, own_prefix
 from .certificate import common_name
 
 ENVIRONMENT = "STRANDS_ACTORS_MESH"
-PROTOCOLS = ("tcp", "tls", "unixsock-stream")
+SOCKET = "unixsock-stream"
+"""Of this user, on this host."""
 
 MAX_OPERATOR = 40
 """Characters of an operator's name: it begins the names of its senders."""
@@ -170,7 +172,8 @@ class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def _check_endpoint(self, endpoint: str, words: _Words) -> None:
         protocol, _, address = endpoint.partition("/")
-        if protocol not in PROTOCOLS or not address:
+        fits = _has_port(address) if protocol in ("tcp", "tls") else protocol == SOCKET and address
+        if not fits:
             raise ValueError(f"mesh: {endpoint!r} is no endpoint. give one like tls/0.0.0.0:7447")
         if protocol == "tls" and self.tls is None:
             raise ValueError(f"mesh: {endpoint} needs certificates: {words.tls}")
@@ -272,6 +275,12 @@ def _are_names(given: object) -> bool:
 
 def _list(names: str | Sequence[str]) -> list[str]:
     return [names] if isinstance(names, str) else list(names)
+
+
+def _has_port(address: str) -> bool:
+    """Return whether it is ``host:port``; zenoh's settings of a link may follow."""
+    host, _, port = re.split("[?#]", address, maxsplit=1)[0].rpartition(":")
+    return bool(host) and port.isascii() and port.isdigit() and int(port) <= 65535
 
 
 def _is_loopback(address: str) -> bool:
