@@ -18,7 +18,8 @@ from strands_actors.kernel.processes.limits import PolicyLimits, limits_of
 from strands_actors.surfaces.mesh import TLS, MeshConfig, estop
 from strands_actors.surfaces.mesh.keys import make
 from strands_actors.testing import Twin
-from tests.answers import json_of, task_ended, until
+from tests.answers import json_of, task_ended
+from tests.trees import begin_moving
 
 from .curious import Curious
 from .helpers import limps
@@ -104,8 +105,11 @@ def test_saf_017_a_policy_that_runs_as_another_user_cannot_come_back(twin: Twin)
         assert (found["uid"], found["can_be_root"]) == (nobody.pw_uid, False)
         assert 0 not in found["groups"]
         assert found["environment"]["USER"] == "nobody"
-        json_of(arm.start_task("on", policy_provider=WHERE, duration=60.0, into=str(into), secret=SECRET))
-        until(lambda: json_of(arm.get_task_status())["steps"] > 3, "it writes")
+        begin_moving(
+            arm,
+            lambda: arm.start_task("on", policy_provider=WHERE, duration=60.0, into=str(into), secret=SECRET),
+            lambda told, _: told["steps"] > 3,
+        )
         (outcome,) = estop(by="the button", within_s=5.0)
         assert outcome.outcome == "safe"
         assert task_ended(arm)["exit_reason"] == "stop"

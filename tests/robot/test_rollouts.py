@@ -8,6 +8,7 @@ import threading
 import time
 import weakref
 from collections.abc import Callable, Iterator, Mapping
+from typing import Any
 
 import pytest
 import trio
@@ -249,8 +250,7 @@ def test_of_many_that_start_a_rollout_at_once_one_gets_it(arm: RealRobot) -> Non
 
 
 def test_stop_task_holds_and_gives_the_robot_back(arm: RealRobot, twin: Twin) -> None:
-    json_of(arm.run_policy(ahead, "forward"))
-    until(lambda: task(arm)["steps"] > 5, "it moves")
+    begin_moving(arm, lambda: arm.run_policy(ahead, "forward"), lambda told, _: told["steps"] > 5)
     began_ns = time.monotonic_ns()
     ended = json_of(arm.stop_task())
     assert (ended["running"], ended["exit_reason"]) == (False, "stopped")
@@ -370,10 +370,13 @@ def test_stop_ends_a_healthy_rollout_for_good(arm: RealRobot, twin: Twin) -> Non
 
 @pytest.mark.parametrize("provider", ["mock", "sine"])
 def test_a_named_policy_runs_in_a_process_of_its_own(arm: RealRobot, twin: Twin, provider: str) -> None:
-    begun = json_of(arm.start_task("wave", policy_provider=provider))
-    assert begun.keys() == TASK_KEYS
-    assert begun["running"] is True
-    until(lambda: task(arm)["steps"] >= 8, "it moves")
+    def begin() -> Mapping[str, Any]:
+        answer = arm.start_task("wave", policy_provider=provider)
+        begun = json_of(answer)
+        assert begun.keys() == TASK_KEYS and begun["running"] is True
+        return answer
+
+    begin_moving(arm, begin, lambda told, _: told["steps"] >= 8)
     assert pids(arm).keys() >= {"root", "wire", "policy"}
     assert "already running" in why(arm.run_policy(ahead))
     stopped_ns = time.monotonic_ns()

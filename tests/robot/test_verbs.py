@@ -11,6 +11,7 @@ import os
 import signal
 import threading
 import time
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from strands_actors.caller.robot import RealRobot
 from strands_actors.drivers.feetech import protocol as p
 from strands_actors.testing import Twin
 from tests.answers import json_of, pids, state, status, task, until, why
+from tests.trees import begin_moving
 
 from .conftest import NewArm
 from .helpers import (
@@ -259,11 +261,13 @@ def test_a_wire_that_dies_while_it_arms_is_told_soon(twin: Twin, new_arm: NewArm
 @pytest.mark.parametrize("named", [False, True])
 def test_after_a_resume_the_robot_is_the_callers(arm: RealRobot, named: bool) -> None:
     """The rollout of before has lost its lease with the wire, even if it has not noticed yet."""
-    if named:
-        json_of(arm.start_task("wave", policy_provider="sine", duration=60.0))
-    else:
-        json_of(arm.run_policy(lambda seen: {"shoulder_pan": seen["shoulder_pan"]}, duration=60.0))
-    until(lambda: task(arm)["steps"] > 0, "it runs")
+
+    def begin() -> Mapping[str, Any]:
+        if named:
+            return arm.start_task("wave", policy_provider="sine", duration=60.0)
+        return arm.run_policy(lambda seen: {"shoulder_pan": seen["shoulder_pan"]}, duration=60.0)
+
+    begin_moving(arm, begin, lambda told, _: told["steps"] > 0)
     known = pids(arm)
     if named:
         os.kill(known["policy"], signal.SIGSTOP)  # so that it cannot notice

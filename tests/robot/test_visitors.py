@@ -28,6 +28,7 @@ from strands_actors.supervisors.root.messages import Rollout, Shutdown, StartTas
 from strands_actors.supervisors.wire.messages import Write
 from strands_actors.testing import Twin
 from tests.answers import json_of, pids, state, status, until
+from tests.trees import begin_moving
 
 from .helpers import COUNTS_PER_DEGREE, IDS, goals, limps
 
@@ -216,8 +217,11 @@ def test_saf_017_a_visitor_does_not_write_as_the_policy_that_runs(
     json_of(arm.send_action({"shoulder_pan": 0.0}))
     began_ns = time.monotonic_ns()
     with visitor(run_dir) as it:
-        json_of(arm.start_task("wave", policy_provider="sine", duration=30.0, amplitude=5.0))
-        until(lambda: json_of(arm.get_task_status())["steps"] > 5, "the policy writes")
+        begin_moving(
+            arm,
+            lambda: arm.start_task("wave", policy_provider="sine", duration=30.0, amplitude=5.0),
+            lambda told, _: told["steps"] > 5,
+        )
         lease = lease_of(arm)
         for number in range(lease.id >> 32, (lease.id >> 32) + 3):
             for epoch in range(lease.epoch, lease.epoch + 2):
