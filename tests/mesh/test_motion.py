@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 import trio
 
 from strands_actors.contract.driver import Reason, Timing
-from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.messages import Message, Refused
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.gate.messages import Accepted, Acquire, Beat, Lease, Resume, Setpoint, Stop
 from strands_actors.supervisors.mesh.motion import Motion
@@ -161,5 +162,29 @@ def test_what_comes_while_a_pose_is_being_held_waits_for_that() -> None:
             async with control(client, robot) as arm:
                 told = await arm.send_action({"a": 0.5}, ttl_s=0.5)
                 assert not isinstance(told, Refused), told
+
+    run(test)
+
+
+def test_saf_001_a_pose_that_comes_as_the_one_before_ends_is_kept_for_its_own_time() -> None:
+    """The gate has accepted it in time, and its answer comes when the one before is over."""
+
+    async def test() -> None:
+        async with robot_on_mesh() as (robot, tree, _), mesh() as client:
+            motion: Any = tree.node.cells[addresses.of(robot).commands].actor._motion  # type: ignore[attr-defined]
+            ask = motion._gate.ask
+
+            async def ask_slowly(message: Message, within_s: float) -> Any:
+                answer = await ask(message, within_s)
+                await trio.sleep(0.7 if isinstance(message, Setpoint) else 0.0)
+                return answer
+
+            await _begin(client, robot, 1.0)
+            motion._gate = SimpleNamespace(ask=ask_slowly, tell=motion._gate.tell)
+            await trio.sleep(0.5)
+            sent = time.monotonic()
+            await _begin(client, robot, 1.2)
+            await tree.until("holding")
+            assert time.monotonic() >= sent + 1.2, "it was ended with the one before"
 
     run(test)
