@@ -34,6 +34,7 @@ from strands_actors.surfaces.recording import RecordingError, read, record, repl
 from strands_actors.surfaces.recording.code import build_driver
 from strands_actors.testing import WireLog
 from tests.answers import pids, until
+from tests.trees import armed
 
 PATIENCE_S = 60.0
 PROGRAM = "from strands_actors.surfaces.cli import main; main()"
@@ -86,11 +87,12 @@ def steps_of(arm: RealRobot) -> int:
 
 
 def roll_out(arm: RealRobot, steps: int) -> None:
-    """A policy in a process of its own. On a busy machine it may be late, and end: then it is
-    started again."""
+    """A policy in a process of its own. On a busy machine it, or the wire process, may be late, and
+    end: then it is started again."""
 
     def far_enough() -> bool:
         if steps_of(arm) < 0:
+            armed(arm)
             arm.start_task("wave", policy_provider="mock", duration=60.0)
         return steps_of(arm) >= steps
 

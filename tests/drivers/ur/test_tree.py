@@ -214,7 +214,13 @@ def test_a_stop_of_the_controllers_own(
     meets with a setpoint on its way is a fault, which disarms."""
     twin.order(order)
     ended = task_ended(moving)
-    assert ended["exit_reason"] in ("gate", "stop"), "a setpoint that was prepared before the robot was disarmed"
+    if "no action for" in (ended["exit_detail"] or ""):  # a busy machine was faster: it kept the policy waiting
+        for line in undo:
+            twin.order(line)
+        set_moving(moving, twin.log, wave)
+        twin.order(order)
+        ended = task_ended(moving)
+    assert ended["exit_reason"] in ("gate", "stop"), ended
     until(lambda: _says(why(nudge(moving)), name, "is disarmed ("), "it is refused, and why")
     for line in undo:
         twin.order(line)
