@@ -21,8 +21,7 @@ from strands_actors import Robot
 from strands_actors.drivers.plain.lerobot.types import TYPES, missing
 from strands_actors.surfaces.cli.robots import show_robots
 from strands_actors.testing import Twin
-from tests.answers import json_of, state, status, until, why
-from tests.drivers.plain.rig import pid_of
+from tests.answers import json_of, pids, state, status, until, why
 
 from .calibration import NAME, write
 
@@ -92,7 +91,7 @@ def test_it_moves_is_refused_is_stopped_and_goes_on_after_its_wire_was_killed(ar
     json_of(robot.resume())
     json_of(robot.send_action({"shoulder_pan": goal}))
     killed_ns = time.monotonic_ns()
-    os.kill(pid_of(robot, "wire"), signal.SIGKILL)
+    os.kill(pids(robot)["wire"], signal.SIGKILL)
     until(lambda: twin.log.first_safe(killed_ns), "it is limp")
     until(lambda: status(robot)["connected"] and state(robot) == "disarmed", "there is another wire", LONG_S)
     twin.log.no_setpoint_after_safe(killed_ns)
