@@ -28,8 +28,7 @@ from strands_actors import Robot, estop
 from strands_actors.caller.robot import RealRobot
 from strands_actors.drivers.reachy import protocol as p
 from strands_actors.testing import Twin
-from tests.answers import json_of, state, status, until, why
-from tests.drivers.plain.rig import pid_of
+from tests.answers import json_of, pids, state, status, until, why
 from tests.drivers.reachy.test_cameras import Media
 from tests.drivers.yahboom.rig import judge_client
 
@@ -229,7 +228,7 @@ def test_saf_003_a_wire_that_dies_or_freezes_leaves_a_robot_that_stands(
     reachy: RealRobot, daemon: Daemon, fault: signal.Signals
 ) -> None:
     move(reachy, daemon)
-    os.kill(pid_of(reachy, "wire"), fault)
+    os.kill(pids(reachy)["wire"], fault)
     daemon.stands()
     assert abs(daemon.left_antenna()) < 2.0, "it was stopped on its way, 2.09 rad"
     until(lambda: state(reachy) == "disarmed", "another wire is there, and nothing goes on", LONG_S)
