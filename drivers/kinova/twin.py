@@ -22,6 +22,7 @@ from strands_actors.drivers.common.twin import (
     Fault,
     Faults,
     NetworkOptions,
+    Port,
     Reply,
     Start,
     TcpServer,
@@ -37,7 +38,7 @@ from .robots import TABLES
 
 
 class KinovaTwinOptions(NetworkOptions, frozen=True):
-    port: Annotated[int, option("TCP port; 0: any free one", ge=0, le=65535)] = p.TCP_PORT
+    port: Port = p.TCP_PORT
     username: Annotated[str, option("of those who may open a session")] = "admin"
     password: Annotated[str, option("theirs")] = "admin"
     second: Annotated[Second, option(f"what becomes of a second session: {', '.join(Second)}")] = Second.ACCEPTED

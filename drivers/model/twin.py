@@ -70,7 +70,7 @@ def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpac
     """Simulate the model at ``options["model"]`` until interrupted. Raise ``ValueError``."""
     given = read_twin_options(robot, ModelTwinOptions, options)
     if not given.model:
-        raise ValueError(f"{robot}: it needs a model: {'model=PATH'} of an MJCF or URDF")
+        raise ValueError(f"{robot}: it needs a model. give model=PATH, of an MJCF or URDF")
     read = read_model(given.model)
 
     def build(wire_log: WireLog) -> ModelServer:

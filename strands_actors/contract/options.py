@@ -56,14 +56,24 @@ def meanings(options: type[DriverOptions]) -> dict[str, str]:
     return told
 
 
-def read_options(
+def read_options(robot: str, options: type[Options], given: Mapping[str, Any]) -> Options:
+    """Return a driver's options as a struct. Raise ``TypeError`` for a keyword that is not there, with
+    the nearest, and ``ValueError`` for a value that is not accepted, with what would be."""
+    own = {
+        name: value
+        for name, value in given.items()
+        if name in options.__struct_encode_fields__ or name not in ALWAYS
+    }
+    return convert_options(robot, options, own)
+
+
+def convert_options(
     robot: str, options: type[Options], given: Mapping[str, Any], *, from_text: bool = False
 ) -> Options:
-    """Return the options as a struct. Raise ``TypeError`` for a keyword that is not there, with the
-    nearest, and ``ValueError`` for a value that is not accepted, with what would be. ``from_text``:
-    numbers and bools may be text, as on a command line."""
+    """Do as ``read_options``, with every keyword. ``from_text``: numbers and bools may be text, as on a
+    command line."""
     known = [field.encode_name for field in msgspec.structs.fields(options)]
-    wanted = {name: as_python(value) for name, value in given.items() if name in known or name not in ALWAYS}
+    wanted = {name: as_python(value) for name, value in given.items()}
     if unknown := [name for name in wanted if name not in known]:
         close = closest(unknown[0], known)
         hint = f" ({unknown[0]!r} -> {close[0]!r}?)" if close else ""

@@ -7,7 +7,7 @@ A wire's own ``twin.py`` is a ``Robot`` (bytes in, timed replies out) and a ``ma
 
 from .faults import Fault, Faults, Reply, parse_fault
 from .line import Line, PtyLine
-from .options import HostOption, NetworkOptions, TwinOptions, read_twin_options
+from .options import HostOption, NetworkOptions, Port, TwinOptions, read_twin_options
 from .process import Start, run, run_server
 from .server import Controls, Exchange, Robot, Server, Session
 from .tcp import ClientGone, Connection, Handler, TcpServer, answering, own_host
@@ -25,6 +25,7 @@ __all__ = [
     "HostOption",
     "Line",
     "NetworkOptions",
+    "Port",
     "PtyLine",
     "Reply",
     "Robot",

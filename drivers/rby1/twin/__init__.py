@@ -7,15 +7,15 @@ released``, ``manager MINOR_FAULT``, ``manager MAJOR_FAULT`` and ``manager ok``.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Unpack
+from typing import Any, Unpack
 
 import trio
 
-from strands_actors.contract.options import option
 from strands_actors.drivers.common.controlled_body import LedBody
 from strands_actors.drivers.common.twin import (
     Fault,
-    HostOption,
+    NetworkOptions,
+    Port,
     Start,
     TcpServer,
     WireLog,
@@ -30,8 +30,8 @@ from .controller import Controller
 from .service import RBY1Service
 
 
-class RBY1TwinOptions(HostOption, frozen=True):
-    port: Annotated[int, option("TCP port of its gRPC server; 0: any free one", ge=0, le=65535)] = PORT
+class RBY1TwinOptions(NetworkOptions, frozen=True):
+    port: Port = PORT
 
 
 TICK_S = 0.004

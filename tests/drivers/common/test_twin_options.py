@@ -32,6 +32,7 @@ def test_text_and_values_are_the_same_options() -> None:
         ({"skew_s": "nan"}, "spot: skew_s is 'nan'. It is: seconds that its clock is ahead"),
         ({"skew_s": float("inf")}, "spot: skew_s is inf. It is: seconds that its clock is ahead"),
         ({"port": "70000"}, "spot: port is '70000'. It is: port to serve at; 0: any free one"),
+        ({"tool_name": "x"}, "spot: unknown option tool_name"),
         (
             {"sink_s": "1"},
             "spot: unknown option sink_s ('sink_s' -> 'sync_s'?). Use host, port, skew_s, sync_s, arm",
