@@ -16,8 +16,9 @@ from typing import Any, ClassVar
 import trio
 
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
+from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.session_wire import SessionWire
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
 
@@ -100,7 +101,7 @@ class GiveBack:
             self._order = None
 
 
-class _Session:
+class BoosterSession:
     """What exists between ``open`` and ``close``."""
 
     def __init__(self, config: BoosterConfig, clock: Clock) -> None:
@@ -200,20 +201,19 @@ class _Session:
         self.sensors["odometry_heading_rad"] = (odometer.heading_rad,)
 
 
-class BoosterWire(Wire):
+class BoosterWire(SessionWire[BoosterSession]):
     interruptible: ClassVar[bool] = True
 
     def __init__(self, config: BoosterConfig, clock: Clock) -> None:
         self._config = config
         self._clock = clock
-        self._session_or_none: _Session | None = None
 
     # -- the link
 
     async def open(self) -> dict[str, Any]:
         """Find the robot, hear it, and ask for its mode."""
         self.close()
-        self._session_or_none = session = _Session(self._config, self._clock)
+        self.session_or_none = session = BoosterSession(self._config, self._clock)
         link, where = session.link, self._config.host
         await self._until(lambda: link.participant.peers > 0, f"{where}: nobody answers. Check port=")
         await self._until(lambda: link.commands.matched > 0, f"{where}: nobody there takes commands of a T1")
@@ -229,14 +229,14 @@ class BoosterWire(Wire):
         task_status.started()
         async with aclosing(self._clock.ticks(CONTROL_S)) as ticks:
             async for now_ns in ticks:
-                self._session().poll(now_ns)
+                self.session.poll(now_ns)
 
     @property
     def prompt(self) -> bool:
-        return self._session_or_none is not None
+        return self.session_or_none is not None
 
     async def read(self) -> Observation:
-        session, now_ns = self._session(), self._clock.now_ns()
+        session, now_ns = self.session, self._clock.now_ns()
         session.poll(now_ns)
         silent_s = session.silent_s(now_ns)
         if silent_s > SILENT_S:
@@ -245,15 +245,15 @@ class BoosterWire(Wire):
         return session.observation()
 
     def close(self) -> None:
-        if self._session_or_none is not None:
-            self._session_or_none.link.close()
-            self._session_or_none = None
+        if self.session_or_none is not None:
+            self.session_or_none.link.close()
+            self.session_or_none = None
 
     # -- commanding
 
     async def arm(self, permit: Permit) -> Observation:
         """Nothing is energised: the robot stands by its own controller."""
-        session = self._session()
+        session = self.session
         observation = await self.read()
         now_ns = self._clock.now_ns()
         refusal = self._unfit(observation) or gates.mode_known(observation, now_ns)
@@ -266,7 +266,7 @@ class BoosterWire(Wire):
         return await self.read()
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
-        session = self._session()
+        session = self.session
         if not (session.armed and session.has_arms):
             raise PermitDenied("the upper body is not ours")
         permit.check()
@@ -277,7 +277,7 @@ class BoosterWire(Wire):
     # -- safe
 
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
-        session = self._session_or_none
+        session = self.session_or_none
         if session is None:
             return unconfirmed(self._config.model, "not connected")
         has_arms = session.has_arms
@@ -293,7 +293,7 @@ class BoosterWire(Wire):
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
         """By the participant that the robot knew, which finds it again by itself; else by a new
         one, which has to be found first."""
-        session = self._session_or_none
+        session = self.session_or_none
         if session is not None:
             session.twist.forget()
             session.armed, session.ours = False, None
@@ -315,7 +315,7 @@ class BoosterWire(Wire):
     # -- services
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
-        session = self._session()
+        session = self.session
         if not session.armed:
             return Refused("disarmed", f"{service}: the robot was stopped", "call resume() first")
         match service:
@@ -333,7 +333,7 @@ class BoosterWire(Wire):
                 return await self._give_arms(session, permit)
 
     async def _walk(
-        self, session: _Session, arguments: Mapping[str, Any], permit: Permit
+        self, session: BoosterSession, arguments: Mapping[str, Any], permit: Permit
     ) -> dict[str, Any] | Refused:
         if session.mode not in WALKS:  # what is known of it may be a moment old
             await self._look_at_mode(session, permit)
@@ -347,7 +347,7 @@ class BoosterWire(Wire):
         # Whatever is answered: the twist has an end, since it may walk all the same, or later.
         return _refused("move", answer) or {"vx": vx, "vy": vy, "vyaw": vyaw, "for_s": TWIST_S}
 
-    async def _change_mode(self, session: _Session, mode: Mode, permit: Permit) -> dict[str, Any] | Refused:
+    async def _change_mode(self, session: BoosterSession, mode: Mode, permit: Permit) -> dict[str, Any] | Refused:
         permit.check()
         had_arms, asked_ns = session.has_arms, self._clock.now_ns()
         session.ours, changed = None, False
@@ -362,7 +362,7 @@ class BoosterWire(Wire):
             session.note_mode(mode, asked_ns)
         return refusal or {"mode": mode.name.lower()}
 
-    async def _take_arms(self, session: _Session, permit: Permit) -> dict[str, Any] | Refused:
+    async def _take_arms(self, session: BoosterSession, permit: Permit) -> dict[str, Any] | Refused:
         await self._look_at_mode(session, permit)
         observation = await self.read()
         refusal = gates.why_no_hand_over(session.mode, STANDS) or self._unfit(observation)
@@ -387,7 +387,7 @@ class BoosterWire(Wire):
         await self._told(session)
         return {"upper_body": True}
 
-    async def _give_arms(self, session: _Session, permit: Permit) -> dict[str, Any] | Refused:
+    async def _give_arms(self, session: BoosterSession, permit: Permit) -> dict[str, Any] | Refused:
         permit.check()
         session.ours, session.goal = None, ()
         answer: Response | None = None
@@ -399,7 +399,7 @@ class BoosterWire(Wire):
         await self._told(session)
         return _refused("disable_upper_body", answer) or {"upper_body": False}
 
-    async def _told(self, session: _Session) -> None:
+    async def _told(self, session: BoosterSession) -> None:
         """Wait for the next reading, so that the gate knows what has changed before the caller is
         answered."""
         session.told = told = trio.Event()
@@ -410,13 +410,13 @@ class BoosterWire(Wire):
     def _unfit(self, observation: Observation) -> Refused | None:
         return gates.not_ready(observation, self._clock.now_ns(), gates.FALL_TTL_S)
 
-    async def _look_at_mode(self, session: _Session, permit: Permit) -> None:
+    async def _look_at_mode(self, session: BoosterSession, permit: Permit) -> None:
         asked_ns = self._clock.now_ns()
         answer = await self._ask(session, Api.GET_MODE, "", permit)
         if answer is not None:
             session.hear_mode(asked_ns, answer)
 
-    async def _ask(self, session: _Session, api: Api, body: str, permit: Permit) -> Response | None:
+    async def _ask(self, session: BoosterSession, api: Api, body: str, permit: Permit) -> Response | None:
         """Return what is answered; None: nothing, in time."""
         heard: list[Response] = []
         permit.check()
@@ -433,18 +433,13 @@ class BoosterWire(Wire):
 
     async def _look(self, condition: Callable[[], bool], within_s: float) -> bool:
         """Take in what comes until it makes the condition true."""
-        session = self._session()
+        session = self.session
         with trio.move_on_after(within_s):
             while not condition():
                 session.poll(self._clock.now_ns())
                 await trio.sleep(TICK_S)
             return True
         return False
-
-    def _session(self) -> _Session:
-        if self._session_or_none is None:
-            raise WireDown("wire: not connected. Open it first")
-        return self._session_or_none
 
 
 def _refused(service: str, answer: Response | None) -> Refused | None:

@@ -30,6 +30,9 @@ class Outcome(NamedTuple):
         )
 
 
+NOT_CONNECTED = Outcome(False, False, "not connected")
+
+
 def names_of(axes: Sequence[Axis]) -> tuple[tuple[str, ...], tuple[int, ...]]:
     """Return keys and ids, as ``Outcome.reports`` takes them."""
     return tuple(axis.key for axis in axes), tuple(axis.id for axis in axes)

@@ -24,7 +24,7 @@ WINDOW = 8
 """Questions that are asked at once."""
 
 
-class Session:
+class CrazyflieSession:
     """``flight`` and ``position`` are the newest readings. A row that came before, or is older than the
     newest by the robot's own clock, is none."""
 
@@ -166,7 +166,7 @@ TABLE_S = 10.0
 """Within which the table of log variables must be read, some hundred rows of it."""
 
 
-async def handshake(session: Session, period_s: float) -> dict[str, object]:
+async def handshake(session: CrazyflieSession, period_s: float) -> dict[str, object]:
     """Ask who it is, and for rows of the log: flight every ``period_s``, position ten times a second.
     Moves nothing. Return facts for status. Raise ``WireDown``."""
     name = session.link.name
@@ -196,7 +196,7 @@ async def handshake(session: Session, period_s: float) -> dict[str, object]:
     raise WireDown(f"{name}: its log does not come. Switch it off and on")
 
 
-async def _start_log(session: Session, name: str, period_s: float) -> int:
+async def _start_log(session: CrazyflieSession, name: str, period_s: float) -> int:
     """Return how many variables there are. Raise ``WireDown`` and ``MalformedFrame``."""
     await _must(session, name, p.LOG_RESET_QUESTION)
     count = p.log_count_of(await _must(session, name, p.LOG_INFO_QUESTION))
@@ -217,7 +217,7 @@ async def _start_log(session: Session, name: str, period_s: float) -> int:
 POSITION_S = 0.1
 
 
-async def _must(session: Session, name: str, question: p.Question) -> bytes:
+async def _must(session: CrazyflieSession, name: str, question: p.Question) -> bytes:
     answer = await session.ask(question, HANDSHAKE_S)
     if answer is None:
         raise WireDown(f"{name}: no answer within {HANDSHAKE_S:g} s. Check radio and power")

@@ -22,7 +22,7 @@ from strands_actors.kernel.clock import Clock
 from .config import CrazyflieConfig
 from .links import Link, SerialLink, adopt_line, open_line, open_link
 from .robots import AXES
-from .session import Session
+from .session import CrazyflieSession
 from .stopping import STOP_S, bring_down
 
 
@@ -67,7 +67,7 @@ class _OwnLink(StopChannel):
             link, self._link = self._link, None
             link = link or await open_link(self._config.endpoint())
             try:
-                return (await bring_down(Session(link, self._clock), safe_state)).reports(AXES)
+                return (await bring_down(CrazyflieSession(link, self._clock), safe_state)).reports(AXES)
             finally:
                 link.close()
         except WireDown as down:
@@ -90,7 +90,7 @@ class _SerialLine(DuplicateDescriptor[CrazyflieConfig, SerialLink]):
         return await open_line(self.config.endpoint().path)
 
     async def make_safe_on(self, port: SerialLink, safe_state: str) -> tuple[MotorReport, ...]:
-        outcome = await bring_down(Session(port, self.clock), safe_state)
+        outcome = await bring_down(CrazyflieSession(port, self.clock), safe_state)
         if not outcome.written:
             raise WireDown(outcome.detail)
         return outcome.reports(AXES)

@@ -18,7 +18,7 @@ from strands_actors.drivers.common.outcome import Outcome
 from . import protocol as p
 from .config import LANDING_M_S
 from .protocol import Bit
-from .session import Session
+from .session import CrazyflieSession
 
 ANSWER_S = 1.0
 """Within which a question must be answered; it is asked again several times meanwhile."""
@@ -42,7 +42,7 @@ FRESH_S = 0.5
 
 
 async def bring_down(
-    session: Session, safe_state: str, within_s: float = STOP_S, land_s: float | None = None
+    session: CrazyflieSession, safe_state: str, within_s: float = STOP_S, land_s: float | None = None
 ) -> Outcome:
     """Bring it to a safe state that ends its flight, and look that it is. ``land_s``: how long a
     landing takes; None: as long as the height needs, which the drone knows. Never raises; the first
@@ -78,7 +78,7 @@ def first_frames(safe_state: str) -> tuple[bytes, ...]:
 class _Descent:
     """One order to come down, however often it has to be said."""
 
-    def __init__(self, session: Session, safe_state: str, land_s: float | None) -> None:
+    def __init__(self, session: CrazyflieSession, safe_state: str, land_s: float | None) -> None:
         self._session = session
         self._safe_state = safe_state
         self._order = p.land_with_velocity(LANDING_M_S) if land_s is None else p.land(land_s)

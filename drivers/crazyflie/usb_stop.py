@@ -11,7 +11,7 @@ from strands_actors.kernel.clock import Clock
 
 from .config import CrazyflieConfig
 from .robots import AXES
-from .session import Session
+from .session import CrazyflieSession
 from .stopping import bring_down
 from .usb_links import open_usb_link
 
@@ -25,7 +25,7 @@ class UsbStop(StopChannel):
         try:
             link = await open_usb_link(self._config.endpoint())
             try:
-                return (await bring_down(Session(link, self._clock), safe_state)).reports(AXES)
+                return (await bring_down(CrazyflieSession(link, self._clock), safe_state)).reports(AXES)
             finally:
                 link.close()
         except (WireDown, ProcessSpent) as failure:

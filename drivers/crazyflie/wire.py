@@ -15,17 +15,10 @@ from typing import Any, ClassVar
 import trio
 
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.contract.wire import (
-    MotorReport,
-    Observation,
-    Permit,
-    PermitDenied,
-    ProcessSpent,
-    Wire,
-    WireDown,
-)
+from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, ProcessSpent, WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.outcome import Outcome
+from strands_actors.drivers.common.outcome import NOT_CONNECTED, Outcome
+from strands_actors.drivers.common.session_wire import SessionWire
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
 
@@ -36,7 +29,7 @@ from .hovering import Hover
 from .links import Link, open_link
 from .protocol import Bit
 from .robots import AXES, VX, VY, VZ, WZ, Z
-from .session import AGAIN_S, Session, handshake
+from .session import AGAIN_S, CrazyflieSession, handshake
 from .stopping import STOP_S, bring_down, first_frames
 
 ARM_S = 1.0
@@ -49,13 +42,12 @@ LANDED_S = 4.0
 flying, and packets that are lost."""
 
 
-class CrazyflieWire(Wire):
+class CrazyflieWire(SessionWire[CrazyflieSession]):
     interruptible: ClassVar[bool] = True
 
     def __init__(self, config: CrazyflieConfig, clock: Clock) -> None:
         self._config = config
         self._clock = clock
-        self._session_or_none: Session | None = None
         self._hover: Hover | None = None
         self._is_armed = False
 
@@ -65,12 +57,12 @@ class CrazyflieWire(Wire):
         self.close()
         link = await self._open_link()
         try:
-            session = Session(link, self._clock)
+            session = CrazyflieSession(link, self._clock)
             facts = await handshake(session, 1 / self._config.setpoint_hz)
         except BaseException:
             link.close()
             raise
-        self._session_or_none = session
+        self.session_or_none = session
         return facts
 
     async def _open_link(self) -> Link:
@@ -83,15 +75,15 @@ class CrazyflieWire(Wire):
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         task_status.started()
-        await self._session().serve()
+        await self.session.serve()
 
     @property
     def prompt(self) -> bool:
-        session = self._session_or_none
+        session = self.session_or_none
         return session is not None and session.link.prompt
 
     async def read(self) -> Observation:
-        session = self._session()
+        session = self.session
         session.take_waiting()
         silent_s = session.age_s()
         if silent_s > self._config.silent_s:
@@ -100,19 +92,19 @@ class CrazyflieWire(Wire):
         return self._observation(session)
 
     def handover(self) -> Sequence[int]:
-        return () if self._session_or_none is None else self._session_or_none.link.handover()
+        return () if self.session_or_none is None else self.session_or_none.link.handover()
 
     def close(self) -> None:
-        if self._session_or_none is not None:
-            self._session_or_none.link.close()
-        self._session_or_none = self._hover = None
+        if self.session_or_none is not None:
+            self.session_or_none.link.close()
+        self.session_or_none = self._hover = None
         self._is_armed = False
 
     # -- commanding
 
     async def arm(self, permit: Permit) -> Observation:
         """Take commands; start no motor."""
-        session = self._session()
+        session = self.session
         bits = await session.supervisor(ARM_S)
         permit.check()
         if bits is None:
@@ -125,7 +117,7 @@ class CrazyflieWire(Wire):
         return await self.read()
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
-        session = self._session()
+        session = self.session
         if not self._is_armed:
             raise PermitDenied("it was made safe since")
         vx, vy, vz, wz = values[VX], values[VY], values[VZ], values[WZ]
@@ -135,7 +127,7 @@ class CrazyflieWire(Wire):
         self._hover = None
 
     async def feed(self) -> None:
-        session, hover = self._session(), self._hover
+        session, hover = self.session, self._hover
         if hover is None:
             return
         now_ns = self._clock.now_ns()
@@ -148,10 +140,10 @@ class CrazyflieWire(Wire):
     # -- safe
 
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
-        session, self._hover = self._session_or_none, None
+        session, self._hover = self.session_or_none, None
         if session is None:
             self._is_armed = False
-            return Outcome(False, False, "not connected").reports(AXES)
+            return NOT_CONNECTED.reports(AXES)
         if safe_state == SafeState.HOLD:
             session.take_waiting()
             flight = self._fresh_flight(session)
@@ -165,7 +157,7 @@ class CrazyflieWire(Wire):
         within = SafeState.LAND if safe_state == SafeState.HOLD else safe_state
         return (await bring_down(session, within)).reports(AXES)
 
-    async def _hover_at(self, session: Session, height_m: float) -> tuple[MotorReport, ...]:
+    async def _hover_at(self, session: CrazyflieSession, height_m: float) -> tuple[MotorReport, ...]:
         """Hover where it is, at a height that it may fly at."""
         low, high = self._config.z_m
         height_m = max(low, min(high, height_m))
@@ -181,7 +173,7 @@ class CrazyflieWire(Wire):
         """As ``make_safe``. Over UDP by the socket that is open; other links are told once, closed,
         and opened anew, since what was lost may be dead, and keeps another from opening."""
         within = SafeState.LAND if safe_state == SafeState.HOLD else safe_state
-        session, self._hover, self._is_armed = self._session_or_none, None, False
+        session, self._hover, self._is_armed = self.session_or_none, None, False
         if session is not None and session.link.outlives_a_loss:
             return (await bring_down(session, within)).reports(AXES)
         if session is not None:
@@ -193,7 +185,7 @@ class CrazyflieWire(Wire):
         except (WireDown, ProcessSpent) as failure:
             return Outcome(False, False, str(failure)).reports(AXES)
         try:
-            return (await bring_down(Session(link, self._clock), within)).reports(AXES)
+            return (await bring_down(CrazyflieSession(link, self._clock), within)).reports(AXES)
         finally:
             link.close()
 
@@ -210,7 +202,7 @@ class CrazyflieWire(Wire):
         return Refused("stop", f"{service}: it is an order to stop, no service", "ask for a stop")
 
     async def _take_off(self, height_m: float, duration_s: float, permit: Permit) -> dict[str, Any] | Refused:
-        session = self._session()
+        session = self.session
         asked_ns = self._clock.now_ns()
         bits = await session.supervisor(ARM_S)
         refusal = why_no_takeoff(bits, self._observation(session).sensors, self._config.battery_v)
@@ -247,7 +239,7 @@ class CrazyflieWire(Wire):
         return Refused("takeoff", f"takeoff: it is not at {height_m:g} m; {landed}", "look at the drone")
 
     async def _land(self, duration_s: float, permit: Permit) -> dict[str, Any] | Refused:
-        session = self._session()
+        session = self.session
         permit.check()
         self._hover = None
         flight = self._fresh_flight(session)
@@ -262,26 +254,21 @@ class CrazyflieWire(Wire):
             return Refused("land", f"land: {outcome.detail}", "call stop(), or emergency_stop()")
         return {"landed": True, **took}
 
-    def _is_up(self, session: Session, height_m: float) -> bool:
+    def _is_up(self, session: CrazyflieSession, height_m: float) -> bool:
         hover, flight = self._hover, session.flight
         if hover is None or flight is None or hover.rises(self._clock.now_ns()):
             return False
         return flight.bits.airborne and abs(flight.z_m - height_m) <= NEAR_M
 
-    def _fresh_flight(self, session: Session) -> p.Flight | None:
+    def _fresh_flight(self, session: CrazyflieSession) -> p.Flight | None:
         return session.flight if session.age_s() <= self._config.fresh_s else None
 
-    def _height_m(self, session: Session) -> float:
+    def _height_m(self, session: CrazyflieSession) -> float:
         return session.flight.z_m if session.flight else 0.0
 
     # -- parts
 
-    def _session(self) -> Session:
-        if self._session_or_none is None:
-            raise WireDown("wire: not connected. Open it first")
-        return self._session_or_none
-
-    def _observation(self, session: Session) -> Observation:
+    def _observation(self, session: CrazyflieSession) -> Observation:
         flight, position = session.flight, session.position
         if flight is None or position is None:
             raise WireDown("read: nothing was read yet. Check radio and power")

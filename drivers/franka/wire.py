@@ -12,8 +12,9 @@ from typing import Any
 import msgspec
 import trio
 
-from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
+from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.session_wire import SessionWire
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.health.heartbeat import Heartbeat, new_page, words_of
 from strands_actors.kernel.messages import Refused
@@ -39,7 +40,7 @@ _BY_US = ("success", "preempted")
 """How motions end that we end ourselves."""
 
 
-class _Session:
+class FrankaSession:
     """What exists between ``open`` and ``close``."""
 
     def __init__(self, config: FrankaConfig, client: Fci, clock: Clock) -> None:
@@ -138,11 +139,10 @@ class _Session:
         self.child.socket.close()
 
 
-class FrankaWire(Wire):
+class FrankaWire(SessionWire[FrankaSession]):
     def __init__(self, config: FrankaConfig, clock: Clock) -> None:
         self._config = config
         self._clock = clock
-        self._session_or_none: _Session | None = None
         self._waits_since_ns = 0  # a target, for the motion before to end; 0: none does
 
     @property
@@ -158,11 +158,11 @@ class FrankaWire(Wire):
             raise WireDown(f"open: {error}") from None
         client, _ = await connect(host, config.arm.fci, config.robot)
         try:
-            session = _Session(config, client, self._clock)
+            session = FrankaSession(config, client, self._clock)
         except OSError as error:
             client.close()
             raise WireDown(f"open: no process for the 1 kHz cycle ({error.strerror})") from None
-        self._session_or_none = session
+        self.session_or_none = session
         with trio.move_on_after(BEGIN_S):
             while session.state is None:
                 if not session.child.alive:
@@ -184,7 +184,7 @@ class FrankaWire(Wire):
     async def arm(self, permit: Permit) -> Observation:
         """The arm holds itself: there is nothing to energise, and nothing moves before the first
         setpoint."""
-        session = self._session()
+        session = self.session
         session.look()
         state = self._state(session)
         refusal = refuse_mode(state.robot_mode, ", ".join(state.reasons))
@@ -199,7 +199,7 @@ class FrankaWire(Wire):
         return self._observation(session, state)
 
     async def read(self) -> Observation:
-        session = self._session()
+        session = self.session
         session.look()
         state = self._state(session)
         silent_s = session.silent_s()
@@ -212,7 +212,7 @@ class FrankaWire(Wire):
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
         """Where nothing can be begun just now nothing is written, and nothing raised: the transport
         re-sends what was not refused, as long as that may be, and the motion begins then."""
-        session = self._session()
+        session = self.session
         session.look()
         state = self._state(session)
         if session.lost or refuse_mode(state.robot_mode, "") is not None:
@@ -235,7 +235,7 @@ class FrankaWire(Wire):
         session.aim(values)
 
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
-        session = self._session_or_none
+        session = self.session_or_none
         if session is None:
             return reports(self._config, False, False, None, "not connected")
         self._waits_since_ns = 0
@@ -259,7 +259,7 @@ class FrankaWire(Wire):
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
         """By what is still open, which ends there, and the motion with it. Then by a connection
         made for this."""
-        session, written = self._session_or_none, False
+        session, written = self.session_or_none, False
         if session is not None:
             with contextlib.suppress(WireDown):
                 session.client.send("stop")
@@ -271,7 +271,7 @@ class FrankaWire(Wire):
         return tuple(msgspec.structs.replace(motor, written=motor.written or written) for motor in found)
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
-        session = self._session()
+        session = self.session
         permit.check()
         number = session.client.send(service)
         while number not in session.answers:  # as long as the service may take
@@ -287,34 +287,34 @@ class FrankaWire(Wire):
         return {"recovered": True}
 
     def close(self) -> None:
-        if self._session_or_none is not None:
-            self._session_or_none.close()
-        self._session_or_none = None
+        if self.session_or_none is not None:
+            self.session_or_none.close()
+        self.session_or_none = None
 
     # -- parts
 
-    def _wait_for_the_end(self, session: _Session) -> None:
+    def _wait_for_the_end(self, session: FrankaSession) -> None:
         """Of the motion before; for a while."""
         now_ns = self._clock.now_ns()
         self._waits_since_ns = self._waits_since_ns or now_ns
         if now_ns - self._waits_since_ns > ENDS_S * NS:
             session.lost = "another one runs, which is not ours"
 
-    def _reached(self, session: _Session, order: Order) -> bool:
+    def _reached(self, session: FrankaSession, order: Order) -> bool:
         return session.report is not None and session.report.reached == order.number
 
-    def _stands(self, session: _Session, since_ns: int) -> bool:
+    def _stands(self, session: FrankaSession, since_ns: int) -> bool:
         """Whether a state from after ``since_ns`` shows it."""
         if session.state is None or session.report is None or session.report.stamp_ns <= since_ns:
             return False
         return not moving(session.state)
 
-    def _state(self, session: _Session) -> p.State:
+    def _state(self, session: FrankaSession) -> p.State:
         if session.state is None:
             raise WireDown("read: no state yet")
         return session.state
 
-    def _observation(self, session: _Session, state: p.State) -> Observation:
+    def _observation(self, session: FrankaSession, state: p.State) -> Observation:
         report = session.report
         stamp_ns = report.stamp_ns if report is not None else 0
         faults = {}
@@ -339,11 +339,6 @@ class FrankaWire(Wire):
             },
             faults=faults,
         )
-
-    def _session(self) -> _Session:
-        if self._session_or_none is None:
-            raise WireDown("wire: not connected. Open it first")
-        return self._session_or_none
 
 
 def scheduling_of(pid: int) -> str:

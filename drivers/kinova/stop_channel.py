@@ -18,13 +18,14 @@ import trio
 
 from strands_actors.contract.stop_channels import KeptSession
 from strands_actors.contract.wire import MotorReport, WireDown
+from strands_actors.drivers.common.outcome import Outcome
 from strands_actors.drivers.common.tcp_port import TcpPort, open_tcp
 from strands_actors.kernel.clock import Clock
 
 from .client import KortexClient, OpenStream, Page, log_in_at
 from .config import KinovaConfig
 from .protocol import Call
-from .stopping import not_connected, stop_arm
+from .stopping import stop_arm
 
 KEEP_S = 0.5
 """A base forgets a session that says nothing for 2 s."""
@@ -78,7 +79,7 @@ class KinovaStopChannel(KeptSession[KinovaConfig, KortexClient]):
 
         reports = await stop_arm(self.config.axes, clients, another)
         if not any(report.written for report in reports):
-            return not_connected(self.config.axes, why)
+            return Outcome(False, False, why).reports(self.config.axes)
         if all(report.safe for report in reports):
             self._log_out()
         return reports

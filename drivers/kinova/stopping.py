@@ -9,6 +9,7 @@ import trio
 
 from strands_actors.contract.wire import MotorReport, WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.outcome import NOT_CONNECTED
 
 from .client import KortexClient, Refusal
 from .protocol import JOINTS, ArmState, Call, Feedback, Frame
@@ -183,7 +184,7 @@ async def _follow_another(another: Another, ways: list[_Way], call: Call, scope:
 def _reports(axes: Sequence[str], ways: Sequence[_Way], known: Sequence[float]) -> tuple[MotorReport, ...]:
     """By the way that knows best."""
     if not ways:
-        return not_connected(axes)
+        return NOT_CONNECTED.reports(axes)
     best = max(ways, key=lambda way: (way.confirmed, way.believed, way.written))
     stood = best.feedback.unwrapped(known) if best.feedback is not None and known else None
     reports = []
@@ -193,8 +194,3 @@ def _reports(axes: Sequence[str], ways: Sequence[_Way], known: Sequence[float]) 
         target = stood[at] if stood is not None and safe else None
         reports.append(MotorReport(axis, at + 1, best.written, best.acknowledged, safe, detail, target))
     return tuple(reports)
-
-
-def not_connected(axes: Sequence[str], why: str = "not connected") -> tuple[MotorReport, ...]:
-    """Report that nothing was written."""
-    return tuple(MotorReport(axis, at + 1, False, False, False, why) for at, axis in enumerate(axes))

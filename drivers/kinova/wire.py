@@ -18,8 +18,10 @@ from typing import Any, ClassVar, Protocol
 
 import trio
 
-from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
+from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.outcome import NOT_CONNECTED
+from strands_actors.drivers.common.session_wire import SessionWire
 from strands_actors.drivers.common.tcp_port import ByteStream, open_tcp
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.health.heartbeat import new_page
@@ -31,7 +33,7 @@ from .gates import BASE, refuse_state
 from .protocol import Call, Feedback, ServoingMode
 from .speeds import Course, position_now
 from .stop_channel import KinovaStopChannel
-from .stopping import POLL_S, STANDING_DEG_S, not_connected, stop_arm
+from .stopping import POLL_S, STANDING_DEG_S, stop_arm
 
 READ_S = 0.01
 """How long one reading waits for its answer; the next one takes it."""
@@ -46,7 +48,7 @@ class SharedStream(ByteStream, Protocol):
     def fileno(self) -> int: ...
 
 
-class _Session:
+class KinovaSession:
     """What exists between ``open`` and ``close``."""
 
     def __init__(self, client: KortexClient, stream: SharedStream, page_fd: int) -> None:
@@ -95,7 +97,7 @@ class _Session:
         return tuple(math.radians(one.velocity_deg_s) for one in self.feedback.actuators)
 
 
-class KinovaWire(Wire):
+class KinovaWire(SessionWire[KinovaSession]):
     interruptible: ClassVar[bool] = True
 
     def __init__(
@@ -107,7 +109,6 @@ class KinovaWire(Wire):
         self._config = config
         self._clock = clock
         self._open_stream = open_stream
-        self._session_or_none: _Session | None = None
 
     async def open(self) -> dict[str, Any]:
         self.close()
@@ -119,7 +120,7 @@ class KinovaWire(Wire):
         page_fd = new_page()
         page = Page(mmap.mmap(page_fd, 0))
         client = KortexClient(stream, f"{self._config.robot} at {host}:{port}", self._clock, page)
-        self._session_or_none = session = _Session(client, stream, page_fd)
+        self.session_or_none = session = KinovaSession(client, stream, page_fd)
         await client.log_in(*self._config.login)
         joints = await client.number(Call.GET_ACTUATOR_COUNT)
         if joints != p.JOINTS:
@@ -128,7 +129,7 @@ class KinovaWire(Wire):
         return {"address": f"{host}:{port}", "actuators": joints}
 
     async def arm(self, permit: Permit) -> Observation:
-        session = self._session()
+        session = self.session
         await self._see_it_measure(session)
         feedback = session.feedback
         refusal = refuse_state(feedback.arm_state, feedback.faults[0])
@@ -150,7 +151,7 @@ class KinovaWire(Wire):
         return self._observation(session)
 
     async def read(self) -> Observation:
-        session = self._session()
+        session = self.session
         number = self._ask(session)
         await session.client.listen(number, READ_S)
         self._collect(session)
@@ -163,7 +164,7 @@ class KinovaWire(Wire):
         return self._observation(session)
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
-        session, config = self._session(), self._config
+        session, config = self.session, self._config
         self._look_for_refusal(session)
         if session.lost:
             raise PermitDenied(session.lost)
@@ -182,9 +183,9 @@ class KinovaWire(Wire):
         session.course, session.sent_ns, session.turning = course, now_ns, any(speeds)
 
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
-        session = self._session_or_none
+        session = self.session_or_none
         if session is None:
-            return not_connected(self._config.axes)
+            return NOT_CONNECTED.reports(self._config.axes)
         session.course = None
         reports = await stop_arm(self._config.axes, [session.client], known=session.position)
         if all(report.acknowledged for report in reports):
@@ -193,7 +194,7 @@ class KinovaWire(Wire):
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
         """On the connection that was lost, if it still takes anything, and on one of its own."""
-        session = self._session_or_none
+        session = self.session_or_none
         wires = None if session is None else session.client
         channel = KinovaStopChannel(self._config, (), self._clock, self._open_stream, wires)
         try:
@@ -202,18 +203,18 @@ class KinovaWire(Wire):
             channel.close()
 
     def handover(self) -> tuple[int, ...]:
-        session = self._session_or_none
+        session = self.session_or_none
         return () if session is None else (session.stream.fileno(), session.page_fd)
 
     def close(self) -> None:
-        if self._session_or_none is not None:
-            self._session_or_none.client.close()
-            os.close(self._session_or_none.page_fd)
-        self._session_or_none = None
+        if self.session_or_none is not None:
+            self.session_or_none.client.close()
+            os.close(self.session_or_none.page_fd)
+        self.session_or_none = None
 
     # -- parts
 
-    def _ask(self, session: _Session) -> int:
+    def _ask(self, session: KinovaSession) -> int:
         now_ns = self._clock.now_ns()
         for number, asked_ns in list(session.asked_ns.items()):
             if now_ns - asked_ns > FORGET_S * NS:
@@ -223,17 +224,17 @@ class KinovaWire(Wire):
         session.asked_ns[number] = now_ns
         return number
 
-    def _collect(self, session: _Session) -> None:
+    def _collect(self, session: KinovaSession) -> None:
         for number in list(session.asked_ns):
             session.take(number)
 
-    async def _see_it_measure(self, session: _Session) -> None:
+    async def _see_it_measure(self, session: KinovaSession) -> None:
         """Take two readings: one may be the last of a base whose feedback stands still. Raise
         ``WireDown`` when they do not come."""
         for _ in range(2):
             await self._refresh(session)
 
-    async def _refresh(self, session: _Session) -> None:
+    async def _refresh(self, session: KinovaSession) -> None:
         """Take a reading of now. Raise ``WireDown`` when none comes."""
         before_ns, until_s = session.stamp_ns, trio.current_time() + HANDSHAKE_S
         while session.stamp_ns == before_ns:
@@ -245,11 +246,11 @@ class KinovaWire(Wire):
             if session.stamp_ns == before_ns:
                 await trio.sleep(POLL_S)  # of the same cycle as the one before
 
-    def _look_for_refusal(self, session: _Session) -> None:
+    def _look_for_refusal(self, session: KinovaSession) -> None:
         if session.client.refusal is not None and not session.lost:
             session.lost = session.client.refusal.text
 
-    def _expire(self, session: _Session) -> None:
+    def _expire(self, session: KinovaSession) -> None:
         """Stop an arm that may be turning, and is not led any more."""
         self._look_for_refusal(session)
         answers = [answer for number in session.stops if (answer := session.client.taken(number))]
@@ -269,7 +270,7 @@ class KinovaWire(Wire):
         if session.lost:
             session.stops.append(session.client.ask(Call.STOP))
 
-    def _observation(self, session: _Session) -> Observation:
+    def _observation(self, session: KinovaSession) -> Observation:
         feedback = session.feedback
         faults = {
             axis: f"fault banks 0x{one.faults[0]:x} 0x{one.faults[1]:x}"
@@ -294,8 +295,3 @@ class KinovaWire(Wire):
             },
             faults=faults,
         )
-
-    def _session(self) -> _Session:
-        if self._session_or_none is None:
-            raise WireDown("wire: not connected. Open it first")
-        return self._session_or_none

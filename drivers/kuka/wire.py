@@ -8,7 +8,8 @@ from typing import Any, ClassVar
 
 import trio
 
-from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
+from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
+from strands_actors.drivers.common.session_wire import SessionWire
 from strands_actors.kernel.clock import NS, Clock
 
 from .config import KeptPort, KukaConfig
@@ -24,14 +25,13 @@ ACTIVE_S = 3.0
 """So long arming waits for a session that is on its way to being commanded."""
 
 
-class KukaWire(Wire):
+class KukaWire(SessionWire[Link]):
     interruptible: ClassVar[bool] = True
 
     def __init__(self, config: KukaConfig, clock: Clock, kept: KeptPort | None = None) -> None:
         self._config = config
         self._kept = kept or KeptPort(config)
         self._clock = clock
-        self._link_or_none: Link | None = None
         self._permit: Permit | None = None  # of the setpoint that the arm moves by
         self._written_ns = 0  # when that was written, or re-sent
         self._seen: Monitoring | None = None
@@ -53,12 +53,12 @@ class KukaWire(Wire):
                 "address that it speaks to"
             )
         refuse_cycle(said)
-        self._link_or_none = Link(port, config.arm, self._clock, said)
+        self.session_or_none = Link(port, config.arm, self._clock, said)
         return {"address": port.name, "sample_ms": said.sample_ms, "receive_multiplier": said.multiplier}
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         """Answer every cycle: what keeps the session alive is the answer, not what is in it."""
-        link = self._link()
+        link = self.session
         task_status.started()
         while True:
             said = await link.hear()
@@ -83,7 +83,7 @@ class KukaWire(Wire):
         """Energise nothing, which is the pendant's: hold, and wait a while for a session that may
         be commanded soon. One that is not is armed all the same, and moves are refused until it
         is."""
-        link = self._link()
+        link = self.session
         self._permit = None
         permit.check()
         with trio.move_on_after(ACTIVE_S):
@@ -94,11 +94,11 @@ class KukaWire(Wire):
         return self._read(link)
 
     async def read(self) -> Observation:
-        return self._read(self._link())
+        return self._read(self.session)
 
     @property
     def prompt(self) -> bool:
-        return self._link_or_none is not None
+        return self.session_or_none is not None
 
     def _read(self, link: Link) -> Observation:
         silent_s = link.silent_s()
@@ -112,7 +112,7 @@ class KukaWire(Wire):
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
         """Take a target: the answers of the next cycles lead there, as long as the permit lasts."""
-        link = self._link()
+        link = self.session
         if link.said.state != State.COMMANDING_ACTIVE:
             raise PermitDenied(f"FRI session is {link.state}")
         permit.check()
@@ -120,7 +120,7 @@ class KukaWire(Wire):
         link.session.aim(values[:JOINTS], values[JOINTS])
 
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
-        link = self._link_or_none
+        link = self.session_or_none
         if link is None:
             return failed(self._config.arm, "not connected")
         self._permit = None  # from the next answer on nothing moves
@@ -132,7 +132,7 @@ class KukaWire(Wire):
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
         """Hold once unasked: who is not heard may hear. Then answer whoever speaks."""
-        arm, link = self._config.arm, self._link_or_none
+        arm, link = self._config.arm, self.session_or_none
         written = False
         try:
             if link is not None:
@@ -145,16 +145,11 @@ class KukaWire(Wire):
         return reports or failed(arm, "the controller says nothing", written)
 
     def handover(self) -> tuple[int, ...]:
-        return (self._link().port.fileno(),)
+        return (self.session.port.fileno(),)
 
     def close(self) -> None:
         """Answer no more: the controller drops the session and holds the arm."""
-        self._link_or_none = self._permit = None
-
-    def _link(self) -> Link:
-        if self._link_or_none is None:
-            raise WireDown("wire: not connected. Open it first")
-        return self._link_or_none
+        self.session_or_none = self._permit = None
 
 
 def refuse_cycle(said: Monitoring) -> None:

@@ -18,7 +18,7 @@ import trio
 from strands_actors.contract.rotations import roll_pitch_yaw
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.outcome import Outcome
+from strands_actors.drivers.common.outcome import NOT_CONNECTED, Outcome
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
 
@@ -192,7 +192,7 @@ class MicroduckWire(Wire):
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         self._disarm(safe_state)
         if not self._link.is_open:
-            return self._reports(Outcome(False, False, "not connected"))
+            return self._reports(NOT_CONNECTED)
         return self._reports(await stop_by(self._link, safe_state, pending=self._pending))
 
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:

@@ -26,7 +26,7 @@ HANDSHAKE_S = 1.0
 STATE_HZ = 100.0
 
 
-class Session:
+class RBY1Session:
     """What exists between ``open`` and ``close``."""
 
     def __init__(self, config: RBY1Config, connection: Connection, limits: Limits) -> None:
@@ -125,7 +125,9 @@ class Session:
             self.lost = self.lost or f"the stream of commands has ended: {command.failure()}"
 
 
-async def open_session(config: RBY1Config, clock: Clock, open_stream: OpenStream) -> tuple[Session, dict[str, Any]]:
+async def open_session(
+    config: RBY1Config, clock: Clock, open_stream: OpenStream
+) -> tuple[RBY1Session, dict[str, Any]]:
     """Connect, ask who it is and what its limits are, hear its first state; return the session and
     facts for ``status``. Nothing is moved. Raise ``WireDown``."""
     host, port = _address(config)
@@ -135,7 +137,7 @@ async def open_session(config: RBY1Config, clock: Clock, open_stream: OpenStream
         _refuse_another(config, info)
         urdf = p.decode_model(await connection.unary(Method.GET_ROBOT_MODEL, b"", HANDSHAKE_S))
         limits = limits_of(urdf, config.axes)
-        session = Session(config, connection, limits)
+        session = RBY1Session(config, connection, limits)
         await session.next_state(clock, HANDSHAKE_S)
     except MalformedFrame as malformed:
         connection.close()

@@ -198,12 +198,6 @@ async def _ask(connection: Connection, method: Method, decode: Callable[[bytes],
         raise WireDown(f"{connection.name}: its answer cannot be understood ({malformed})") from None
 
 
-def not_connected(config: RBY1Config, why: str = "not connected") -> tuple[MotorReport, ...]:
-    """Report that nothing was written."""
-    rows = zip(config.axes, config.ids, strict=True)
-    return tuple(MotorReport(axis, number, False, False, False, why) for axis, number in rows)
-
-
 def _refusal(answer: bytes, path: str) -> str:
     """Return why the robot did not do it; empty: it did."""
     try:

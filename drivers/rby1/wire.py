@@ -12,9 +12,11 @@ from typing import Any, ClassVar, TypeVar
 
 import trio
 
-from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
+from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
 from strands_actors.drivers.common.grpc import OpenStream
 from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.outcome import NOT_CONNECTED
+from strands_actors.drivers.common.session_wire import SessionWire
 from strands_actors.drivers.common.tcp_port import open_tcp
 from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.messages import Refused
@@ -23,9 +25,9 @@ from . import protocol as p
 from .config import RBY1Config
 from .gates import CONTROLLER, refuse_fault, refuse_pressed
 from .protocol import Control, JointOrder, Manager, ManagerOrder, Method, PowerOrder
-from .session import Session, open_session
+from .session import RBY1Session, open_session
 from .stop_channel import RBY1StopChannel, connect_to_stop
-from .stopping import Stop, not_connected
+from .stopping import Stop
 
 T = TypeVar("T")
 
@@ -41,24 +43,23 @@ ENABLE_S = 2.0
 FRESH_S = 1.0
 
 
-class RBY1Wire(Wire):
+class RBY1Wire(SessionWire[RBY1Session]):
     interruptible: ClassVar[bool] = True
 
     def __init__(self, config: RBY1Config, clock: Clock, open_stream: OpenStream = open_tcp) -> None:
         self._config = config
         self._clock = clock
         self._open_stream = open_stream
-        self._session_or_none: Session | None = None
 
     async def open(self) -> dict[str, Any]:
         self.close()
-        self._session_or_none, facts = await open_session(self._config, self._clock, self._open_stream)
+        self.session_or_none, facts = await open_session(self._config, self._clock, self._open_stream)
         return facts
 
     async def arm(self, permit: Permit) -> Observation:
         """Power, servos, control manager: each only when it is not there yet, and after the
         emergency stop buttons and the control manager's faults were looked at."""
-        session = self._session()
+        session = self.session
         await session.next_state(self._clock, FRESH_S)
         self._refuse(session)
         if session.state.manager.control == Control.EXECUTING:
@@ -91,7 +92,7 @@ class RBY1Wire(Wire):
         return True
 
     async def read(self) -> Observation:
-        session = self._session()
+        session = self.session
         now_ns = self._clock.now_ns()
         session.take_waiting(now_ns)
         silent_s = session.silent_s(now_ns)
@@ -102,7 +103,7 @@ class RBY1Wire(Wire):
         return self._observation(session)
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
-        session = self._session()
+        session = self.session
         now_ns = self._clock.now_ns()
         session.take_waiting(now_ns)
         if session.lost:
@@ -115,9 +116,9 @@ class RBY1Wire(Wire):
         session.send(message)
 
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
-        session = self._session_or_none
+        session = self.session_or_none
         if session is None:
-            return not_connected(self._config)
+            return NOT_CONNECTED.reports(self._config.axes, self._config.ids)
         with contextlib.suppress(WireDown):
             session.drop_stream()
         stop = Stop(self._config, session.connection, lambda: connect_to_stop(self._config, self._open_stream))
@@ -137,7 +138,7 @@ class RBY1Wire(Wire):
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
         """``reset_fault_control_manager``: what was a fault is idle; nothing is energised."""
-        session = self._session()
+        session = self.session
         permit.check()
         answer = await self._manager(session, ManagerOrder.RESET_FAULT)
         state = _decoded(p.decode_manager_answer, answer)
@@ -151,20 +152,20 @@ class RBY1Wire(Wire):
         return {"control_manager": state.text}
 
     def close(self) -> None:
-        if self._session_or_none is not None:
-            self._session_or_none.connection.close()
-        self._session_or_none = None
+        if self.session_or_none is not None:
+            self.session_or_none.connection.close()
+        self.session_or_none = None
 
     # -- arming
 
-    def _refuse(self, session: Session) -> None:
+    def _refuse(self, session: RBY1Session) -> None:
         """Raise ``WireDown`` for a robot that may not be powered now."""
         state = session.state
         refusal = refuse_pressed(state.pressed) or refuse_fault(state.manager.state)
         if refusal is not None:
             raise WireDown(refusal.text.removeprefix("move: "))
 
-    async def _order(self, session: Session, method: Method, message: bytes) -> None:
+    async def _order(self, session: RBY1Session, method: Method, message: bytes) -> None:
         answer = await session.connection.unary(method, message, ORDER_S)
         done, why = _decoded(p.decode_done, answer)
         if done != p.Done.SUCCESS:
@@ -173,11 +174,11 @@ class RBY1Wire(Wire):
                 f"arm: the robot refuses {name}: {why or p.name_of(p.Done, done)}. Look at it, then try again"
             )
 
-    async def _manager(self, session: Session, order: ManagerOrder) -> bytes:
+    async def _manager(self, session: RBY1Session, order: ManagerOrder) -> bytes:
         return await session.connection.unary(Method.MANAGER, p.encode_manager_order(order), ORDER_S)
 
     async def _until(
-        self, session: Session, ready: Callable[[], bool], otherwise: str, within_s: float, permit: Permit
+        self, session: RBY1Session, ready: Callable[[], bool], otherwise: str, within_s: float, permit: Permit
     ) -> None:
         """Wait for a state that shows it. Raise ``WireDown``."""
         with trio.move_on_after(within_s):
@@ -190,7 +191,7 @@ class RBY1Wire(Wire):
 
     # -- parts
 
-    def _observation(self, session: Session) -> Observation:
+    def _observation(self, session: RBY1Session) -> Observation:
         state, limits = session.state, session.limits
         return Observation(
             t_ns=session.stamp_ns,
@@ -216,11 +217,6 @@ class RBY1Wire(Wire):
             },
             faults={CONTROLLER: session.lost} if session.lost else {},
         )
-
-    def _session(self) -> Session:
-        if self._session_or_none is None:
-            raise WireDown("wire: not connected. Open it first")
-        return self._session_or_none
 
 
 def _decoded(decode: Callable[[bytes], T], answer: bytes) -> T:

@@ -10,9 +10,10 @@ from typing import Any, ClassVar
 
 import trio
 
-from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
+from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
 from strands_actors.drivers.common.modbus import NotUnderstood
 from strands_actors.drivers.common.serial_port import open_serial
+from strands_actors.drivers.common.session_wire import SessionWire
 from strands_actors.drivers.common.tcp_port import open_tcp
 from strands_actors.kernel.clock import NS, Clock
 
@@ -45,7 +46,7 @@ RESET_S = 1.0
 _NAN = math.nan
 
 
-class _Session:
+class RobotiqSession:
     """What exists between ``open`` and ``close``."""
 
     def __init__(self, gripper: GripperClient, status: Status, now_ns: int) -> None:
@@ -58,7 +59,7 @@ class _Session:
         self.misses = 0  # readings in a row that repeat something else
 
 
-class RobotiqWire(Wire):
+class RobotiqWire(SessionWire[RobotiqSession]):
     interruptible: ClassVar[bool] = True
 
     def __init__(
@@ -71,7 +72,6 @@ class RobotiqWire(Wire):
         self._config = config
         self._clock = clock
         self._open = partial(open_gripper, config, clock, open_stream, open_port)
-        self._session_or_none: _Session | None = None
         self._last: Status | None = None  # of the session before, once it is closed
 
     async def open(self) -> dict[str, Any]:
@@ -87,12 +87,12 @@ class RobotiqWire(Wire):
         except BaseException:
             gripper.close()
             raise
-        self._session_or_none = _Session(gripper, status, self._clock.now_ns())
+        self.session_or_none = RobotiqSession(gripper, status, self._clock.now_ns())
         speed = {"baud": config.baud} if config.serial else {}
         return {"port": config.port, **speed, "unit_id": config.unit_id, "stroke_mm": config.stroke_mm}
 
     async def arm(self, permit: Permit) -> Observation:
-        session = self._session()
+        session = self.session
         status = await self._ask(permit)
         if status.fault == protocol.RELEASING:
             raise WireDown(
@@ -118,7 +118,7 @@ class RobotiqWire(Wire):
         return self._observation(session)
 
     async def read(self) -> Observation:
-        session = self._session()
+        session = self.session
         now_ns = self._clock.now_ns()
         if session.asked is not None and now_ns - session.asked_ns > ASK_AGAIN_S * NS:
             session.gripper.forget(session.asked)
@@ -132,7 +132,7 @@ class RobotiqWire(Wire):
         return self._observation(session)
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
-        session = self._session()
+        session = self.session
         if not session.status.active:  # being told to go would activate it
             raise WireDown("write: the gripper is not activated. Activate it first")
         if not self._fresh(session):
@@ -152,7 +152,7 @@ class RobotiqWire(Wire):
         """Ask first where the status is too old: a hold has rACT set, and would activate a gripper
         that was reset since. One that does not answer may be that, or be heard no more and moving:
         it is reset, which stops the one and leaves the other alone."""
-        session = self._session_or_none
+        session = self.session_or_none
         if session is None:
             return (self._config.report(False, False, "not connected"),)
         session.told = None
@@ -188,16 +188,16 @@ class RobotiqWire(Wire):
             gripper.close()
 
     def handover(self) -> Sequence[int]:
-        return () if self._session_or_none is None else self._session_or_none.gripper.descriptors
+        return () if self.session_or_none is None else self.session_or_none.gripper.descriptors
 
     def close(self) -> None:
-        if self._session_or_none is not None:
-            self._session_or_none.gripper.close()
-            self._last = self._session_or_none.status
-        self._session_or_none = None
+        if self.session_or_none is not None:
+            self.session_or_none.gripper.close()
+            self._last = self.session_or_none.status
+        self.session_or_none = None
 
     async def _activate(self, permit: Permit) -> Status:
-        session = self._session()
+        session = self.session
         if not self._config.activate:
             raise WireDown(
                 f"arm: the gripper is not activated (gSTA {session.status.activation}, gFLT "
@@ -235,24 +235,24 @@ class RobotiqWire(Wire):
 
     async def _ask(self, permit: Permit) -> Status:
         """A status before anything else happens. Raise ``WireDown``."""
-        session = self._session()
+        session = self.session
         status = await session.gripper.status(HANDSHAKE_S, permit)
         if status is None:
             raise WireDown("arm: the gripper does not answer. Check its power")
         self._take(session, status)
         return status
 
-    def _fresh(self, session: _Session) -> bool:
+    def _fresh(self, session: RobotiqSession) -> bool:
         """Return whether what is known of the gripper is new enough to tell it to be active."""
         return self._clock.now_ns() - session.heard_ns <= FRESH_S * NS
 
-    async def _soonest(self, session: _Session) -> Status | None:
+    async def _soonest(self, session: RobotiqSession) -> Status | None:
         """Ask, where the status is too old. None: no answer within ``SOON_S``. Raise
         ``WireDown``."""
         owed, session.asked = session.asked, None
         return await session.gripper.soonest(owed, SOON_S)
 
-    def _take_unless_reset(self, session: _Session, status: Status, when: str) -> None:
+    def _take_unless_reset(self, session: RobotiqSession, status: Status, when: str) -> None:
         """Raise ``WireDown`` when it was activated and is no more: whatever was decided was decided
         about another state."""
         was_active = session.status.active
@@ -263,12 +263,12 @@ class RobotiqWire(Wire):
                 "A stop to which it does not answer resets it, too"
             )
 
-    def _take(self, session: _Session, status: Status) -> None:
+    def _take(self, session: RobotiqSession, status: Status) -> None:
         session.status = status
         session.heard_ns = self._clock.now_ns()
         session.misses = 0 if session.told in (None, status.request) else session.misses + 1
 
-    def _observation(self, session: _Session) -> Observation:
+    def _observation(self, session: RobotiqSession) -> Observation:
         status = session.status
         # without rGTO gOBJ means nothing; before the echo it is about the command before
         believed = status.active and status.going and session.told in (None, status.request)
@@ -290,11 +290,6 @@ class RobotiqWire(Wire):
             },
             faults={AXIS: ", ".join(faults)} if faults else {},
         )
-
-    def _session(self) -> _Session:
-        if self._session_or_none is None:
-            raise WireDown("wire: not connected. Open it first")
-        return self._session_or_none
 
 
 _CONTACT = {Contact.MOVING: _NAN, Contact.OPENING: -1.0, Contact.CLOSING: 1.0, Contact.ARRIVED: 0.0}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import ConnectWhenNeeded
 from strands_actors.contract.wire import MotorReport, WireDown
+from strands_actors.drivers.common.outcome import Outcome
 from strands_actors.drivers.common.simulation_control import protocol as p
 from strands_actors.drivers.common.simulation_control.body import Hand
 from strands_actors.drivers.common.simulation_control.client import SimulationClient
@@ -23,7 +24,7 @@ class SimStopChannel(ConnectWhenNeeded[SimConfig, SimulationClient]):
         return await make_safe(self.config, port, safe_state)
 
     def failed(self, why: str, port: SimulationClient | None = None) -> tuple[MotorReport, ...]:
-        return failed(self.config, why)
+        return Outcome(False, False, why).reports(self.config.axes, self.config.ids)
 
 
 async def make_safe(config: SimConfig, control: SimulationClient, safe_state: str) -> tuple[MotorReport, ...]:
@@ -34,17 +35,10 @@ async def make_safe(config: SimConfig, control: SimulationClient, safe_state: st
     try:
         sample = await control.call(p.Safe(0, order), p.Sample, SAFE_S)
     except WireDown as down:
-        return failed(config, str(down))
+        return Outcome(False, False, str(down)).reports(config.axes, config.ids)
     wire = int(Hand.WIRE)
     targets = config.position(sample) if safe_state in config.energised else (None,) * len(config.axes)
     return tuple(
         MotorReport(axis, motor, True, True, hand != wire, HELD_BY_WIRE if hand == wire else "", target)
         for axis, motor, hand, target in zip(config.axes, config.ids, sample.hands, targets, strict=True)
-    )
-
-
-def failed(config: SimConfig, why: str) -> tuple[MotorReport, ...]:
-    return tuple(
-        MotorReport(axis, motor, False, False, False, why)
-        for axis, motor in zip(config.axes, config.ids, strict=True)
     )

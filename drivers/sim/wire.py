@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import trio
 
 from strands_actors.contract.wire import MotorReport, Observation, Permit, Wire, WireDown
+from strands_actors.drivers.common.outcome import NOT_CONNECTED
 from strands_actors.drivers.common.simulation_control import protocol as p
 from strands_actors.drivers.common.simulation_control.body import Hand
 from strands_actors.drivers.common.simulation_control.client import Refusal, SimulationClient
@@ -16,7 +17,7 @@ from strands_actors.kernel.messages import Refused
 
 from .config import SimConfig
 from .gates import HELD_BY_WIRE, LET_GO
-from .stop_channel import failed, make_safe
+from .stop_channel import make_safe
 
 HANDSHAKE_S = 2.0
 READ_S = 0.03
@@ -75,7 +76,7 @@ class SimWire(Wire):
 
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         if self._control is None:
-            return failed(self._config, "not connected")
+            return NOT_CONNECTED.reports(self._config.axes, self._config.ids)
         self._armed = self._armed and safe_state in self._config.energised
         return await make_safe(self._config, self._control, safe_state)
 

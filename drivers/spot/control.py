@@ -11,7 +11,7 @@ from strands_actors.kernel.clock import NS
 
 from . import protocol as p
 from .messages import Message
-from .session import ANSWER_S, Asked, NoAnswer, Session
+from .session import ANSWER_S, Asked, NoAnswer, SpotSession
 
 SAMPLE_S = 0.01
 """Between two samples of the robot's time."""
@@ -35,7 +35,7 @@ class LeaseLost(Exception):
 class RobotTime:
     """The robot's clock, as it told it. Without it no command has an end."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: SpotSession) -> None:
         self._session = session
         self._skew_ns: int | None = None
         self.clock_identifier = ""
@@ -99,7 +99,7 @@ class BodyLease:
     """The lease of the body. Each use is newer than the one before: what comes late, behind a stop,
     the robot refuses."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: SpotSession) -> None:
         self._session = session
         self._lease: Message | None = None
         self._uses = 0
@@ -163,7 +163,7 @@ class EstopEndpoint:
     """Our end of the robot's e-stop. The robot settles and cuts its motors when we do not check in
     in time, or say so."""
 
-    def __init__(self, session: Session, timeout_s: float) -> None:
+    def __init__(self, session: SpotSession, timeout_s: float) -> None:
         self._session = session
         self._timeout_s = timeout_s
         self._endpoint: Message = {}
@@ -268,7 +268,7 @@ class EstopEndpoint:
         return "" if status.get("stop_level") == p.StopLevel.NONE else "its e-stop is asserted"
 
 
-async def read_state(session: Session, within_s: float = ANSWER_S) -> p.Reading:
+async def read_state(session: SpotSession, within_s: float = ANSWER_S) -> p.Reading:
     """Return what the robot reports of itself. Raise ``WireDown``."""
     try:
         return p.reading(await session.call("GetRobotState", {}, within_s))
@@ -276,7 +276,7 @@ async def read_state(session: Session, within_s: float = ANSWER_S) -> p.Reading:
         raise WireDown(f"robot state: {malformed}") from None
 
 
-async def power_status(session: Session, number: int) -> p.Power | int:
+async def power_status(session: SpotSession, number: int) -> p.Power | int:
     """Return how far a power command is. Raise ``WireDown``. One answer that is missing is none of a
     command's: ``SpotWire.read`` judges how long the robot may be silent."""
     try:
@@ -287,7 +287,7 @@ async def power_status(session: Session, number: int) -> p.Power | int:
     return status
 
 
-async def is_standing(session: Session, number: int) -> bool:
+async def is_standing(session: SpotSession, number: int) -> bool:
     """Return whether a command to stand has been carried out. Raise ``WireDown``, as
     ``power_status`` does."""
     try:
@@ -302,7 +302,7 @@ async def is_standing(session: Session, number: int) -> bool:
 class FreshState:
     """Readings that are newer than the first one after an order: that may have been on its way."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: SpotSession) -> None:
         self._session = session
         self._since_ns: int | None = None
 
@@ -314,7 +314,7 @@ class FreshState:
         return reading if reading.stamp_ns > self._since_ns else None
 
 
-async def see_it_report(session: Session, within_s: float) -> None:
+async def see_it_report(session: SpotSession, within_s: float) -> None:
     """Wait until what the robot reports is newer than what it reported first. Raise ``WireDown``."""
     fresh = FreshState(session)
     with trio.move_on_after(within_s):

@@ -57,7 +57,7 @@ class Asked:
         self.connection = connection
 
 
-class Session:
+class SpotSession:
     """``open_stream``: for tests; default TLS to the address of ``config``."""
 
     def __init__(self, config: SpotConfig, clock: Clock, open_stream: OpenStream | None = None) -> None:

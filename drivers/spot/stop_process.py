@@ -13,7 +13,7 @@ from strands_actors.kernel.clock import Clock
 
 from .config import SpotConfig
 from .control import EstopEndpoint
-from .session import OpenStream, Session
+from .session import OpenStream, SpotSession
 from .stopping import SERVICES, stop_by_estop
 
 Reports = tuple[MotorReport, ...]
@@ -26,7 +26,7 @@ WATCH_S = 1.5
 """How long the robot is watched, where it need not be connected first."""
 
 
-class EstopChannel(KeptSession[SpotConfig, Session]):
+class EstopChannel(KeptSession[SpotConfig, SpotSession]):
     """``open_stream``: for tests."""
 
     def __init__(
@@ -39,8 +39,8 @@ class EstopChannel(KeptSession[SpotConfig, Session]):
         super().__init__(config, descriptors, clock)
         self._open_stream = open_stream
 
-    async def connect(self) -> Session:
-        session = Session(self.config, self.clock, self._open_stream)
+    async def connect(self) -> SpotSession:
+        session = SpotSession(self.config, self.clock, self._open_stream)
         opened = False
         try:
             await session.open(SERVICES)
@@ -50,13 +50,13 @@ class EstopChannel(KeptSession[SpotConfig, Session]):
                 session.close()
         return session
 
-    async def keep_up(self, session: Session) -> None:
+    async def keep_up(self, session: SpotSession) -> None:
         while True:
             await session.call("GetEstopConfig", {})
             await session.renew()
             await trio.sleep(LOOK_AGAIN_S)
 
-    async def make_safe_by(self, session: Session | None, safe_state: str) -> Reports:
+    async def make_safe_by(self, session: SpotSession | None, safe_state: str) -> Reports:
         with trio.move_on_after(STOP_S):
             try:
                 if session is None:

@@ -11,7 +11,7 @@ from strands_actors.drivers.common.outcome import Outcome
 
 from . import protocol as p
 from .control import NOTHING_SINCE, EstopEndpoint, FreshState
-from .session import Session
+from .session import SpotSession
 
 LOOK_S = 0.02
 """Between two looks at the robot."""
@@ -26,7 +26,7 @@ def level_of(safe_state: str) -> p.StopLevel:
     return p.StopLevel.CUT if safe_state == SafeState.OFF else p.StopLevel.SETTLE_THEN_CUT
 
 
-async def stop_by_estop(session: Session, endpoint: EstopEndpoint, safe_state: str, within_s: float) -> Outcome:
+async def stop_by_estop(session: SpotSession, endpoint: EstopEndpoint, safe_state: str, within_s: float) -> Outcome:
     """Assert the e-stop, and look until the motors are off. Never raises. Where our endpoint is
     known, and connected, the first frame leaves before the first wait."""
     stop = _Stop(session, endpoint, level_of(safe_state))
@@ -44,7 +44,7 @@ async def stop_by_estop(session: Session, endpoint: EstopEndpoint, safe_state: s
 
 
 class _Stop:
-    def __init__(self, session: Session, endpoint: EstopEndpoint, level: p.StopLevel) -> None:
+    def __init__(self, session: SpotSession, endpoint: EstopEndpoint, level: p.StopLevel) -> None:
         self._session = session
         self._endpoint = endpoint
         self._level = level

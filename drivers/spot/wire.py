@@ -15,8 +15,9 @@ import msgspec
 import trio
 
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
-from strands_actors.drivers.common.outcome import Outcome, names_of
+from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
+from strands_actors.drivers.common.outcome import NOT_CONNECTED, Outcome, names_of
+from strands_actors.drivers.common.session_wire import SessionWire
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
 
@@ -38,7 +39,7 @@ from .gates import COMMAND, ESTOP, LEASE
 from .messages import Message
 from .readings import Targets, held_at, observe, why_moving
 from .robots import ARM, BASE, CLAW, DRIVES, KEYS, MOVES_ARM, MOVES_CLAW
-from .session import ANSWER_S, Asked, NoAnswer, OpenStream, Session
+from .session import ANSWER_S, Asked, NoAnswer, OpenStream, SpotSession
 from .stopping import LOOK_S, stop_by_estop, why_on
 
 RENEW_LOOK_S = 1.0
@@ -57,14 +58,13 @@ MARGIN_S = 0.7
 SERVICES = ("robot-command", "robot-state", "estop", "lease", "power", "time-sync")
 
 
-class SpotWire(Wire):
+class SpotWire(SessionWire[SpotSession]):
     interruptible: ClassVar[bool] = True
 
     def __init__(self, config: SpotConfig, clock: Clock, open_stream: OpenStream | None = None) -> None:
         self._config = config
         self._clock = clock
         self._open_stream = open_stream
-        self._session_or_none: Session | None = None
         self._is_armed = False
         self._reading: p.Reading | None = None
         self._read_ns = 0
@@ -75,7 +75,7 @@ class SpotWire(Wire):
 
     async def open(self) -> dict[str, Any]:
         self.close()
-        session = Session(self._config, self._clock, self._open_stream)
+        session = SpotSession(self._config, self._clock, self._open_stream)
         opened = False
         try:
             known = (await session.call("GetRobotId", {})).get("robot_id", {})
@@ -91,7 +91,7 @@ class SpotWire(Wire):
         self._estop = EstopEndpoint(session, self._config.estop_timeout_s)
         self._checked_in_ns = self._retained_ns = self._command_id = 0
         self._faults, self._given_up = {}, ""
-        self._session_or_none = session
+        self.session_or_none = session
         version = known.get("software_release", {}).get("version", {})
         return {
             "serial": known.get("serial_number", ""),
@@ -104,7 +104,7 @@ class SpotWire(Wire):
 
     async def read(self) -> Observation:
         """Its age is that of what it says: an answer that repeats the robot's stamp is not new."""
-        session, before = self._session(), self._reading
+        session, before = self.session, self._reading
         if self._given_up:
             raise WireDown(self._given_up)
         try:
@@ -127,7 +127,7 @@ class SpotWire(Wire):
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         """Ask for a new token and for the robot's clock beside the calls: either may take longer
         than a call, and what is known is good for a while."""
-        session = self._session()
+        session = self.session
         task_status.started()
         while True:
             await session.renew()
@@ -136,7 +136,7 @@ class SpotWire(Wire):
 
     async def feed(self) -> None:
         """Check in at a third of the endpoint's time-out, and say that the lease is used."""
-        self._session()  # raises when there is none
+        _ = self.session  # raises when there is none
         now_ns = self._clock.now_ns()
         with contextlib.suppress(NoAnswer):  # ``read`` judges how long it may be silent
             if self._estop.level is p.StopLevel.NONE and now_ns - self._checked_in_ns >= self._check_in_ns:
@@ -167,9 +167,9 @@ class SpotWire(Wire):
         return round((self._config.estop_timeout_s / 3 - 0.1) * NS)
 
     def close(self) -> None:
-        if self._session_or_none is not None:
-            self._session_or_none.close()
-        self._session_or_none = self._reading = None
+        if self.session_or_none is not None:
+            self.session_or_none.close()
+        self.session_or_none = self._reading = None
         self._is_armed = False
 
     # -- commanding
@@ -207,7 +207,7 @@ class SpotWire(Wire):
         why = "it has not said"
         with trio.move_on_after(RELEASED_S):
             while True:
-                pressed = (await read_state(self._session())).pressed
+                pressed = (await read_state(self.session)).pressed
                 why = ", ".join(pressed) or await self._estop.read_back()
                 if not why:
                     return
@@ -255,7 +255,7 @@ class SpotWire(Wire):
             raise
 
     async def _commanded(self, command: Message, permit: Permit | None) -> int:
-        told = await self._session().answer(self._send(command, permit))
+        told = await self.session.answer(self._send(command, permit))
         if not self._lease.check(told):
             return p.Command.UNKNOWN
         self._command_id = told.get("robot_command_id", 0)
@@ -265,14 +265,14 @@ class SpotWire(Wire):
     def _send(self, command: Message, permit: Permit | None) -> Asked:
         """Raise ``LeaseLost``, ``WireDown``."""
         body = {"lease": self._lease.use(), "command": command, "clock_identifier": self._time.clock_identifier}
-        return self._session().ask("RobotCommand", body, permit)
+        return self.session.ask("RobotCommand", body, permit)
 
     # -- safe
 
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
-        if self._session_or_none is None:
+        if self.session_or_none is None:
             self._is_armed = False
-            return self._reports(Outcome(False, False, "not connected"))
+            return self._reports(NOT_CONNECTED)
         if safe_state == SafeState.HOLD:
             return await self._hold()
         self._is_armed = False
@@ -280,7 +280,7 @@ class SpotWire(Wire):
         if safe_state != SafeState.OFF:
             outcome, returned = await self._sit()
         if outcome.detail:
-            session = self._session()
+            session = self.session
             by_estop = await stop_by_estop(session, self._estop, safe_state, SAFE_S - MARGIN_S - SIT_S)
             written = outcome.written or by_estop.written
             outcome = Outcome(written, outcome.acknowledged or by_estop.acknowledged, by_estop.detail)
@@ -291,7 +291,7 @@ class SpotWire(Wire):
         """Tell it to stand still, and see that it does. One that another has the lease of is not
         moved by us; one that nobody has it of can only be looked at."""
         written = acknowledged = is_nobodys = False
-        detail, fresh = "silent", FreshState(self._session())
+        detail, fresh = "silent", FreshState(self.session)
         with trio.move_on_after(HOLD_S):
             while True:
                 had = self._lease.is_held
@@ -321,7 +321,7 @@ class SpotWire(Wire):
     async def _said_unheard(self, command: Message) -> bool:
         """Say it by our lease on a new connection, before anything is heard there: answers that are
         damaged end a connection, and the robot may hear us all the same. Return whether it left."""
-        session = self._session_or_none
+        session = self.session_or_none
         if session is None or not self._lease.is_held:
             return False
         try:
@@ -338,7 +338,7 @@ class SpotWire(Wire):
         if reading is None:
             return NOTHING_SINCE, ()
         if reading.motors is p.Motors.POWERING_ON:
-            session = self._session()
+            session = self.session
             asked = session.ask("PowerCommand", {"lease": self._lease.use(), "request": p.POWER_OFF})
             self._lease.check(await session.answer(asked))
             return "not confirmed: its motors are being powered on", ()
@@ -356,7 +356,7 @@ class SpotWire(Wire):
                 if status not in (p.Command.OK, p.Command.NOT_POWERED_ON):
                     return Outcome(True, False, f"not confirmed: {p.name_of(p.Command, status)}"), ""
                 acknowledged = True
-                fresh = FreshState(self._session())
+                fresh = FreshState(self.session)
                 while True:
                     detail = why_on(await fresh.read())
                     if not detail:
@@ -387,7 +387,7 @@ class SpotWire(Wire):
         once, since each may have to wait for the network. Then by the endpoint on a new connection."""
         self._is_armed = False
         said = False
-        if self._session_or_none is not None:
+        if self.session_or_none is not None:
 
             async def by_lease() -> None:
                 nonlocal said
@@ -396,13 +396,13 @@ class SpotWire(Wire):
             async with trio.open_nursery() as nursery:
                 if safe_state != SafeState.OFF:
                     nursery.start_soon(by_lease)
-                outcome = await stop_by_estop(self._session(), self._estop, safe_state, ANSWER_S)
+                outcome = await stop_by_estop(self.session, self._estop, safe_state, ANSWER_S)
                 if not outcome.detail:
                     nursery.cancel_scope.cancel()  # it is safe: the way by the lease is not needed
             if not outcome.detail:
                 return self._reports(outcome)
-            self._session().close_in_order()  # not forgotten: its lease is what a later stop is said by
-        session = Session(self._config, self._clock, self._open_stream)
+            self.session.close_in_order()  # not forgotten: its lease is what a later stop is said by
+        session = SpotSession(self._config, self._clock, self._open_stream)
         try:
             await session.open(("estop", "robot-state"))
             estop = EstopEndpoint(session, self._config.estop_timeout_s)
@@ -443,14 +443,14 @@ class SpotWire(Wire):
             return refused
         number = self._command_id
         with trio.move_on_after(STAND_UP_S):
-            while not await is_standing(self._session(), number):
+            while not await is_standing(self.session, number):
                 permit.check()
                 await trio.sleep(LOOK_S)
             return {"standing": True}
         return Refused("not_standing", f"stand: it does not stand after {STAND_UP_S:g} s", "look at the robot")
 
     async def _power_on(self, permit: Permit) -> Refused | None:
-        session = self._session()
+        session = self.session
         if (await read_state(session)).motors is p.Motors.ON:
             return None
         try:
@@ -490,8 +490,3 @@ class SpotWire(Wire):
         """Keep who took the lease: later it is only known that it is not ours."""
         if lost.owner or LEASE not in self._faults:
             self._faults[LEASE] = str(lost)
-
-    def _session(self) -> Session:
-        if self._session_or_none is None:
-            raise WireDown("wire: not connected. Open it first")
-        return self._session_or_none

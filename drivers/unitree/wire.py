@@ -15,8 +15,9 @@ import msgspec
 import trio
 
 from strands_actors.contract.rotations import roll_pitch_yaw
-from strands_actors.contract.wire import MotorReport, Observation, Permit, Wire, WireDown
+from strands_actors.contract.wire import MotorReport, Observation, Permit, WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.session_wire import SessionWire
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
 
@@ -48,7 +49,7 @@ REAL = (
 )
 
 
-class _Session:
+class UnitreeSession:
     """What exists between ``open`` and ``close``."""
 
     def __init__(self, config: UnitreeConfig, clock: Clock) -> None:
@@ -151,20 +152,19 @@ class _Session:
             self.battery = float(p.decode_battery(payload[4:])), t_ns / NS
 
 
-class UnitreeWire(Wire):
+class UnitreeWire(SessionWire[UnitreeSession]):
     interruptible: ClassVar[bool] = True
 
     def __init__(self, config: UnitreeConfig, clock: Clock) -> None:
         self._config = config
         self._clock = clock
-        self._session_or_none: _Session | None = None
         self._last: p.State | None = None  # of the session before, once it is closed
         self._owed: set[int] = set()  # as well: the robot has it, connected or not
 
     async def open(self) -> dict[str, Any]:
         """Find the robot, hear it, and ask what controls it."""
         self.close()
-        self._session_or_none = session = _Session(self._config, self._clock)
+        self.session_or_none = session = UnitreeSession(self._config, self._clock)
         session.modes.owed = self._owed
         link, where = session.link, self._config.port
         await self._until(lambda: link.participant.peers > 0, FIND_S, f"{where}: nobody answers. Check port=")
@@ -198,19 +198,19 @@ class UnitreeWire(Wire):
 
     async def arm(self, permit: Permit) -> Observation:
         """Nothing is energised: the robot stands by its own controller until the first setpoint."""
-        session = self._session()
+        session = self.session
         await trio.lowlevel.checkpoint()
         permit.check()
         return await self._read(session)
 
     async def read(self) -> Observation:
-        return await self._read(self._session())
+        return await self._read(self.session)
 
     @property
     def prompt(self) -> bool:
-        return self._session_or_none is not None
+        return self.session_or_none is not None
 
-    async def _read(self, session: _Session) -> Observation:
+    async def _read(self, session: UnitreeSession) -> Observation:
         now_ns = self._clock.now_ns()
         session.poll(now_ns)
         silent_s = (now_ns - session.link.state_ns) / NS
@@ -221,7 +221,7 @@ class UnitreeWire(Wire):
         return session.observation()
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
-        session = self._session()
+        session = self.session
         link = session.link
         payload = link.encode(values)
         permit.check()
@@ -229,7 +229,7 @@ class UnitreeWire(Wire):
             raise WireDown("write: the robot no longer takes commands. Check the robot and the network")
 
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
-        session = self._session_or_none
+        session = self.session_or_none
         if session is None:
             return reports(self._config.model, False, "not connected")
         motors = await bring_down(session.link, safe_state, session.held_by)
@@ -245,7 +245,7 @@ class UnitreeWire(Wire):
     async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
         """By the participant that the robot knew, which finds it again by itself; else by a new
         one, which has to be found first."""
-        session = self._session_or_none
+        session = self.session_or_none
         if session is not None:
             return await bring_down(session.link, safe_state)
         try:
@@ -267,7 +267,7 @@ class UnitreeWire(Wire):
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
         """``release_sport_mode``: ask until the robot says that no onboard mode is active, but never
         while it owes an answer."""
-        session = self._session()
+        session = self.session
         if self._config.simulator:
             return Refused(
                 "sport_mode", f"{service}: a simulator has no onboard mode", "command its joints", "", ""
@@ -294,21 +294,21 @@ class UnitreeWire(Wire):
         )
 
     def close(self) -> None:
-        if self._session_or_none is not None:
-            self._session_or_none.link.close()
-            self._last = self._session_or_none.link.state
-            self._owed = self._session_or_none.modes.owed
-            self._session_or_none = None
+        if self.session_or_none is not None:
+            self.session_or_none.link.close()
+            self._last = self.session_or_none.link.state
+            self._owed = self.session_or_none.modes.owed
+            self.session_or_none = None
 
     # -- parts
 
-    async def _ask_for_release(self, session: _Session) -> None:
+    async def _ask_for_release(self, session: UnitreeSession) -> None:
         """Ask, unless an answer is owed, and wait a while for it."""
         if not session.modes.owed:
             session.modes.order(rpc.RELEASE_MODE)
         await self._look(lambda: not session.modes.owed, RELEASE_S / 2)
 
-    async def _fresh_mode(self, session: _Session) -> str:
+    async def _fresh_mode(self, session: UnitreeSession) -> str:
         """The onboard mode, asked now; what is awaited here is taken in by ``read``. Raise
         ``WireDown``."""
         said: list[str] = []
@@ -337,15 +337,10 @@ class UnitreeWire(Wire):
 
     async def _look(self, condition: Callable[[], bool], within_s: float) -> bool:
         """Take in what comes until it makes the condition true."""
-        session = self._session()
+        session = self.session
         with trio.move_on_after(within_s):
             while not condition():
                 session.poll(self._clock.now_ns())
                 await trio.sleep(CONTROL_S)
             return True
         return False
-
-    def _session(self) -> _Session:
-        if self._session_or_none is None:
-            raise WireDown("wire: not connected. Open it first")
-        return self._session_or_none

@@ -22,6 +22,8 @@ JOINTS = (
 )
 """In the order of the wire."""
 
+IDS = tuple(range(len(JOINTS)))
+
 
 class Arm(msgspec.Struct, frozen=True):
     """One table."""

@@ -6,6 +6,7 @@ import msgspec
 
 from strands_actors.drivers.common.tcp_port import parse_address
 
+from .gates import CONTROL_HZ
 from .protocol import RTDE_PORT
 
 
@@ -16,6 +17,10 @@ class URConfig(msgspec.Struct, frozen=True):
     """When the controller's clock stands still for so long the link counts as lost."""
     rtde_hz: float | None = None
     """Rate at which the controller exchanges samples and registers; None: ours."""
+
+    @property
+    def samples_hz(self) -> float:
+        return self.rtde_hz or CONTROL_HZ
 
     def check_port(self) -> None:
         """Raise ``ValueError`` as ``host``."""

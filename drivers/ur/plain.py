@@ -4,7 +4,7 @@ advance."""
 from __future__ import annotations
 
 import contextlib
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Iterator, Sequence
 from typing import Any
 
 import trio
@@ -17,9 +17,6 @@ from . import protocol as p
 
 ANSWER_S = 0.5
 """A controller answers within milliseconds; it may be busy starting a program."""
-
-LOOK = ("timestamp", "actual_q", "actual_qd", "robot_mode", "safety_mode", "runtime_state")
-LOOK_HZ = 125.0
 
 
 @contextlib.asynccontextmanager
@@ -69,7 +66,7 @@ async def handshake(host: str) -> dict[str, Any]:
 
 
 class Samples:
-    """A stream of RTDE samples of ``LOOK``."""
+    """A stream of RTDE samples: what each output that was asked for is now."""
 
     def __init__(self, stream: TcpPort) -> None:
         self._stream = stream
@@ -77,15 +74,35 @@ class Samples:
         self._packets: Iterator[p.Packet] = iter(())  # that came with one asked for
         self._recipe: p.Recipe
 
-    async def start(self) -> None:
+    async def start(self, names: Sequence[str], hz: float) -> None:
+        """Agree on the outputs and how often they come. Raise ``WireDown``."""
         if await self._request(p.version_request(), p.Kind.VERSION) != b"\x01":
             raise WireDown(f"{self._stream.name}: speaks no RTDE version {p.RTDE_VERSION}. Update its software")
-        self._recipe = p.outputs_answer(await self._request(p.outputs_request(LOOK_HZ, LOOK), p.Kind.OUTPUTS), LOOK)
+        answer = await self._request(p.outputs_request(hz, names), p.Kind.OUTPUTS)
+        with self._understood():
+            self._recipe = p.outputs_answer(answer, names)
         await self._request(p.frame(p.Kind.START), p.Kind.START)
 
     async def next(self) -> dict[str, Any]:
-        """Raise ``WireDown`` when none comes."""
-        return self._recipe.unpack(await self._packet(p.Kind.DATA))
+        """Raise ``WireDown`` when none comes, or one that cannot be read."""
+        payload = await self._packet(p.Kind.DATA)
+        with self._understood():
+            return self._recipe.unpack(payload)
+
+    async def first(self) -> dict[str, Any]:
+        """Return the first that shows the controller's clock advance. Raise ``WireDown`` when it
+        does not."""
+        sample = before = await self.next()
+        with trio.move_on_after(ANSWER_S):
+            while sample["timestamp"] == before["timestamp"]:
+                sample = await self.next()
+            return sample
+        raise WireDown(
+            f"{self._stream.name}: samples come, but the controller's clock stands still. Restart the controller"
+        )
+
+    def close(self) -> None:
+        self._stream.close()
 
     async def _request(self, request: bytes, kind: int) -> bytes:
         self._stream.write(request)
@@ -93,30 +110,26 @@ class Samples:
 
     async def _packet(self, kind: int) -> bytes:
         while True:
-            for packet in self._packets:
-                if packet.kind == kind:
-                    return packet.payload
+            with self._understood():
+                for packet in self._packets:
+                    if packet.kind == kind:
+                        return packet.payload
             self._packets = self._decoder.feed(await receive(self._stream))
 
-
-@contextlib.asynccontextmanager
-async def samples(host: str) -> AsyncIterator[Samples]:
-    """Raise ``WireDown``, also for samples that cannot be read."""
-    async with connected(host, p.RTDE_PORT) as stream:
-        started = Samples(stream)
+    @contextlib.contextmanager
+    def _understood(self) -> Iterator[None]:
         try:
-            await started.start()
-            yield started
+            yield
         except MalformedFrame as malformed:
-            raise WireDown(f"{stream.name}: {malformed}") from None
+            raise WireDown(f"{self._stream.name}: {malformed}") from None
 
 
-async def look(host: str) -> None:
-    """See the controller's clock advance. Raise ``WireDown`` when it does not."""
-    async with samples(host) as stream:
-        first = await stream.next()
-        with trio.move_on_after(ANSWER_S):
-            while (await stream.next())["timestamp"] == first["timestamp"]:
-                pass
-            return
-    raise WireDown(f"{host}: samples come, but the controller's clock stands still. Restart the controller")
+async def open_samples(host: str, names: Sequence[str], hz: float) -> Samples:
+    """Raise ``WireDown``."""
+    started = Samples(await open_tcp(host, p.RTDE_PORT))
+    try:
+        await started.start(names, hz)
+    except BaseException:
+        started.close()
+        raise
+    return started

@@ -1,4 +1,4 @@
-"""ur-rtde in the wire process.
+"""ur-rtde in the wire process: it commands. What the controller tells is heard without it (``plain``).
 
 What it does that nobody would expect, seen with 1.6.5:
 
@@ -7,8 +7,8 @@ What it does that nobody would expect, seen with 1.6.5:
   process opens it once.
 * A call that lost its connection reconnects by itself and then *sends its old command*. So a call
   that missed its deadline is the end of the process: nothing less keeps it from happening late.
-* ``isConnected`` and return values say nothing of a frozen controller, getters return the last
-  sample for ever: liveness is the controller's clock.
+* ``isConnected`` and return values say nothing of a frozen controller: liveness is the controller's
+  clock.
 """
 
 from __future__ import annotations
@@ -16,17 +16,14 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
-import trio
-
-from strands_actors.contract.wire import ProcessSpent, WireDown
+from strands_actors.contract.wire import ProcessSpent
 from strands_actors.drivers.common.sdk import SdkCalls, kept, load_sdk
 
-from .gates import CONTROL_HZ, CONTROL_S, LOOKAHEAD_S
+from .gates import CONTROL_S, LOOKAHEAD_S
 
 OPEN_S = 3.0
-FIRST_S = 0.5
 CALL_S = 0.1
 """For calls that only send. They take 0.1 ms."""
 STOP_S = 0.5
@@ -42,23 +39,6 @@ GAIN = 300.0
 UNUSED = 0.5
 """servoJ takes a speed and an acceleration and uses neither."""
 STOP_RAD_S2 = 10.0
-
-_GETTERS = {
-    "timestamp": "getTimestamp",
-    "actual_q": "getActualQ",
-    "actual_qd": "getActualQd",
-    "actual_current": "getActualCurrent",
-    "actual_TCP_pose": "getActualTCPPose",
-    "actual_TCP_speed": "getActualTCPSpeed",
-    "actual_TCP_force": "getActualTCPForce",
-    "joint_temperatures": "getJointTemperatures",
-    "robot_mode": "getRobotMode",
-    "safety_mode": "getSafetyMode",
-    "runtime_state": "getRuntimeState",
-    "speed_scaling": "getSpeedScaling",
-    "target_speed_fraction": "getTargetSpeedFraction",
-}
-"""What is asked of the controller, and how it is read, in the order of ``Sample``."""
 
 _ERRORS = (RuntimeError, ValueError, IndexError, TypeError)
 """What exceptions of the SDK become in Python; TypeError: one of another version takes no such
@@ -79,63 +59,29 @@ def install_line(machine: str = "", python: tuple[int, int] = sys.version_info[:
     )
 
 
-class Sample(NamedTuple):
-    """What the receive interface heard last."""
-
-    time_s: float  # the controller's clock
-    position: tuple[float, ...]
-    velocity: tuple[float, ...]
-    current: tuple[float, ...]
-    pose: tuple[float, ...]
-    tcp_speed: tuple[float, ...]
-    wrench: tuple[float, ...]  # N and Nm at the tool's centre, in the base's axes
-    temperature: tuple[float, ...]
-    robot_mode: int
-    safety_mode: int
-    runtime_state: int
-    speed_scaling: float  # by the controller itself: it knows nothing of the slider
-    speed_slider: float  # 0 to 1
-
-
 class Sdk(SdkCalls):
     """One connection. Calls never overlap."""
 
-    def __init__(self, host: str, rtde_hz: float | None = None) -> None:
-        """``rtde_hz``: see ``URConfig``. Raise ``ProcessSpent`` when this process has had one."""
+    def __init__(self, host: str, registers_hz: float | None = None) -> None:
+        """Load it, and connect to nothing. Raise ``WireDown`` where it is not installed,
+        ``ProcessSpent`` when this process has had one."""
         if kept():
             raise ProcessSpent("the link was lost, and ur-rtde is opened once in a process")
         super().__init__("ur-rtde", _ERRORS)
+        self._interface = load_sdk("rtde_control", install_line()).RTDEControlInterface
         self._host = host
-        self._sample_hz = rtde_hz or CONTROL_HZ
-        self._register_hz = rtde_hz or REGISTERS_HZ
-        self._receive: Any = None
+        self._registers_hz = registers_hz or REGISTERS_HZ
         self._control: Any = None
 
-    async def open_receive(self) -> None:
-        """Raise ``WireDown`` where it is not installed, and when no sample comes."""
-        interface = load_sdk("rtde_receive", install_line()).RTDEReceiveInterface
-        self._receive = await self.construct(
-            "receive", OPEN_S, interface, self._host, self._sample_hz, list(_GETTERS)
-        )
-        with trio.move_on_after(FIRST_S):
-            while not self.sample().time_s:  # noqa: ASYNC110  # until then everything is zero
-                await trio.sleep(CONTROL_S)
-            return
-        raise WireDown(f"ur-rtde: no sample within {FIRST_S:g} s. Check the controller")
-
-    async def open_control(self) -> None:
-        """Connect to the registers; no program is started."""
+    async def connect(self) -> None:
+        """Connect to the registers, the first time; no program is started."""
         if self._control is None:
-            interface = load_sdk("rtde_control", install_line()).RTDEControlInterface
             # registers 0 to 23 belong to fieldbus and PLC; NO_WAIT: it would wait with the lock
             # held
-            flags = interface.FLAG_UPPER_RANGE_REGISTERS | interface.FLAG_NO_WAIT
-            self._control = await self.construct("control", OPEN_S, interface, self._host, self._register_hz, flags)
-
-    def sample(self) -> Sample:
-        """Never waits."""
-        read = (getattr(self._receive, getter)() for getter in _GETTERS.values())
-        return Sample._make(tuple(value) if isinstance(value, list) else value for value in read)
+            flags = self._interface.FLAG_UPPER_RANGE_REGISTERS | self._interface.FLAG_NO_WAIT
+            self._control = await self.construct(
+                "control", OPEN_S, self._interface, self._host, self._registers_hz, flags
+            )
 
     async def upload(self) -> bool:
         """Send the control script; it starts some time later."""

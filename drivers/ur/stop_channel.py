@@ -3,17 +3,19 @@ process is gone."""
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 
 import trio
 
 from strands_actors.contract.wire import MotorReport, StopChannel, WireDown
+from strands_actors.drivers.common.outcome import Outcome
 from strands_actors.kernel.clock import Clock
 
 from . import protocol as p
-from .arms import JOINTS
+from .arms import IDS, JOINTS
 from .config import URConfig
-from .plain import connected, receive, samples
+from .plain import connected, open_samples, receive
 
 STOP_S = 1.2
 """From top speed a joint needs 0.8 s at the deceleration of ``stopj``."""
@@ -26,10 +28,8 @@ SCRIPT_S = 0.2
 
 STANDING_RAD_S = 0.02
 
-
-def unsafe(why: str) -> tuple[MotorReport, ...]:
-    """Return that nothing was done to any joint."""
-    return tuple(MotorReport(joint, at, False, False, False, why) for at, joint in enumerate(JOINTS))
+WATCHED = ("timestamp", "actual_qd", "runtime_state")
+WATCHED_HZ = 125.0
 
 
 class _Stop:
@@ -90,9 +90,9 @@ class _Stop:
         the controller's time shows nothing."""
         time_s = -1.0
         try:
-            async with samples(self._host) as stream:
+            with contextlib.closing(await open_samples(self._host, WATCHED, WATCHED_HZ)) as samples:
                 while self.playing or self.moving or not self.ordered:
-                    sample = await stream.next()
+                    sample = await samples.next()
                     time_s, before_s = sample["timestamp"], time_s
                     if before_s in (-1.0, time_s):
                         continue
@@ -109,7 +109,7 @@ async def stop(config: URConfig) -> tuple[MotorReport, ...]:
     try:
         state = _Stop(config.host)
     except ValueError as error:
-        return unsafe(str(error))
+        return Outcome(False, False, str(error)).reports(JOINTS, IDS)
     with trio.move_on_after(STOP_S):
         async with trio.open_nursery() as nursery:
             nursery.start_soon(state.order)

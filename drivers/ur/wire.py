@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import trio
 
-from strands_actors.contract.wire import (
-    MotorReport,
-    Observation,
-    Permit,
-    PermitDenied,
-    ProcessSpent,
-    Wire,
-    WireDown,
-)
+from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, ProcessSpent, WireDown
+from strands_actors.drivers.common.outcome import NOT_CONNECTED
+from strands_actors.drivers.common.session_wire import SessionWire
+from strands_actors.drivers.common.stamps import Stamps
 from strands_actors.kernel.clock import NS, Clock
+from strands_actors.kernel.messages import Refused
 
 from . import plain
-from .arms import JOINTS
+from .arms import IDS, JOINTS
 from .config import URConfig
 from .gates import CONTROL_S, PAUSED, WATCHDOG_HZ, refuse_modes
 from .protocol import RuntimeState
 from .sdk import Sdk
-from .stop_channel import STANDING_RAD_S, stop, unsafe
+from .stop_channel import STANDING_RAD_S, stop
 
 START_S = 3.0
 """From the upload of the control script until it runs."""
@@ -32,45 +29,64 @@ FEED_S = 0.025
 """Between kicks of a watchdog that waits 100 ms."""
 
 SILENT_S = 0.04
-"""Nothing is written to a controller whose clock stands still for so long: it would take it up
-late."""
+"""Nothing is written to a controller whose clock stands still for so long, or for two samples: it
+would take it up late."""
 
 CONFIRM_S = 0.4
 
+SENSORS: Mapping[str, str] = {
+    "current_a": "actual_current",
+    "temperature_c": "joint_temperatures",
+    "tcp_pose_m_rad": "actual_TCP_pose",
+    "tcp_speed_m_s_rad_s": "actual_TCP_speed",
+    "wrench_n_nm": "actual_TCP_force",  # at the tool's centre, in the base's axes
+    "robot_mode": "robot_mode",
+    "safety_mode": "safety_mode",
+    "runtime_state": "runtime_state",
+}
+"""Outputs of the controller as they are published."""
+OUTPUTS = ("timestamp", "actual_q", "actual_qd", "speed_scaling", "target_speed_fraction", *SENSORS.values())
 
-class _Session:
-    """What exists between ``open`` and ``close``."""
 
-    def __init__(self, sdk: Sdk, config: URConfig, clock: Clock) -> None:
+class URSession:
+    """Samples as they come, and the SDK, which only commands."""
+
+    def __init__(self, sdk: Sdk, samples: plain.Samples, config: URConfig, clock: Clock) -> None:
         self.sdk = sdk
+        self.samples = samples
+        self.sample: dict[str, Any] = {}
         self._config = config
         self._clock = clock
-        self.sample = sdk.sample()
-        self._stamp_ns = clock.now_ns()  # when the controller's clock was last seen to advance
+        self._advanced = Stamps()  # by the controller's clock
+        self._still_s = max(SILENT_S, 2 / config.samples_hz)
         self._fed_ns = 0
         self.controls = False  # the control script is ours, runs, and its watchdog is armed
         self.servoing = False
         self.lost = ""  # why control was lost since the robot was armed
 
-    def look(self) -> None:
-        """Take the newest sample. A controller that stopped or paused our program is not written to again
-        before the next arming: its operator unlocks it, and nothing may move because of that."""
-        sample = self.sdk.sample()
-        if sample.time_s != self.sample.time_s:
-            self._stamp_ns = self._clock.now_ns()
+    def take(self, sample: dict[str, Any]) -> None:
+        """Take the newest sample. A controller that stopped or paused our program is not written to
+        again before the next arming: its operator unlocks it, and nothing may move because of that."""
         self.sample = sample
+        self._advanced.take(sample["timestamp"], self._clock.now_ns())
         if self.controls:
-            refusal = refuse_modes(sample.robot_mode, sample.safety_mode)
+            refusal = self.refuse_modes()
             if refusal is not None:
                 self.lose(refusal.offered)
-            elif sample.runtime_state in PAUSED:
+            elif self.runtime_state in PAUSED:
                 self.lose("its program was paused on the pendant")
-            elif sample.runtime_state != RuntimeState.PLAYING:
+            elif self.runtime_state != RuntimeState.PLAYING:
                 self.lose("the controller stopped its program")
 
-    def look_alive(self) -> None:
-        """As ``look``. Raise ``WireDown`` when the controller's clock stands still."""
-        self.look()
+    def refuse_modes(self) -> Refused | None:
+        return refuse_modes(self.sample["robot_mode"], self.sample["safety_mode"])
+
+    @property
+    def runtime_state(self) -> int:
+        return int(self.sample["runtime_state"])
+
+    def check_alive(self) -> None:
+        """Raise ``WireDown`` when the controller's clock stands still."""
         silent_s = self.silent_s()
         if silent_s > self._config.silent_s:
             raise WireDown(
@@ -82,11 +98,17 @@ class _Session:
         self.lost, self.controls, self.servoing = why, False, False
 
     def silent_s(self) -> float:
-        return (self._clock.now_ns() - self._stamp_ns) / NS
+        return (self._clock.now_ns() - self._advanced.new_ns) / NS
 
-    def stands(self) -> bool:
-        """Return whether a fresh sample shows that no joint moves."""
-        return self.silent_s() < SILENT_S and all(abs(rad_s) < STANDING_RAD_S for rad_s in self.sample.velocity)
+    @property
+    def is_still(self) -> bool:
+        """Return whether the controller's clock stands still for too long to be written to."""
+        return self.silent_s() > self._still_s
+
+    def stands_since(self, ordered_ns: int) -> bool:
+        """Return whether a fresh sample, newer than that, shows that no joint moves."""
+        fresh = self._advanced.new_ns > ordered_ns and not self.is_still
+        return fresh and all(abs(rad_s) < STANDING_RAD_S for rad_s in self.sample["actual_qd"])
 
     def was_fed(self) -> None:
         self._fed_ns = self._clock.now_ns()
@@ -101,21 +123,16 @@ class _Session:
 
     def observation(self) -> Observation:
         sample = self.sample
+        values = {name: sample[output] for name, output in SENSORS.items()}
         return Observation(
             t_ns=self._clock.now_ns(),
-            position=sample.position,
-            stamp_ns=(self._stamp_ns,) * len(JOINTS),
-            velocity=sample.velocity,
+            position=sample["actual_q"],
+            stamp_ns=(self._advanced.new_ns,) * len(JOINTS),
+            velocity=sample["actual_qd"],
             sensors={
-                "current_a": sample.current,
-                "temperature_c": sample.temperature,
-                "tcp_pose_m_rad": sample.pose,
-                "tcp_speed_m_s_rad_s": sample.tcp_speed,
-                "wrench_n_nm": sample.wrench,
-                "robot_mode": (sample.robot_mode,),
-                "safety_mode": (sample.safety_mode,),
-                "runtime_state": (sample.runtime_state,),
-                "speed_scaling": (sample.speed_scaling * sample.speed_slider,),
+                **{name: value if isinstance(value, tuple) else (value,) for name, value in values.items()},
+                # the controller's own knows nothing of the slider
+                "speed_scaling": (sample["speed_scaling"] * sample["target_speed_fraction"],),
                 "control": (float(self.controls),),
                 "watchdog_hz": (WATCHDOG_HZ if self.controls else 0.0,),
             },
@@ -123,15 +140,12 @@ class _Session:
         )
 
 
-class URWire(Wire):
+class URWire(SessionWire[URSession]):
     def __init__(self, config: URConfig, clock: Clock) -> None:
         self._config = config
         self._clock = clock
-        self._session_or_none: _Session | None = None
 
     async def open(self) -> dict[str, Any]:
-        """The plain ports first: against a controller that is frozen the SDK's constructors never
-        return."""
         self.close()
         try:
             host = self._config.host
@@ -139,65 +153,72 @@ class URWire(Wire):
             raise WireDown(f"open: {error}") from None
         sdk = Sdk(host, self._config.rtde_hz)
         facts = await plain.handshake(host)
-        await plain.look(host)
-        await sdk.open_receive()
-        self._session_or_none = _Session(sdk, self._config, self._clock)
+        samples = await plain.open_samples(host, OUTPUTS, self._config.samples_hz)
+        session = self.session_or_none = URSession(sdk, samples, self._config, self._clock)
+        session.take(await samples.first())
         return {"address": host, "host": host, **facts}
 
+    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        """Take the samples as they come."""
+        session = self.session
+        task_status.started()
+        while True:
+            session.take(await session.samples.next())
+
     async def arm(self, permit: Permit) -> Observation:
-        session, host = self._session(), self._config.host
-        session.look()
-        refusal = refuse_modes(session.sample.robot_mode, session.sample.safety_mode)
+        session = self.session
+        refusal = session.refuse_modes()
         if refusal is not None:
             raise WireDown(refusal.text.removeprefix("move: "))
-        if session.sample.runtime_state != RuntimeState.STOPPED:
+        if session.runtime_state != RuntimeState.STOPPED:
             raise WireDown("a program runs on the controller. stop() ends it, then resume()")
-        if (await plain.ask_dashboard(host, "is in remote control"))[0].lower() == "false":
+        if (await plain.ask_dashboard(self._config.host, "is in remote control"))[0].lower() == "false":
             raise WireDown("the controller is in local control. Switch it to remote on the pendant")
-        await plain.look(host)
         permit.check()
-        await session.sdk.open_control()
+        if session.is_still:  # the SDK's constructor would never return, nor let go of the interpreter
+            raise WireDown("the controller's clock stands still. Check it")
+        await session.sdk.connect()
         permit.check()
         await self._start_script(session, permit)
         session.lost, session.controls, session.servoing = "", True, False
         return session.observation()
 
     async def read(self) -> Observation:
-        session = self._session()
+        session = self.session
         if session.sdk.spent:
             raise ProcessSpent(session.sdk.spent)
         await trio.lowlevel.checkpoint()
-        session.look_alive()
+        session.check_alive()
         return session.observation()
 
     async def feed(self) -> None:
-        await self._session().feed()
+        await self.session.feed()
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
-        session = self._session()
-        session.look()
+        session = self.session
         if not session.controls:
             raise PermitDenied(session.lost or "not armed")
-        if session.silent_s() > SILENT_S:
+        if session.is_still:
             raise PermitDenied("the controller's clock stands still")
         session.servoing = await session.sdk.servo(values, permit.check)
         if not session.servoing:
             session.lose("the control script is not running")
 
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
-        session = self._session_or_none
+        session = self.session_or_none
         if session is None:
-            return unsafe("not connected")
+            return NOT_CONNECTED.reports(JOINTS, IDS)
         ended = safe_state != "hold"
         servoed = stands = False
         try:
+            ordered_ns = self._clock.now_ns()
             servoed = session.controls and await self._stop_by_sdk(session, ended)
-            stands = (servoed or not ended) and await self._stands(session, ended)
+            stands = (servoed or not ended) and await self._stands(session, ordered_ns, ended)
         except ProcessSpent:
             pass  # the next read says so
         if stands:
-            rows = enumerate(zip(JOINTS, session.sample.position, strict=True))
-            return tuple(MotorReport(joint, at, servoed, servoed, True, target=rad) for at, (joint, rad) in rows)
+            rows = zip(JOINTS, IDS, session.sample["actual_q"], strict=True)
+            return tuple(MotorReport(joint, at, servoed, servoed, True, target=rad) for joint, at, rad in rows)
         session.lose("stopped without the SDK")
         return await stop(self._config)
 
@@ -206,30 +227,32 @@ class URWire(Wire):
         return await stop(self._config)
 
     def close(self) -> None:
-        """Nothing is closed: that takes the SDK half a second with the lock held, or for ever. What is open ends
-        with this process, which cannot open another."""
-        self._session_or_none = None
+        """Of the SDK nothing is closed: that takes it half a second with the lock held, or for ever.
+        What is open ends with this process, which cannot open another."""
+        if self.session_or_none is not None:
+            self.session_or_none.samples.close()
+        self.session_or_none = None
 
     # -- parts
 
-    async def _start_script(self, session: _Session, permit: Permit) -> None:
+    async def _start_script(self, session: URSession, permit: Permit) -> None:
         """Upload the control script, see it run, arm its watchdog. Raise ``WireDown``."""
         sdk = session.sdk
         if not await sdk.upload():
             raise WireDown("the controller does not take the control script. Try again")
         with trio.move_on_after(START_S):
-            while not (session.sample.runtime_state == RuntimeState.PLAYING and sdk.script_runs()):
+            while not (session.runtime_state == RuntimeState.PLAYING and sdk.script_runs()):
                 await trio.sleep(CONTROL_S)
                 permit.check()
-                session.look_alive()
+                session.check_alive()
         permit.check()
-        if session.sample.runtime_state != RuntimeState.PLAYING:
+        if session.runtime_state != RuntimeState.PLAYING:
             raise WireDown(f"the control script does not start within {START_S:g} s. Look at the pendant")
         if not await sdk.set_watchdog(WATCHDOG_HZ):
             raise WireDown("the control script does not arm its watchdog. Try again")
         session.was_fed()
 
-    async def _stop_by_sdk(self, session: _Session, ended: bool) -> bool:
+    async def _stop_by_sdk(self, session: URSession, ended: bool) -> bool:
         """Do servoStop, and for a stop end the script. Return whether the controller did it; from
         high speed its watchdog may end the program first, for nobody can feed it meanwhile. Raise
         ``ProcessSpent``."""
@@ -242,19 +265,15 @@ class URWire(Wire):
         session.was_fed()
         return stopped
 
-    async def _stands(self, session: _Session, ended: bool) -> bool:
+    async def _stands(self, session: URSession, ordered_ns: int, ended: bool) -> bool:
         """Return whether samples show that no joint moves, and for a stop that no program runs.
         Raise ``ProcessSpent``."""
         with trio.move_on_after(CONFIRM_S):
             while True:
                 await trio.sleep(CONTROL_S)
                 await session.feed()
-                session.look()
-                if session.stands() and (not ended or session.sample.runtime_state == RuntimeState.STOPPED):
+                if not session.stands_since(ordered_ns):
+                    continue
+                if not ended or session.runtime_state == RuntimeState.STOPPED:
                     return True
         return False
-
-    def _session(self) -> _Session:
-        if self._session_or_none is None:
-            raise WireDown("wire: not connected. Open it first")
-        return self._session_or_none

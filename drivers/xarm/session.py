@@ -30,7 +30,7 @@ HELD_RAD = 0.01
 _MOVABLE = (State.MOVING, State.READY)
 
 
-class Session:
+class XArmSession:
     """One controller while it is connected."""
 
     def __init__(self, control: Control, kind: ArmType, limit_rad_s: float, reports: Stream, name: str) -> None:
@@ -88,7 +88,9 @@ class Session:
             raise WireDown(f"{self._name}: its reports cannot be understood ({malformed}). Reconnect") from None
 
 
-async def open_session(config: XArmConfig, clock: Clock, open_stream: OpenStream) -> tuple[Session, dict[str, Any]]:
+async def open_session(
+    config: XArmConfig, clock: Clock, open_stream: OpenStream
+) -> tuple[XArmSession, dict[str, Any]]:
     """Connect, ask who it is, hear its first report; return the session and facts for ``status``.
     Nothing is written. Raise ``WireDown``."""
     control = await open_control(config, clock, open_stream)
@@ -104,7 +106,7 @@ async def open_session(config: XArmConfig, clock: Clock, open_stream: OpenStream
         control.close()
         raise
     name = f"{config.robot} at {config.host}:{r.REAL_PORT}"
-    session = Session(control, kind, limit_rad_s, stream, name)
+    session = XArmSession(control, kind, limit_rad_s, stream, name)
     try:
         if not await session.next_report(clock, HANDSHAKE_S):
             raise WireDown(f"{name}: connected, but no report. Restart the controller")

@@ -11,8 +11,9 @@ from typing import Any, ClassVar
 
 import trio
 
-from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
-from strands_actors.drivers.common.outcome import Outcome
+from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
+from strands_actors.drivers.common.outcome import NOT_CONNECTED, Outcome
+from strands_actors.drivers.common.session_wire import SessionWire
 from strands_actors.drivers.common.tcp_port import open_tcp
 from strands_actors.kernel.clock import NS, Clock
 
@@ -22,7 +23,7 @@ from .config import XArmConfig
 from .control import CONFIRM_S, OpenStream, stop
 from .gates import CONDITIONS
 from .protocol import Mode, Register, State
-from .session import Session, open_session
+from .session import XArmSession, open_session
 from .stop_channel import XArmStopChannel
 
 ENABLE_S = 5.0
@@ -42,22 +43,21 @@ HOLD_S = 0.25
 _REFUSED = p.ERROR | p.NOT_READY | p.INVALID
 
 
-class XArmWire(Wire):
+class XArmWire(SessionWire[XArmSession]):
     interruptible: ClassVar[bool] = True
 
     def __init__(self, config: XArmConfig, clock: Clock, open_stream: OpenStream = open_tcp) -> None:
         self._config = config
         self._clock = clock
         self._open_stream = open_stream
-        self._session_or_none: Session | None = None
 
     async def open(self) -> dict[str, Any]:
         self.close()
-        self._session_or_none, facts = await open_session(self._config, self._clock, self._open_stream)
+        self.session_or_none, facts = await open_session(self._config, self._clock, self._open_stream)
         return facts
 
     async def arm(self, permit: Permit) -> Observation:
-        session = self._session()
+        session = self.session
         await self._ask(session, Register.ERRORS, b"", SETTING_S, permit)
         self._refuse_error(session)
         settings = (
@@ -86,7 +86,7 @@ class XArmWire(Wire):
         return True
 
     async def read(self) -> Observation:
-        session = self._session()
+        session = self.session
         now_ns = self._clock.now_ns()
         session.take_waiting(now_ns)
         self._check_alive(session, now_ns)
@@ -101,7 +101,7 @@ class XArmWire(Wire):
         return self._observation(session)
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
-        session = self._session()
+        session = self.session
         now_ns = self._clock.now_ns()
         session.take_waiting(now_ns)
         silent_s = session.silent_s(now_ns)
@@ -112,9 +112,9 @@ class XArmWire(Wire):
         session.target = values
 
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
-        session = self._session_or_none
+        session = self.session_or_none
         if session is None:
-            return Outcome(False, False, "not connected").reports(AXES)
+            return NOT_CONNECTED.reports(AXES)
         self.hold_failed = ""
         if safe_state == "hold":
             outcome = await self._hold(session) if session.target else Outcome(False, False, "it was stopped")
@@ -143,7 +143,7 @@ class XArmWire(Wire):
 
     def _tell_to_stop(self) -> bool:
         """Return whether the connection takes it. Its answer is not awaited."""
-        session = self._session_or_none
+        session = self.session_or_none
         if session is None:
             return False
         try:
@@ -156,7 +156,7 @@ class XArmWire(Wire):
     def _close_if_answered(self) -> None:
         """Close the old connection once the stop was taken there: a controller may serve one client,
         and would refuse every other as long as it stays. Until then it may be the only way there is."""
-        session = self._session_or_none
+        session = self.session_or_none
         if session is None:
             return
         try:
@@ -168,28 +168,28 @@ class XArmWire(Wire):
             session.close()
 
     def close(self) -> None:
-        if self._session_or_none is not None:
-            self._session_or_none.close()
-        self._session_or_none = None
+        if self.session_or_none is not None:
+            self.session_or_none.close()
+        self.session_or_none = None
 
     # -- arming
 
     async def _ask(
-        self, session: Session, register: Register, data: bytes, within_s: float, permit: Permit
+        self, session: XArmSession, register: Register, data: bytes, within_s: float, permit: Permit
     ) -> p.Reply:
         reply = await session.control.ask(register, data, within_s=within_s, permit=permit)
         if reply is None:
             raise WireDown(f"enable: no answer to {register.name} within {within_s:g} s. Check the controller")
         return reply
 
-    def _refuse_error(self, session: Session) -> None:
+    def _refuse_error(self, session: XArmSession) -> None:
         error = session.control.errors[0]
         if error:
             raise WireDown(
                 f"enable: controller holds error {p.error_words(error)}. Clear it at the arm, then resume()"
             )
 
-    async def _until_movable(self, session: Session, permit: Permit) -> None:
+    async def _until_movable(self, session: XArmSession, permit: Permit) -> None:
         """Wait for a report that shows servo mode and a state that moves. Raise ``WireDown``."""
         session.take_waiting(self._clock.now_ns())
         with trio.move_on_after(READY_S):
@@ -205,7 +205,7 @@ class XArmWire(Wire):
 
     # -- holding
 
-    async def _hold(self, session: Session) -> Outcome:
+    async def _hold(self, session: XArmSession) -> Outcome:
         """Tell it its last target once more, and see it there. Never raises."""
         acknowledged = False
         try:
@@ -223,7 +223,7 @@ class XArmWire(Wire):
             return Outcome(True, acknowledged, str(down))
         return Outcome(True, acknowledged, "it is not where it is to hold")
 
-    def _why_not_movable(self, session: Session) -> str:
+    def _why_not_movable(self, session: XArmSession) -> str:
         """Return what the newest report says of it; empty: nothing."""
         observation, now_ns = self._observation(session), self._clock.now_ns()
         refusals = (condition.check(observation, now_ns) for condition in CONDITIONS)
@@ -231,7 +231,7 @@ class XArmWire(Wire):
 
     # -- parts
 
-    def _check_alive(self, session: Session, now_ns: int) -> None:
+    def _check_alive(self, session: XArmSession, now_ns: int) -> None:
         silent_s = session.silent_s(now_ns)
         if silent_s > self._config.silent_s:
             raise WireDown(
@@ -239,7 +239,7 @@ class XArmWire(Wire):
                 "Check the controller and its network"
             )
 
-    def _observation(self, session: Session) -> Observation:
+    def _observation(self, session: XArmSession) -> Observation:
         report, (error, warning) = session.report, session.control.errors
         low, high = zip(*session.kind.range_rad, strict=True)
         return Observation(
@@ -260,8 +260,3 @@ class XArmWire(Wire):
             },
             faults={"controller": f"error {p.error_words(error)}"} if error else {},
         )
-
-    def _session(self) -> Session:
-        if self._session_or_none is None:
-            raise WireDown("wire: not connected. Open it first")
-        return self._session_or_none

@@ -78,7 +78,7 @@ with Robot("ur5e") as arm:
 """,
     )
     refusal, status = said.splitlines()
-    assert "rtde_receive cannot be used" in refusal
+    assert "rtde_control cannot be used" in refusal
     assert "pip install 'strands-actors[ur]'" in refusal or "has no wheel for" in refusal
     assert status == "success"
 

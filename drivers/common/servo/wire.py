@@ -14,12 +14,13 @@ from typing import Any, ClassVar, Generic
 import msgspec
 import trio
 
-from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
+from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
 from strands_actors.drivers.common.half_duplex import HalfDuplexBus, Health, PacketT, Quiet
 from strands_actors.drivers.common.port_users import users_of
 from strands_actors.drivers.common.serial_port import BytePort, in_use, open_serial
 from strands_actors.kernel.clock import NS, Clock
 
+from ..session_wire import SessionWire
 from .axes import COUNTS, Axis
 from .codec import Codec
 from .config import ServoConfig
@@ -47,7 +48,7 @@ class Handshake(msgspec.Struct, Generic[PacketT]):
     facts: dict[str, Any]  # for status
 
 
-class _Session(Generic[PacketT]):
+class ServoSession(Generic[PacketT]):
     """What exists between ``open`` and ``close``."""
 
     def __init__(
@@ -85,7 +86,7 @@ class _Session(Generic[PacketT]):
         return self.readings.known(since_ns, now_ns, self.goals, self.aimed_ns)
 
 
-class ServoWire(Wire, Generic[PacketT]):
+class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
     interruptible: ClassVar[bool] = True
     CODEC: Codec[PacketT]
     SAFING: type[Safing[PacketT]]
@@ -102,7 +103,6 @@ class ServoWire(Wire, Generic[PacketT]):
         self.axes = config.joints
         self.clock = clock
         self._open_port = open_port
-        self._session_or_none: _Session[PacketT] | None = None
         self._port: BytePort | None = None
         self._armed = False
 
@@ -136,7 +136,7 @@ class ServoWire(Wire, Generic[PacketT]):
                 raise WireDown(f"connect: {in_use(config.port, users)}") from error  # and garbles what it hears
             raise
         safing = self.SAFING(bus, codec, self.axes, handshake.travel)
-        self._session_or_none = _Session(bus, config.ids, handshake, safing)
+        self.session_or_none = ServoSession(bus, config.ids, handshake, safing)
         return {
             "port": config.port,
             "baud": config.baud,
@@ -190,7 +190,7 @@ class ServoWire(Wire, Generic[PacketT]):
         session.told(counts)
 
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
-        session = self._session_or_none
+        session = self.session_or_none
         if session is None:
             return unreachable(self.axes, "not connected")
         if safe_state == "hold":
@@ -228,16 +228,10 @@ class ServoWire(Wire, Generic[PacketT]):
         if self._port is not None:
             self._port.close()
         self._port = None
-        self._session_or_none = None
+        self.session_or_none = None
         self._armed = False
 
     # -- for the hooks
-
-    @property
-    def session(self) -> _Session[PacketT]:
-        if self._session_or_none is None:
-            raise WireDown("wire: not connected. Open it first")
-        return self._session_or_none
 
     def check_torque_soon(self) -> None:
         """The next reading asks for everything."""
@@ -254,7 +248,7 @@ class ServoWire(Wire, Generic[PacketT]):
 
     # -- details
 
-    async def _hold(self, session: _Session[PacketT]) -> tuple[MotorReport, ...]:
+    async def _hold(self, session: ServoSession[PacketT]) -> tuple[MotorReport, ...]:
         if not self._armed:
             return await session.safing.hold({})  # who has torque all the same is asked
         kept = session.to_tell(session.goals)
@@ -268,7 +262,7 @@ class ServoWire(Wire, Generic[PacketT]):
         )
         return reports
 
-    async def _measure(self, session: _Session[PacketT]) -> None:
+    async def _measure(self, session: ServoSession[PacketT]) -> None:
         now_ns = self.clock.now_ns()
         asked = session.health.to_ask(now_ns)
         base, size = self.FEEDBACK

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from collections.abc import Iterator
@@ -16,7 +17,7 @@ from strands_actors.drivers.ur import protocol as p
 from strands_actors.drivers.ur.arms import JOINTS
 from strands_actors.drivers.ur.config import URConfig
 from strands_actors.drivers.ur.driver import UR
-from strands_actors.drivers.ur.stop_channel import stop
+from strands_actors.drivers.ur.stop_channel import WATCHED, stop
 from strands_actors.drivers.ur.twin.rtde import WRONG_BY_RAD
 from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.testing import Twin
@@ -42,11 +43,17 @@ async def play(host: str) -> None:
     """A program that this twin does not understand runs for ever."""
     stream = await trio.open_tcp_stream(host, p.SECONDARY_PORT)
     await stream.send_all(b"def forever():\n  while True:\n    sync()\n  end\nend\n")
-    async with plain.samples(host) as samples:
+    with contextlib.closing(await plain.open_samples(host, WATCHED, 125.0)) as samples:
         with trio.fail_after(10):
             while (await samples.next())["runtime_state"] != p.RuntimeState.PLAYING:
                 pass
     await stream.aclose()
+
+
+async def look(host: str) -> None:
+    """As a wire that is opened does."""
+    with contextlib.closing(await plain.open_samples(host, WATCHED, 125.0)) as samples:
+        await samples.first()
 
 
 def test_handshake_says_who_it_is(host: str) -> None:
@@ -57,7 +64,7 @@ def test_handshake_says_who_it_is(host: str) -> None:
 
 
 def test_the_clock_is_seen_to_advance(host: str) -> None:
-    trio.run(plain.look, host)
+    trio.run(look, host)
 
 
 def test_saf_020_a_wire_without_a_link_ends_whatever_program_runs(twin: Twin, host: str) -> None:
@@ -107,7 +114,7 @@ def test_saf_005_a_frozen_controller_confirms_nothing_in_bounded_time(twin: Twin
         assert not any(report.safe for report in reports)
         assert all("does not answer" in report.detail for report in reports)
         with pytest.raises(WireDown, match="does not answer"):
-            trio.run(plain.look, host)
+            trio.run(look, host)
     finally:
         twin.go_on()
     until(lambda: twin.log.host("safe", frozen_ns), "what was sent takes effect when it wakes up")
@@ -119,7 +126,7 @@ def test_a_clock_that_stands_still_confirms_nothing(twin: Twin, host: str) -> No
     try:
         until(lambda: not any(report.safe for report in trio.run(stop, at(host))), "it stands still")
         with pytest.raises(WireDown, match="stands still"):
-            trio.run(plain.look, host)
+            trio.run(look, host)
     finally:
         twin.fault("ok")
 
