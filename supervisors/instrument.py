@@ -217,7 +217,7 @@ class Journal:
         return tuple(taken)
 
 
-class _Session:
+class _RecorderSession:
     """One recorder, and how far it has come."""
 
     def __init__(self, attach: Attach, journal: Journal, now_ns: int) -> None:
@@ -253,7 +253,7 @@ class InstrumentKeeper(Actor):
         self._attached = attached
         self._remember = remember
         self._dull = dull
-        self._session: _Session | None = None
+        self._session: _RecorderSession | None = None
 
     def receive(self, message: Attach | Acknowledge | Detach) -> Attached | Detached | Refused | Deferred | None:
         match message:
@@ -277,7 +277,7 @@ class InstrumentKeeper(Actor):
         now_ns = self.context.received_ns
         journal = Journal(self._names, self._dull, self._remember)
         journal.begin(now_ns)
-        self._session = session = _Session(message, journal, now_ns)
+        self._session = session = _RecorderSession(message, journal, now_ns)
         self.context.node.instrument = journal
         self.context.start_soon(self._ship, session)
         return self._attached
@@ -291,11 +291,11 @@ class InstrumentKeeper(Actor):
         session.journal.hurry.set()
         return session.leaving
 
-    def _unplug(self, session: _Session) -> None:
+    def _unplug(self, session: _RecorderSession) -> None:
         if self.context.node.instrument is session.journal:
             self.context.node.instrument = None
 
-    async def _ship(self, session: _Session) -> None:
+    async def _ship(self, session: _RecorderSession) -> None:
         """Beside the actors. A failure in here ends the recording, never the process: the recorder
         sees that nothing comes any more, and says so in its file."""
         journal = session.journal
@@ -317,7 +317,7 @@ class InstrumentKeeper(Actor):
             if session.leaving is not None:
                 session.leaving.send(Detached())
 
-    def _send_some(self, session: _Session, now_ns: int) -> None:
+    def _send_some(self, session: _RecorderSession, now_ns: int) -> None:
         while session.sent - session.acknowledged < WINDOW:
             batch, session.unsent = session.unsent, None
             if batch is None:

@@ -131,7 +131,7 @@ class WebRtcVideo:
             async with connect(
                 self._url, open_timeout=CONNECT_S, close_timeout=CLOSE_S, max_size=MAX_MESSAGE
             ) as ws:
-                session = _Session(connection, ws, self._put)
+                session = _ProducerSession(connection, ws, self._put)
                 closed = asyncio.ensure_future(self._closed.wait())
                 talk = asyncio.ensure_future(session.talk(self._producer))
                 done, _ = await asyncio.wait((closed, talk, session.over), return_when=asyncio.FIRST_COMPLETED)
@@ -148,7 +148,7 @@ class WebRtcVideo:
                     await connection.close()
 
 
-class _Session:
+class _ProducerSession:
     """With one producer: what is said about it, and its video."""
 
     def __init__(self, connection: RTCPeerConnection, ws: ClientConnection, put: Callable[[Picture], None]) -> None:

@@ -15,7 +15,7 @@ from . import protocol as p
 
 class Hover(msgspec.Struct, frozen=True):
     """From one height to another in ``duration_s``, then still there. ``duration_s`` 0: still at
-    once. ``risen_s``: who is not in the air after that, by ``Session.robot_s``, lies on the floor; a row
+    once. ``risen_s``: who is not in the air after that, by ``CrazyflieSession.robot_s``, lies on the floor; a row
     from before may show it as it was before it rose."""
 
     began_ns: int

@@ -49,7 +49,7 @@ class CallFailed(Exception):
         self.why = why
 
 
-class Session:
+class BaseSession:
     """``connection``: where it was made; nobody else may use it."""
 
     def __init__(self, number: int, connection: object, login: p.Login, now_s: float) -> None:
@@ -76,7 +76,7 @@ class Base:
         self._stop_channel = second
         self._acceleration = float(table["acceleration_rad_s2"])
         self._fastest = [float(joint["speed_rad_s"]) for joint in table["joints"]]
-        self._sessions: dict[int, Session] = {}
+        self._sessions: dict[int, BaseSession] = {}
         self._number = 0
         self.wake_up()
 
@@ -211,10 +211,10 @@ class Base:
         if self._sessions and self._stop_channel is Second.REFUSED:
             raise CallFailed(SubError.METHOD_FAILED)
         self._number = self._number % 0xFFFF + 1
-        self._sessions[self._number] = Session(self._number, connection, login, self.now_s())
+        self._sessions[self._number] = BaseSession(self._number, connection, login, self.now_s())
         return self._number
 
-    def _session(self, connection: object, request: Frame) -> Session:
+    def _session(self, connection: object, request: Frame) -> BaseSession:
         self._forget_silent()
         session = self._sessions.get(request.session)
         if session is None or session.connection is not connection:
@@ -228,7 +228,7 @@ class Base:
             if now_s - session.heard_s > session.lifetime_s:
                 del self._sessions[number]
 
-    def _call(self, session: Session, request: Frame) -> bytes:
+    def _call(self, session: BaseSession, request: Frame) -> bytes:
         first = min(self._sessions) == session.number
         harmless = self.kind(request) in ("read", "keepalive") or request.call == Call.CLOSE_SESSION
         if not first and self._stop_channel is Second.POWERLESS and not harmless:

@@ -19,7 +19,7 @@ from strands_actors.kernel.clock import NS, Clock
 
 from .protocol import Drive, Monitoring, State, decode_monitoring, encode_command, has_reached, name_of
 from .robots import Arm
-from .session import Session
+from .session import FriSession
 
 MOST_WAITING = 1000
 """Datagrams that are taken at once; a flood does not keep an answer waiting for longer."""
@@ -42,7 +42,7 @@ class Link:
 
     def __init__(self, port: UdpListener, arm: Arm, clock: Clock, said: Monitoring) -> None:
         self.port = port
-        self.session = Session(arm.speed_rad_s)
+        self.session = FriSession(arm.speed_rad_s)
         self.said = said
         self.heard_ns = clock.now_ns()
         self.answers = 0

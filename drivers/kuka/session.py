@@ -19,7 +19,7 @@ session."""
 Row = tuple[float, ...]
 
 
-class Session:
+class FriSession:
     """The client's side of one session. ``speed_rad_s``: how fast each joint may be commanded."""
 
     def __init__(self, speed_rad_s: Row) -> None:

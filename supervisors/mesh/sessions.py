@@ -21,7 +21,7 @@ _MAX_LEASES = 8
 good."""
 
 
-class Session(msgspec.Struct):
+class MeshSession(msgspec.Struct):
     who: str
     expires_ns: int
     leases: list[int] = []
@@ -31,13 +31,13 @@ class Sessions:
     """By a name that is told to its owner alone, and counts for that owner alone."""
 
     def __init__(self) -> None:
-        self._sessions: dict[str, Session] = {}
+        self._sessions: dict[str, MeshSession] = {}
 
     def sync(self, name: str, who: str, now_ns: int) -> str:
         """``who`` has just read the clock, in the session ``name`` if that is one of its own. Its name."""
         session = self._sessions.get(name)
         if session is None or session.who != who or session.expires_ns <= now_ns:
-            name, session = secrets.token_hex(16), Session(who, 0)
+            name, session = secrets.token_hex(16), MeshSession(who, 0)
         self._sessions.pop(name, None)
         if len(self._sessions) >= _MAX_SESSIONS:
             del self._sessions[next(iter(self._sessions))]

@@ -30,7 +30,7 @@ from strands_actors.supervisors.wire.group import WireProcess
 from strands_actors.supervisors.wire.transport import Transport
 from strands_actors.testing.explore.askers import Asker
 
-Session: Any = load("strands_actors.drivers.common.servo.wire:_Session")
+ServoSession: Any = load("strands_actors.drivers.common.servo.wire:ServoSession")
 Outcome: Any = load("strands_actors.drivers.common.outcome:Outcome")
 reports: Any = load("strands_actors.drivers.unitree.safing:reports")
 
@@ -55,11 +55,11 @@ def a_resume_is_obeyed_while_the_tree_ends(patch: pytest.MonkeyPatch) -> None:
 
 
 def a_hold_takes_readings_of_any_age(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(Session, "known", lambda self: dict(self.readings.counts))
+    patch.setattr(ServoSession, "known", lambda self: dict(self.readings.counts))
 
 
 def a_goal_goes_to_motors_without_torque(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(Session, "to_tell", lambda self, counts: dict(counts))
+    patch.setattr(ServoSession, "to_tell", lambda self, counts: dict(counts))
 
 
 def a_stop_of_a_task_beside_a_dead_wire_ends_the_root(patch: pytest.MonkeyPatch) -> None:

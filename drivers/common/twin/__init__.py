@@ -9,7 +9,7 @@ from .faults import Fault, Faults, Reply, parse_fault
 from .line import Line, PtyLine
 from .options import HostOption, NetworkOptions, Port, TwinOptions, read_twin_options
 from .process import Start, run, run_server
-from .server import Controls, Exchange, Robot, Server, Session
+from .server import Controls, Exchange, Robot, Server, TwinSession
 from .tcp import ClientGone, Connection, Handler, TcpServer, answering, own_host
 from .unix import UnixServer
 from .wirelog import WireLog
@@ -30,10 +30,10 @@ __all__ = [
     "Reply",
     "Robot",
     "Server",
-    "Session",
     "Start",
     "TcpServer",
     "TwinOptions",
+    "TwinSession",
     "UnixServer",
     "WireLog",
     "answering",

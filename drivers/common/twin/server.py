@@ -34,7 +34,7 @@ class Exchange(NamedTuple):
     safe_state: str | None = None  # what it brings the whole robot to by itself; None: nobody has said
 
 
-class Session(Protocol):
+class TwinSession(Protocol):
     """What hears one client. Pure but for the time its plant reads."""
 
     def receive(self, data: bytes, bits_per_s: int | None) -> Iterator[Exchange]:
@@ -51,7 +51,7 @@ class Controls(Protocol):
     def power_cycle(self) -> None: ...
 
 
-class Robot(Session, Controls, Protocol):
+class Robot(TwinSession, Controls, Protocol):
     """What a wire's twin is to the server, where the robot hears one client only."""
 
 
@@ -96,7 +96,7 @@ class Conversation:
     """One client and what hears it: requests in, replies out when they are due."""
 
     def __init__(
-        self, session: Session, channel: Channel, log: WireLog, frost: Frost, *, wire_time: bool = True
+        self, session: TwinSession, channel: Channel, log: WireLog, frost: Frost, *, wire_time: bool = True
     ) -> None:
         """``wire_time``: replies take the time their bytes take at the client's rate."""
         self._session = session

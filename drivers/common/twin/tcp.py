@@ -23,7 +23,7 @@ from strands_actors.drivers.common.simulation_control.body import Body, body_of
 
 from .faults import parse_fault
 from .line import CHUNK
-from .server import Controls, Conversation, Frost, Session
+from .server import Controls, Conversation, Frost, TwinSession
 from .wirelog import WireLog
 
 BACKLOG = 64
@@ -140,7 +140,7 @@ Handler = Callable[[Connection], Awaitable[None]]
 """Serves one client until ``ClientGone``, which it lets pass."""
 
 
-def answering(new_session: Callable[[], Session]) -> Handler:
+def answering(new_session: Callable[[], TwinSession]) -> Handler:
     """Return the handler of a wire on which the robot speaks only when asked."""
 
     async def handle(connection: Connection) -> None:

@@ -11,7 +11,7 @@ from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.websocket_messages import MAX_MESSAGE, Closed, Heard, Opened, ServerEnd
 
 from .line import Channel
-from .server import Conversation, Session
+from .server import Conversation, TwinSession
 from .tcp import ClientGone, Connection, Handler
 
 NOT_FOUND = 404
@@ -85,7 +85,7 @@ def serving_websocket(choose: Choose, max_message: int = MAX_MESSAGE) -> Handler
     return handle
 
 
-def serving_both(new_session: Callable[[], Session], choose: Choose, max_message: int = MAX_MESSAGE) -> Handler:
+def serving_both(new_session: Callable[[], TwinSession], choose: Choose, max_message: int = MAX_MESSAGE) -> Handler:
     """Return the handler of a port with an HTTP service and WebSockets: the first request of a
     connection says which it is. ``new_session``: makes what hears one that is no WebSocket."""
 

@@ -25,7 +25,7 @@ from strands_actors.drivers.common.twin.websocket import serving_websocket
 from strands_actors.drivers.yahboom.messages import REST, Twist
 from strands_actors.drivers.yahboom.robots import ARM_JOINTS, BASE, TABLES, table_of
 
-from .bridge import Graph, Session, serving
+from .bridge import BridgeSession, Graph, serving
 from .mechanism import Mechanism
 
 
@@ -145,4 +145,4 @@ def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpac
     run_server(build, **start)
 
 
-__all__ = ["Graph", "M3ProTwin", "Mechanism", "Session", "main"]
+__all__ = ["BridgeSession", "Graph", "M3ProTwin", "Mechanism", "main"]

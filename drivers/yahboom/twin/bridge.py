@@ -124,7 +124,7 @@ def _odometry(head: Mapping[str, Any], told: m.Odometry) -> dict[str, Any]:
     }
 
 
-class Session:
+class BridgeSession:
     """One client. Its operations are taken in their order."""
 
     def __init__(self, graph: Graph, say: Callable[[str], None]) -> None:
@@ -238,7 +238,7 @@ def serving(graph: Graph) -> Callable[[WebSocketClient], Any]:
 
     async def serve(client: WebSocketClient) -> None:
         outbox = _Outbox(client, graph.faults)
-        session = Session(graph, outbox.say)
+        session = BridgeSession(graph, outbox.say)
         async with trio.open_nursery() as nursery:
             nursery.start_soon(_publish, client, session, outbox)
             while True:
@@ -252,7 +252,7 @@ def serving(graph: Graph) -> Callable[[WebSocketClient], Any]:
     return serve
 
 
-async def _publish(client: WebSocketClient, session: Session, outbox: _Outbox) -> None:
+async def _publish(client: WebSocketClient, session: BridgeSession, outbox: _Outbox) -> None:
     while True:
         await client.connection.frost.thawed()
         session.publish(trio.current_time())

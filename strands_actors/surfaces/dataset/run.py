@@ -20,7 +20,7 @@ from strands_actors.surfaces.recording.recorder import Recorder, visit
 from .cameras import Attach, attach_camera, wait_for_shapes
 from .dataset import Dataset
 from .errors import DatasetError
-from .session import Event, Order, Progress, Session, State, give_way
+from .session import DatasetSession, Event, Order, Progress, State, give_way
 from .storage import Storage
 from .video import require_codec
 
@@ -28,7 +28,7 @@ FPS = (1, 240)
 
 
 class Command(Protocol):
-    """As ``Session.command``."""
+    """As ``DatasetSession.command``."""
 
     def __call__(self, word: str, pressed_ns: int = 0, asked: int = 0) -> None: ...
 
@@ -120,14 +120,14 @@ async def _record(
             readers = {name: attach(order.robot, name) for name in order.cameras}
             shapes = await trio.to_thread.run_sync(wait_for_shapes, readers, abandon_on_cancel=True)
             require_codec(codec, shapes)
-            recorder: Recorder[Session]
+            recorder: Recorder[DatasetSession]
             operator = Onlooker(node.ref(addresses.of(order.robot).tasks, Tasks).tell)
 
             def told(event: Event) -> None:
                 operator.hear(event)
                 tell(event)
 
-            session = Session(
+            session = DatasetSession(
                 order,
                 dataset,
                 readers,
@@ -138,12 +138,12 @@ async def _record(
             )
             begun = trio.Event()
 
-            def open_sink(attached: Attached) -> Session:
+            def open_sink(attached: Attached) -> DatasetSession:
                 opened = session.open_sink(attached)
                 begun.set()
                 return opened
 
-            def progress(seconds: float, session: Session) -> None:
+            def progress(seconds: float, session: DatasetSession) -> None:
                 if session.is_ready:
                     try:
                         now = session.progress()

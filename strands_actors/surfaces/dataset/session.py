@@ -117,7 +117,7 @@ class Progress(msgspec.Struct, frozen=True):
         return f"{done}, {self.state} {self.seconds:.0f} s, {self.fps:.0f} fps, {self.gaps} gaps{late}, {left}"
 
 
-class Session:
+class DatasetSession:
     """One recording. It is the sink of a ``Recorder``."""
 
     def __init__(
@@ -156,7 +156,7 @@ class Session:
 
     # -- the sink
 
-    def open_sink(self, attached: Attached) -> Session:
+    def open_sink(self, attached: Attached) -> DatasetSession:
         self._kind = f"strands_{attached.driver['robot']}"
         self._view = View("wire", attached.axes, 0)
         self._assembler = Assembler(axes_of(attached), self._period_ns / NS)

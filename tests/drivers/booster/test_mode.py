@@ -18,7 +18,7 @@ from strands_actors.drivers.booster.link import Link
 from strands_actors.drivers.booster.robots import model_of
 from strands_actors.drivers.booster.rpc import Api, Mode, Response
 from strands_actors.drivers.booster.stopping import _Way
-from strands_actors.drivers.booster.wire import BoosterWire, _Session
+from strands_actors.drivers.booster.wire import BoosterSession, BoosterWire
 from strands_actors.drivers.common.rtps import CDR
 from strands_actors.kernel.clock import NS, MonotonicClock
 from strands_actors.kernel.messages import Refused
@@ -66,9 +66,9 @@ class Service:
 
 
 @pytest.fixture
-def session() -> Iterator[_Session]:
+def session() -> Iterator[BoosterSession]:
     """Of a robot that has told its mode at the time 0, and handed its arms over."""
-    session = _Session(NOBODY, MonotonicClock())
+    session = BoosterSession(NOBODY, MonotonicClock())
     session.note_mode(Mode.WALKING, 0)
     session.ours = Mode.WALKING
     yield session
@@ -78,7 +78,7 @@ def session() -> Iterator[_Session]:
 # -- what is believed
 
 
-def test_saf_012_a_mode_that_is_not_told_any_more_takes_the_arms_away(session: _Session) -> None:
+def test_saf_012_a_mode_that_is_not_told_any_more_takes_the_arms_away(session: BoosterSession) -> None:
     service = Service(session.link)
     session.poll(round(0.95 * NS))
     assert session.mode is Mode.WALKING and session.has_arms
@@ -90,7 +90,7 @@ def test_saf_012_a_mode_that_is_not_told_any_more_takes_the_arms_away(session: _
 
 @pytest.mark.parametrize(("status", "body"), [(500, ""), (-1, WALKING), (rpc.OK, "?"), (rpc.OK, "{}")])
 def test_saf_012_an_answer_that_tells_no_mode_says_that_it_may_be_any(
-    session: _Session, status: int, body: str
+    session: BoosterSession, status: int, body: str
 ) -> None:
     service = Service(session.link)
     session.poll(NS // 2)
@@ -101,7 +101,7 @@ def test_saf_012_an_answer_that_tells_no_mode_says_that_it_may_be_any(
     assert session.mode is Mode.WALKING and not session.has_arms, "they have to be asked for again"
 
 
-def test_saf_012_a_mode_is_as_old_as_the_question_for_it(session: _Session) -> None:
+def test_saf_012_a_mode_is_as_old_as_the_question_for_it(session: BoosterSession) -> None:
     """Its answer may have been on its way for long; one to an earlier question tells nothing new."""
     service = Service(session.link)
     session.poll(round(0.3 * NS))
@@ -116,7 +116,7 @@ def test_saf_012_a_mode_is_as_old_as_the_question_for_it(session: _Session) -> N
     [(True, rpc.OK, 17), (False, rpc.OK, 5), (True, None, 5), (True, rpc.TOO_FREQUENT, 5)],
 )
 def test_the_mode_is_asked_more_often_while_the_arms_are_ours(
-    session: _Session, has_arms: bool, answered: int | None, times: int
+    session: BoosterSession, has_arms: bool, answered: int | None, times: int
 ) -> None:
     """As far as the robot answers: one that says nothing, or that it is too often, is left alone."""
     service = Service(session.link)
@@ -309,7 +309,7 @@ def test_a_hand_over_that_is_asked_for_again_is_not_taken_back(tmp_path: Path) -
         async def again(wire: BoosterWire) -> None:
             served.command("answer UPPER_BODY 500")
             await trio.sleep(0.1)
-            calls = wire._session().link.calls
+            calls = wire.session.link.calls
             ask = calls.ask
             calls.ask = lambda api, body, heard: (  # type: ignore[method-assign]
                 False if body == rpc.upper_body(False) else ask(api, body, heard)

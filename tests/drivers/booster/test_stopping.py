@@ -19,7 +19,7 @@ from strands_actors.drivers.booster.link import Link
 from strands_actors.drivers.booster.robots import FIRST_ARM, LAST_ARM, model_of
 from strands_actors.drivers.booster.rpc import Api, Mode, Response
 from strands_actors.drivers.booster.stopping import AT_MOST_S, HOLD_S, TICK_S, bring_down
-from strands_actors.drivers.booster.wire import SILENT_S, _Session
+from strands_actors.drivers.booster.wire import SILENT_S, BoosterSession
 from strands_actors.drivers.common.rtps import CDR
 from strands_actors.kernel.clock import NS, VirtualClock
 from strands_actors.testing import run_virtual
@@ -120,7 +120,7 @@ def slowly(now_s: float) -> float:
 
 def test_saf_012_a_state_that_cannot_be_read_renews_no_age() -> None:
     async def test() -> None:
-        session = _Session(NOBODY, VirtualClock())
+        session = BoosterSession(NOBODY, VirtualClock())
         arms = Arms(session.link, slowly)
         arms.say()
         known_ns, known_rad = session.link.state_ns, arms.at(trio.current_time())

@@ -14,7 +14,7 @@ from strands_actors.drivers.crazyflie import protocol as p
 from strands_actors.drivers.crazyflie.config import LANDING_M_S
 from strands_actors.drivers.crazyflie.protocol import Bit
 from strands_actors.drivers.crazyflie.robots import TABLES
-from strands_actors.drivers.crazyflie.session import Session
+from strands_actors.drivers.crazyflie.session import CrazyflieSession
 from strands_actors.drivers.crazyflie.stopping import bring_down
 from strands_actors.drivers.crazyflie.twin.firmware import Firmware
 from strands_actors.kernel.messages import Refused
@@ -197,7 +197,7 @@ def test_saf_005_a_landing_that_is_refused_counts_for_nothing_and_is_said_again(
             return packet == LANDING
 
         air.lose = refuse
-        outcome = await bring_down(flight.wire._session(), "land", 2.0)
+        outcome = await bring_down(flight.wire.session, "land", 2.0)
         assert "refuses to land" in outcome.detail
         assert air.sent.count(LANDING) > 5
         assert p.STOP not in air.sent and p.DISARM not in air.sent and flight.height_m > 0.9
@@ -281,7 +281,7 @@ def test_bringing_down_never_raises_and_ends_in_time(outlives_a_loss: bool, with
         air = Dead(Firmware(TABLES.table("crazyflie"), trio.current_time))
         air.outlives_a_loss = outlives_a_loss
         began_s = trio.current_time()
-        outcome = await bring_down(Session(air, VirtualClock()), "land")  # type: ignore[arg-type]
+        outcome = await bring_down(CrazyflieSession(air, VirtualClock()), "land")  # type: ignore[arg-type]
         assert outcome == (False, False, "the cable is out")
         assert trio.current_time() - began_s < within_s
 

@@ -10,7 +10,7 @@ from strands_actors.contract.wire import PermitDenied, WireDown
 from strands_actors.drivers.crazyflie import protocol as p
 from strands_actors.drivers.crazyflie.protocol import Bit
 from strands_actors.drivers.crazyflie.robots import TABLES
-from strands_actors.drivers.crazyflie.session import Session, handshake
+from strands_actors.drivers.crazyflie.session import CrazyflieSession, handshake
 from strands_actors.drivers.crazyflie.twin.firmware import Firmware
 from strands_actors.kernel.messages import Refused
 
@@ -103,7 +103,7 @@ def test_a_hover_that_never_rose_is_not_fed_any_more_and_is_not_said_to_have_lan
 def test_two_who_ask_the_same_are_both_answered() -> None:
     async def main() -> None:
         air = Air(Firmware(TABLES.table("crazyflie"), trio.current_time))
-        session = Session(air, VirtualClock())  # type: ignore[arg-type]
+        session = CrazyflieSession(air, VirtualClock())  # type: ignore[arg-type]
         answers: list[Bit | None] = []
 
         async def ask(within_s: float) -> None:
@@ -124,7 +124,7 @@ def test_two_who_ask_the_same_are_both_answered() -> None:
     trio.run(main, clock=MockClock(autojump_threshold=0))
 
 
-async def _serve(session: Session, task_status: trio.TaskStatus[None]) -> None:
+async def _serve(session: CrazyflieSession, task_status: trio.TaskStatus[None]) -> None:
     task_status.started()
     await session.serve()
 
@@ -177,7 +177,7 @@ def test_saf_012_a_row_that_comes_late_is_no_reading_and_the_robots_clock_may_wr
         return p.encode(p.Port.LOG, 2, bytes((p.FLIGHT.number,)) + stamp_ms.to_bytes(3, "little") + values)
 
     async def main() -> None:
-        session = Session(Air(Firmware(TABLES.table("crazyflie"), trio.current_time)), VirtualClock())  # type: ignore[arg-type]
+        session = CrazyflieSession(Air(Firmware(TABLES.table("crazyflie"), trio.current_time)), VirtualClock())  # type: ignore[arg-type]
 
         async def heard(stamp_ms: int, z_m: float) -> tuple[float, float]:
             """A tenth of a second later: the height that counts, and how old it is."""
@@ -212,7 +212,7 @@ def test_saf_012_connecting_waits_for_rows_that_go_on() -> None:
         async with trio.open_nursery() as nursery:
             nursery.start_soon(live)
             with pytest.raises(WireDown, match="its log does not come"):
-                await handshake(Session(air, VirtualClock()), 0.05)  # type: ignore[arg-type]
+                await handshake(CrazyflieSession(air, VirtualClock()), 0.05)  # type: ignore[arg-type]
             nursery.cancel_scope.cancel()
 
     trio.run(main, clock=MockClock(autojump_threshold=0))

@@ -64,7 +64,7 @@ def on_wire(twin: Twin, act: Callable[[FrankaWire], Awaitable[None]]) -> None:
                 await wire.open()
                 await act(wire)
         finally:
-            session = wire._session_or_none
+            session = wire.session_or_none
             wire.close()
             if session is not None:
                 with trio.CancelScope(shield=True):
@@ -352,7 +352,7 @@ def test_a_reflex_is_confirmed_as_standing_and_named(twin: Twin) -> None:
 def test_saf_020_a_link_that_was_lost_is_stopped_by_what_is_left_of_it_and_anew(twin: Twin) -> None:
     async def act(wire: FrankaWire) -> None:
         await moves(wire, twin)
-        session = wire._session_or_none
+        session = wire.session_or_none
         assert session is not None
         since_ns = time.monotonic_ns()
         reports = await wire.reach("stop")
@@ -369,7 +369,7 @@ def test_saf_020_a_link_that_was_lost_is_stopped_by_what_is_left_of_it_and_anew(
 def test_saf_020_a_controller_that_froze_finds_the_stop_when_it_goes_on(twin: Twin) -> None:
     async def act(wire: FrankaWire) -> None:
         await moves(wire, twin)
-        session = wire._session_or_none
+        session = wire.session_or_none
         assert session is not None
         twin.pause()
         reports = await wire.reach("stop")

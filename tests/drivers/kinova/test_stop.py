@@ -10,7 +10,7 @@ import trio
 
 from strands_actors.contract.wire import MotorReport, WireDown
 from strands_actors.drivers.common.twin import Fault
-from strands_actors.drivers.kinova.base import Base, CallFailed, Second, Session
+from strands_actors.drivers.kinova.base import Base, BaseSession, CallFailed, Second
 from strands_actors.drivers.kinova.client import KortexClient, Page
 from strands_actors.drivers.kinova.protocol import ArmState, Call, Frame, SubError
 from strands_actors.drivers.kinova.stop_channel import KinovaStopChannel
@@ -41,7 +41,7 @@ def refuse(base: Base, why: SubError, *calls: Call) -> None:
     """Make the base refuse these calls."""
     obey = base._call
 
-    def refusing(session: Session, request: Frame) -> bytes:
+    def refusing(session: BaseSession, request: Frame) -> bytes:
         if request.call in calls:
             raise CallFailed(why)
         return obey(session, request)
@@ -111,7 +111,7 @@ def test_a_stop_whose_answers_are_late_is_confirmed_all_the_same(late_s: float) 
         rig.delay_s = lambda call: 0.001
         for _ in range(8):
             await rig.period()
-        waiting = set(rig.wire._session().client._awaited) - set(rig.wire._session().asked_ns)
+        waiting = set(rig.wire.session.client._awaited) - set(rig.wire.session.asked_ns)
         assert waiting == set(), "nothing is waited for any more"
 
     virtual(main)
@@ -292,7 +292,7 @@ async def served(channel: KinovaStopChannel) -> AsyncIterator[KinovaStopChannel]
 
 def wires(rig: Rig, channel: KinovaStopChannel) -> None:
     """Give it the wire's connection, as the descriptors would."""
-    session = rig.wire._session()
+    session = rig.wire.session
     page = Page(session.client.page._memory)
     channel._wires = KortexClient(rig.ports[0], "the wire's", rig.clock, page)
 

@@ -292,7 +292,7 @@ def test_stops_that_are_answered_late_end_all_the_same_and_leave_nothing() -> No
             await rig.period(earned=False)
         count = len(rig.stops())
         assert 1 < count < 8
-        session = rig.wire._session()
+        session = rig.wire.session
         assert not session.turning and session.stops == []
         assert set(session.client._awaited) == set(session.asked_ns)
         rig.delay_s = lambda call: 0.001

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from strands_actors.drivers.kuka.protocol import COUNTER, JOINTS, Monitoring, State
 from strands_actors.drivers.kuka.robots import arm_of
-from strands_actors.drivers.kuka.session import LIVE_RAD, Session
+from strands_actors.drivers.kuka.session import LIVE_RAD, FriSession
 
 SPEED = arm_of("kuka_iiwa").speed_rad_s
 HERE = (0.1, 0.5, 0.0, -1.2, 0.0, 0.9, 0.0)
@@ -27,7 +27,7 @@ class Controller:
     """What an active session says: it takes every answer that it is given."""
 
     def __init__(self, sample_ms: int = 5, state: int = State.COMMANDING_ACTIVE, sequence: int = 0) -> None:
-        self.session = Session(SPEED)
+        self.session = FriSession(SPEED)
         self.said = Monitoring(sequence, commanded=HERE, interpolated=HERE, state=state, sample_ms=sample_ms)
 
     def cycle(self, arrives: bool = True) -> Row:
@@ -176,7 +176,7 @@ def test_sequence_numbers_wrap() -> None:
 
 
 def test_a_receive_multiplier_is_answered_every_so_many_messages() -> None:
-    session = Session(SPEED)
+    session = FriSession(SPEED)
     answered = []
     for sequence in range(9):
         said = Monitoring(sequence, commanded=HERE, state=State.COMMANDING_ACTIVE, sample_ms=2, multiplier=3)

@@ -23,7 +23,7 @@ from strands_actors.drivers.unitree.protocol import State, StateCodec
 from strands_actors.drivers.unitree.robots import model_of
 from strands_actors.drivers.unitree.safing import bring_down
 from strands_actors.drivers.unitree.twin import UnitreeServer, UnitreeTwinOptions
-from strands_actors.drivers.unitree.wire import MAY_LET_GO, UnitreeWire, _Session
+from strands_actors.drivers.unitree.wire import MAY_LET_GO, UnitreeSession, UnitreeWire
 from strands_actors.kernel.clock import NS, MonotonicClock
 from strands_actors.kernel.messages import Refused
 
@@ -56,7 +56,7 @@ class Rig:
     def __init__(self, robot: str, **options: Any) -> None:
         self.clock = Hands()
         self.model = model_of(robot)
-        self.session = _Session(UnitreeConfig(self.model, "127.9.9.9", **options), self.clock)
+        self.session = UnitreeSession(UnitreeConfig(self.model, "127.9.9.9", **options), self.clock)
         self.link = self.session.link
         self._conditions = DRIVERS[robot](robot, "127.9.9.9", {}).conditions
         self._codec = StateCodec(self.model)

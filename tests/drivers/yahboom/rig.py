@@ -19,7 +19,7 @@ from strands_actors.drivers.yahboom.config import YahboomConfig
 from strands_actors.drivers.yahboom.driver import Yahboom
 from strands_actors.drivers.yahboom.rosbridge import RosbridgeLink
 from strands_actors.drivers.yahboom.stop import StopLink, YahboomStopChannel
-from strands_actors.drivers.yahboom.twin import M3ProTwin, Session
+from strands_actors.drivers.yahboom.twin import BridgeSession, M3ProTwin
 from strands_actors.drivers.yahboom.wire import YahboomWire
 from strands_actors.kernel.clock import Clock, VirtualClock
 from strands_actors.kernel.messages import Refused
@@ -97,7 +97,7 @@ class MemorySocket:
         self.name = "192.0.2.1:9090"
         self._world = world
         self._number = number
-        self._session = Session(world.twin.graph, self._say)
+        self._session = BridgeSession(world.twin.graph, self._say)
         self._waiting: list[str] = []
         self._told: deque[tuple[float, str]] = deque()
         self._lost = False

@@ -17,7 +17,7 @@ from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.yahboom import messages as m
 from strands_actors.drivers.yahboom import protocol as p
 from strands_actors.drivers.yahboom.rosbridge import RosbridgeLink
-from strands_actors.drivers.yahboom.twin import M3ProTwin, Session
+from strands_actors.drivers.yahboom.twin import BridgeSession, M3ProTwin
 from strands_actors.kernel.clock import MonotonicClock
 from tests.drivers.disturbed import DISTURBED
 from tests.drivers.yahboom.rig import driver
@@ -173,7 +173,7 @@ def test_saf_014_disturbed_texts_raise_nothing_else_and_command_nothing_undeclar
     random_, texts = random.Random(22), samples()
     said: list[str] = []
     twin = M3ProTwin("yahboom_m3pro", lambda: 0.0)
-    session = Session(twin.graph, said.append)
+    session = BridgeSession(twin.graph, said.append)
     link = RosbridgeLink(driver().config, MonotonicClock())
     for _ in range(DISTURBED):
         text = disturbed(random_, texts)

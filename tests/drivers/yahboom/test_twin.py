@@ -15,7 +15,7 @@ from strands_actors.drivers.common.simulation_control.body import Hand
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.yahboom import messages as m
 from strands_actors.drivers.yahboom import protocol as p
-from strands_actors.drivers.yahboom.twin import M3ProTwin, Session
+from strands_actors.drivers.yahboom.twin import BridgeSession, M3ProTwin
 from strands_actors.testing import Twin
 
 from .rig import judge_client
@@ -102,7 +102,7 @@ def test_servos_take_the_time_they_are_given_and_stay_within_their_range() -> No
 
 def said(twin: M3ProTwin, *texts: str) -> list[p.Told]:
     told: list[str] = []
-    session = Session(twin.graph, told.append)
+    session = BridgeSession(twin.graph, told.append)
     for text in texts:
         session.take(text)
     return [p.decode_told(text) for text in told]
@@ -140,7 +140,7 @@ def test_what_is_left_out_of_a_twist_is_zero_as_in_ros() -> None:
 def test_subscriptions_are_throttled_and_ended() -> None:
     twin, _ = robot()
     told: list[str] = []
-    session = Session(twin.graph, told.append)
+    session = BridgeSession(twin.graph, told.append)
     session.take(p.encode(p.Subscribe("/odom_raw", throttle_rate=500)))
     for at in range(100):
         session.publish(1.0 + at * 0.02)
