@@ -302,7 +302,9 @@ class Policy(Actor):
         async with self._acquiring:
             if self._ended is not None:
                 return False
-            wanted = Acquire(f"policy of {rollout.robot}", rollout.over, os.getpid())
+            wanted = Acquire(
+                f"policy of {rollout.robot}", rollout.over, os.getpid(), instruction=rollout.instruction
+            )
             try:
                 lease = await self._gate.ask(wanted, self._ask_s + GRANT_S)
             except (AskTimeout, Unreachable) as failure:

@@ -263,7 +263,12 @@ class Teleoperation(Actor):
             await self._send(step.target, frame)
 
     async def _engage(self, frame: Frame) -> Step:
-        wanted = Acquire(f"teleoperation of {self._rollout.robot}", self._rollout.over, os.getpid())
+        wanted = Acquire(
+            f"teleoperation of {self._rollout.robot}",
+            self._rollout.over,
+            os.getpid(),
+            instruction=self._rollout.instruction,
+        )
         lease = await self._ask(wanted)
         if lease is None:
             return self._asks_again(Step())

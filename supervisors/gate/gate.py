@@ -224,6 +224,7 @@ class Gate(Actor):
         self._live_until_ns = admitted.until_ns or LATCHED
         if self._leases.held is not None:
             self._leases.held.beat(now_ns + LEASE_TTL_NS)
+            self._leases.held.steps += 1
         write = Write(message.epoch, admitted.deadline_ns, admitted.values, admitted.until_ns)
         self._transport.tell(write)
         return Accepted(self._state.epoch, admitted.values, self._read_beside())
@@ -579,6 +580,7 @@ class Gate(Actor):
             self._lock.since if self._state.locked_by else "",
             self._no_standby,
             self._admission.refuse_motion(self._known(), self.context.received_ns),
+            self._leases.rollout(self.context.received_ns),
         )
 
     # -- for a recorder

@@ -12,7 +12,7 @@ import msgspec
 
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
-from strands_actors.supervisors.gate.messages import LEASE_TTL_S, MAX_LIFETIME_S, Acquire, Beat
+from strands_actors.supervisors.gate.messages import LEASE_TTL_S, MAX_LIFETIME_S, Acquire, Beat, Writing
 
 LEASE_TTL_NS = round(LEASE_TTL_S * NS)
 GIVEN_BACK = "the writer gave its lease back"
@@ -35,6 +35,9 @@ class Held(msgspec.Struct):
     pid: int  # of its process; 0: of another host
     channel: str  # over which it was acquired, and over which alone it counts
     under: Held | None = None
+    instruction: str = ""
+    began_ns: int = 0
+    steps: int = 0  # setpoints that were accepted under it
     told: str = ""  # for the audit: how its setpoints were decided last
     refused: Refused | None = None  # what nobody waited to hear: the stream is over, and who asks next hears why
 
@@ -85,6 +88,7 @@ class Leases(msgspec.Struct):
         until_ns = now_ns + LEASE_TTL_NS
         lease = self.given << _PROOF_BITS | self._proof(self.given)
         self.held = Held(lease, message.holder, until_ns, until_ns, message.pid, message.channel, under)
+        self.held.instruction, self.held.began_ns = message.instruction, now_ns
         return lease
 
     def _proof(self, number: int) -> int:
@@ -125,6 +129,14 @@ class Leases(msgspec.Struct):
             return GIVEN_BACK
         over = now_ns >= held.owner.expires_ns or (latched and now_ns >= held.latches_until_ns)
         return f"{held.holder} stopped answering" if over else ""
+
+    def rollout(self, now_ns: int) -> Writing | None:
+        """Return what writes under its caller's lease; None: nothing does, or nobody beats for it
+        any more."""
+        held = self.held
+        if held is None or held.under is None or held.owner.expires_ns <= now_ns:
+            return None
+        return Writing(held.instruction, held.steps, (now_ns - held.began_ns) / NS)
 
     def refuse(self, what: str, lease: int, channel: str) -> Refused | None:
         held = self.held

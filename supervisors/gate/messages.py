@@ -37,6 +37,8 @@ class Acquire(Message, frozen=True):
     """In this and in what is told under a lease: over which channel it came. The receiving process
     writes it; who sends leaves it empty."""
     again: int = 0
+    instruction: str = ""
+    """Of a rollout: what it is to do, for who looks on."""
 
 
 GRANT_S = 2.0
@@ -174,6 +176,14 @@ class GetStatus(Message, frozen=True):
     pass
 
 
+class Writing(Message, frozen=True):
+    """A rollout that writes now, in whatever process it runs. ``steps``: its setpoints so far."""
+
+    instruction: str
+    steps: int
+    elapsed_s: float
+
+
 class Status(Message, frozen=True):
     mode: str
     epoch: int
@@ -194,6 +204,7 @@ class Status(Message, frozen=True):
     locked_since: str = ""  # ISO 8601, UTC
     no_standby: str = ""  # why there is no standby, so that nothing may be energised
     no_motion: Refused | None = None  # what a command would be told now, whatever it says; None: it is looked at
+    rollout: Writing | None = None
 
 
 BROUGHT = 0

@@ -36,7 +36,7 @@ from .answers import Answers
 from .command_rules import Limit, Shared, read_command, read_envelope, refuse_stale, to_be_asked
 from .lease_rules import refuse_by_mode
 from .motion import NOBODY_TO_ASK, Motion, holder_of, no_answer, task_json
-from .readings import TELEOP, features, state_of, tool_of
+from .readings import TELEOP, features, state_of, task_of, tool_of
 from .safety import UNNAMED, ResumeOrder, Safety, StopOrder
 from .schemas import Command, Envelope, plain
 from .stop_rules import Said, read_loosely
@@ -319,5 +319,5 @@ class Commands(Actor):
             "age_s": status.age_s,
             "refusals": status.refusals,
             "last_refusal": status.last_refusal,
-            "task": task_json(self._task()),
+            "task": task_json(task_of(self._task(), status)),
         }

@@ -21,8 +21,18 @@ TELEOP: Mapping[str, Any] = {"inputs": [], "publishers": {}, "receivers": {}}
 """No leader arm writes to this robot over the mesh."""
 
 
+def task_of(task: TaskStatus, status: Status | None) -> TaskStatus:
+    """Return the robot's task. ``task``: of a named policy, which the root started; a script's own
+    policy is known to the gate alone, which it writes to."""
+    rollout = None if status is None else status.rollout
+    if task.running or rollout is None:
+        return task
+    return TaskStatus(True, rollout.steps, rollout.elapsed_s, instruction=rollout.instruction)
+
+
 def state_of(robot: str, driver: Driver, task: TaskStatus, status: Status | None) -> dict[str, Any]:
-    """Return what stands on ``state``."""
+    """Return what stands on ``state``. ``task``: as for ``task_of``."""
+    task = task_of(task, status)
     state: dict[str, Any] = {
         "peer_id": robot,
         "t": time.time(),

@@ -25,7 +25,7 @@ from strands_actors.supervisors.gate.messages import GetStatus, Status
 from strands_actors.supervisors.root.messages import TaskStatus
 
 from . import schemas as mesh_json
-from .readings import mode_of, state_of
+from .readings import mode_of, state_of, task_of
 
 TICK_S = 0.1
 ASK_S = 0.05
@@ -124,7 +124,7 @@ class Telemetry(Actor):
         return status.mode in LINKED and 0.0 <= status.age_s <= longest_s
 
     def _presence(self, status: Status | None) -> dict[str, Any]:
-        task = self._task()
+        task = task_of(self._task(), status)
         return {
             "robot_id": self._robot,
             "robot_type": "robot",

@@ -16,6 +16,7 @@ import zenoh
 from strands_actors.caller.run_directory import notes
 from strands_actors.contract.sensors import TOPICS_HZ, Sensor
 from strands_actors.contract.wire import Observation
+from strands_actors.supervisors.gate.messages import Accepted, Acquire, Lease, Release, Setpoint
 from strands_actors.testing import FakeHardware
 from strands_actors.testing.fake import FakeDriver, FakeWire
 
@@ -91,6 +92,42 @@ def test_state_comes_ten_times_a_second_with_its_schema_number_and_time(plain: l
         assert state["joints"] == {"a": 0.0, "b": 0.0, "a.pos": 0.0, "b.pos": 0.0}  # both spellings
         assert (state["state"], state["degraded"]) == ("armed", False)
         assert state["task"]["status"] == "idle"
+
+    run(test)
+
+
+def test_a_rollout_of_the_scripts_own_policy_is_seen_while_it_writes(plain: list[Plain]) -> None:
+    """The root did not start it, and knows nothing of it."""
+
+    async def test() -> None:
+        async with robot_on_mesh() as (robot, tree, _):
+            key = f"strands/{robot}/state"
+            subscriber = join(plain, key)
+            seen: list[zenoh.Sample] = []
+
+            def task() -> dict[str, Any]:
+                more(seen, subscriber.take(key))
+                return dict(told(seen[-1])["task"]) if seen else {}
+
+            async def write(lease: Lease) -> None:
+                deadline_ns = time.monotonic_ns() + 10**9
+                setpoint = Setpoint(lease.id, lease.epoch, deadline_ns, {"a": 0.01}, latched=True)
+                assert isinstance(await tree.gate.ask(setpoint, 1.0), Accepted)
+
+            async def until_told(status: str, instruction: str, steps: int, what: str) -> None:
+                wanted = {"status": status, "instruction": instruction, "steps": steps}
+                await until(lambda: task() == wanted, what)
+
+            own = await tree.gate.ask(Acquire("a script"), 1.0)
+            assert isinstance(own, Lease)
+            await write(own)
+            await until_told("idle", "", 0, "its own setpoint is no task")
+            under = await tree.gate.ask(Acquire("a policy", own.id, instruction="pick it up"), 1.0)
+            assert isinstance(under, Lease)
+            await write(under)
+            await until_told("running", "pick it up", 1, "the rollout")
+            await tree.gate.ask(Release(under.id), 1.0)
+            await until_told("idle", "", 0, "its end")
 
     run(test)
 

@@ -53,6 +53,14 @@ def test_saf_017_a_policy_process_keeps_no_lease_of_its_caller_alive() -> None:
     assert not leases.lapsed(SECOND_NS, latched=False)
 
 
+def test_a_rollout_is_told_while_somebody_beats_for_it() -> None:
+    leases, over, own = begun()
+    assert leases.rollout(SECOND_NS // 2) is not None
+    assert leases.rollout(SECOND_NS) is None
+    leases.release(own, POLICY)
+    assert leases.rollout(0) is None, "its caller writes"
+
+
 def test_saf_017_a_policy_process_whose_answer_was_lost_asks_again_and_the_first_lease_is_none() -> None:
     leases, over, first = begun()
     again = leases.acquire(Acquire("policy of so101", over, 7, POLICY), 0)
