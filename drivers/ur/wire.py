@@ -155,7 +155,11 @@ class URWire(SessionWire[URSession]):
         facts = await plain.handshake(host)
         samples = await plain.open_samples(host, OUTPUTS, self._config.samples_hz)
         session = self.session_or_none = URSession(sdk, samples, self._config, self._clock)
-        session.take(await samples.first())
+        try:
+            session.take(await samples.first())
+        except BaseException:
+            self.close()
+            raise
         return {"address": host, "host": host, **facts}
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
@@ -211,9 +215,8 @@ class URWire(SessionWire[URSession]):
         ended = safe_state != "hold"
         servoed = stands = False
         try:
-            ordered_ns = self._clock.now_ns()
             servoed = session.controls and await self._stop_by_sdk(session, ended)
-            stands = (servoed or not ended) and await self._stands(session, ordered_ns, ended)
+            stands = (servoed or not ended) and await self._stands(session, ended)
         except ProcessSpent:
             pass  # the next read says so
         if stands:
@@ -265,9 +268,10 @@ class URWire(SessionWire[URSession]):
         session.was_fed()
         return stopped
 
-    async def _stands(self, session: URSession, ordered_ns: int, ended: bool) -> bool:
+    async def _stands(self, session: URSession, ended: bool) -> bool:
         """Return whether samples show that no joint moves, and for a stop that no program runs.
         Raise ``ProcessSpent``."""
+        ordered_ns = self._clock.now_ns()  # and done, as far as the SDK answered
         with trio.move_on_after(CONFIRM_S):
             while True:
                 await trio.sleep(CONTROL_S)

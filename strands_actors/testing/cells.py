@@ -239,10 +239,7 @@ async def _break_robot(bench: Bench, caller: Caller, cell: Cell, settle_s: float
     await trio.sleep(settle_s)
     bench.twin.fault("ok")
     require_motion(bench.log, broken_ns)
-    expected = expected_of(bench.driver, cell)
-    # By the fault itself, before the stop came: then that is being confirmed, and not said again.
-    before_ns = safe_before(bench.log, expected, broken_ns, since_ns) if cell.stops else None
-    outcome = read(bench.log, expected, before_ns or since_ns, since_ns, 0.0, stood_ms)
+    outcome = read_robot(bench.log, cell, expected_of(bench.driver, cell), broken_ns, since_ns, stood_ms)
     return told(outcome if confirmed else replace(outcome, all_motors=False), bench.log, since_ns)
 
 
@@ -283,9 +280,23 @@ def require_motion(log: WireLog, broken_ns: int) -> None:
         raise NotMoving(f"the last on the wire before it was broken is {last or 'nothing'}, no setpoint")
 
 
+def read_robot(
+    log: WireLog, cell: Cell, expected: Expected, broken_ns: int, since_ns: int, stood_ms: float
+) -> Outcome:
+    """As ``read``, of a robot that broke itself. ``since_ns``: when it was back, or told to stop.
+
+    It may have been told the safe state before: by the fault itself, or while it was away, and has
+    found that when it was back. That is being confirmed, and not said again."""
+    outcome = read(log, expected, since_ns, since_ns, 0.0, stood_ms)
+    before_ns = safe_before(log, expected, broken_ns, since_ns)
+    if before_ns is not None and (cell.stops or not outcome.all_motors):
+        return read(log, expected, before_ns, since_ns, 0.0, stood_ms)
+    return outcome
+
+
 def safe_before(log: WireLog, expected: Expected, broken_ns: int, stopped_ns: int) -> int | None:
-    """Return since when, after a fault, the robot had been brought to the safe state that the stop
-    is to bring; None: it had not, or a setpoint came after."""
+    """Return since when, after a fault and before ``stopped_ns``, the robot had been told the safe state
+    that is expected; None: it had not, or a setpoint came after."""
     since_ns: int | None = None
     for entry in log.entries(broken_ns):
         if entry.t_ns >= stopped_ns:

@@ -119,6 +119,30 @@ def test_a_robot_that_the_fault_had_brought_to_the_safe_state_is_safe_when_the_s
     assert cells.safe_before(WireLog(path), limp, 1, stopped_ns) is None, "another safe state is not it"
 
 
+@pytest.mark.parametrize(
+    ("kinds", "safe", "safe_ms"),
+    [
+        ("setpoint safe read back read read", True, 0.0),
+        ("setpoint safe setpoint back read", False, float("inf")),
+        ("setpoint safe back read safe", True, 2e-6),
+        ("setpoint safe back setpoint read", False, 0.0),
+    ],
+)
+def test_what_had_reached_a_robot_while_it_was_away_counts_when_it_is_back(
+    kinds: str, safe: bool, safe_ms: float, tmp_path: Path
+) -> None:
+    """It stands in the log with the time at which it came, not with that at which it was found."""
+    path = tmp_path / "wire.ndjson"
+    words = kinds.split()
+    back_ns = words.index("back") + 1
+    rows = [{"t_ns": at, "from": "host", "kind": kind, "hex": ""} for at, kind in enumerate(words, 1)]
+    path.write_text("".join(json.dumps(row) + "\n" for row in rows if row["kind"] != "back"))
+    cell = Cell(Victims.TWIN, Faults.FREEZE)
+    expected = expected_of(driver_of("unitree_g1"), cell)
+    outcome = cells.read_robot(WireLog(path), cell, expected, 1, back_ns, 0.0)
+    assert (outcome.safe, outcome.safe_ms) == (safe, safe_ms)
+
+
 def test_what_was_not_safe_is_told_with_what_the_wire_showed(tmp_path: Path) -> None:
     path = tmp_path / "wire.ndjson"
     kinds = [

@@ -54,7 +54,7 @@ def test_saf_017_a_policy_process_keeps_no_lease_of_its_caller_alive() -> None:
 
 
 def test_a_rollout_is_told_while_somebody_beats_for_it() -> None:
-    leases, over, own = begun()
+    leases, _, own = begun()
     assert leases.rollout(SECOND_NS // 2) is not None
     assert leases.rollout(SECOND_NS) is None
     leases.release(own, POLICY)
