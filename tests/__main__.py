@@ -1,4 +1,4 @@
-"""``python -m tests``: style, types, tests (three at a time: most of them wait for processes); stops
+"""``python -m tests``: style, types, tests (four at a time: most of them wait for processes); stops
 at the first that fails. Arguments go to pytest.
 
 ``python -m tests lerobot``: what needs LeRobot itself (``tests/lerobot``), and nothing else.
@@ -33,7 +33,7 @@ STEPS = (
     ("ruff", "check", "."),
     ("ruff", "format", "--check", "."),
     ("mypy",),
-    ("pytest", "-n", "3", "--dist", "worksteal", "--durations=20", *ARGUMENTS),
+    ("pytest", "-n", "4", "--dist", "worksteal", "--durations=20", *ARGUMENTS),
 )
 ALONE = ("pytest", "--last-failed", "--last-failed-no-failures", "none", *ARGUMENTS)
 SUITES = {"newton": ("tests/newton/suite.py",), "peers": ("tests/peers/suite.py",)}

@@ -19,11 +19,16 @@ NAMES = re.compile(
 """Parts of the names of such tests, or of their files: robots whose state is too old after 75 to
 200 ms, and many robots at a time. Others are marked ``real_time``."""
 
+PURE = re.compile("test_(arms|contract|fragments|fuzz|gates|generator|kinematics|messages|protocol|session)")
+"""Files without a robot that runs: for them a clock is a number."""
+
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """First: one worker gets them all, and who is done with the others takes some from it."""
     for item in items:
-        if NAMES.search(item.nodeid) and "explore" not in item.path.parts:  # that one's time is simulated
+        if "explore" in item.path.parts or PURE.match(item.path.stem):  # the former's time is simulated
+            continue
+        if NAMES.search(item.nodeid):
             item.add_marker(pytest.mark.real_time)
     items.sort(key=lambda item: item.get_closest_marker("real_time") is None)
 
