@@ -76,18 +76,17 @@ class Samples:
 
     async def start(self, names: Sequence[str], hz: float) -> None:
         """Agree on the outputs and how often they come. Raise ``WireDown``."""
-        if await self._request(p.version_request(), p.Kind.VERSION) != b"\x01":
-            raise WireDown(f"{self._stream.name}: speaks no RTDE version {p.RTDE_VERSION}. Update its software")
-        answer = await self._request(p.outputs_request(hz, names), p.Kind.OUTPUTS)
         with self._understood():
+            if await self._request(p.version_request(), p.Kind.VERSION) != b"\x01":
+                raise WireDown(f"{self._stream.name}: speaks no RTDE version {p.RTDE_VERSION}. Update its software")
+            answer = await self._request(p.outputs_request(hz, names), p.Kind.OUTPUTS)
             self._recipe = p.outputs_answer(answer, names)
-        await self._request(p.frame(p.Kind.START), p.Kind.START)
+            await self._request(p.frame(p.Kind.START), p.Kind.START)
 
     async def next(self) -> dict[str, Any]:
         """Raise ``WireDown`` when none comes, or one that cannot be read."""
-        payload = await self._packet(p.Kind.DATA)
         with self._understood():
-            return self._recipe.unpack(payload)
+            return self._recipe.unpack(await self._packet(p.Kind.DATA))
 
     async def first(self) -> dict[str, Any]:
         """Return the first that shows the controller's clock advance. Raise ``WireDown`` when it
@@ -110,10 +109,9 @@ class Samples:
 
     async def _packet(self, kind: int) -> bytes:
         while True:
-            with self._understood():
-                for packet in self._packets:
-                    if packet.kind == kind:
-                        return packet.payload
+            for packet in self._packets:
+                if packet.kind == kind:
+                    return packet.payload
             self._packets = self._decoder.feed(await receive(self._stream))
 
     @contextlib.contextmanager

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from dataclasses import dataclass, field
 
+import pytest
 import trio
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -181,9 +182,20 @@ def judge(player: Player) -> None:
                 assert not crash_ns < entry.t_ns < resumed, "moved after a restart without a resume"
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.lists(st.sampled_from(EVENTS), min_size=3, max_size=40))
 def test_saf_001_002_006_007_008_009_hold_in_any_order(events: list[str]) -> None:
+    play_and_judge(events)
+
+
+@pytest.mark.long
+@settings(max_examples=400, deadline=None)
+@given(st.lists(st.sampled_from(EVENTS), min_size=3, max_size=40))
+def test_saf_001_002_006_007_008_009_hold_in_many_orders(events: list[str]) -> None:
+    play_and_judge(events)
+
+
+def play_and_judge(events: list[str]) -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             player = Player(tree)
