@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from strands_actors.contract.driver import Candidate, Driver, GateCheck, GateState
+from strands_actors.contract.fallbacks import check_fallbacks
 from strands_actors.contract.loading import load, place_of
-from strands_actors.contract.safe_state import check_fallbacks
 from strands_actors.kernel.messages import Refused
 
 OURS = "strands_actors."
@@ -27,7 +27,7 @@ def build_driver(driver_class: type[Driver], robot: str, port: str, options: Map
     """Return the driver of a robot. Raise ``ValueError`` when its fallbacks are incomplete or
     misspelt."""
     driver = driver_class(robot, port, options)
-    check_fallbacks(driver.robot, driver.fallbacks)
+    driver.fallbacks = check_fallbacks(driver.robot, driver.fallbacks)
     return driver
 
 

@@ -69,7 +69,7 @@ class Owed:
     def wire_pid(self, pid: int) -> None:
         self._wire_pid.set(pid)
 
-    def order(self, safe_state: str, lasts: bool = True) -> SafeState:
+    def order(self, safe_state: SafeState, lasts: bool = True) -> SafeState:
         """Note an order to make safe, if it ``lasts`` until it is confirmed. Return where to bring the
         robot: there, or to a more severe state that was ordered before and not confirmed since. An
         e-stop whose link is lost, or whose wire is frozen, is not answered by the milder state that
@@ -79,7 +79,7 @@ class Owed:
             self._ordered.set(wanted.severity)
         return wanted
 
-    def confirm(self, safe_state: str) -> None:
+    def confirm(self, safe_state: SafeState) -> None:
         """Note that every motor has confirmed it."""
         if SafeState(safe_state).severity >= self._ordered.get():
             self.begin_anew()

@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Literal
 
 from strands_actors.contract.driver import HOLDING_REASONS, Candidate, Driver, GateState, Reason, Timing
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, StopChannel, Wire
 from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.messages import Refused
@@ -38,7 +39,9 @@ class Stamper(Driver):
     OPTIONS: ClassVar[Mapping[str, str]] = {"hz": "control rate"}
 
     unit = "radians"
-    fallbacks: Mapping[Reason, str] = {reason: "hold" if reason in HOLDING_REASONS else "limp" for reason in Reason}
+    fallbacks: Mapping[Reason, SafeState] = {
+        reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.LIMP for reason in Reason
+    }
     firmware_watchdog = "none"
     gates = ()
     bound_s = 0.05

@@ -127,7 +127,7 @@ class BoosterDriver(Driver):
         handover_s=5.0,
         safe_s=2.0,
     )
-    fallbacks: Mapping[Reason, str] = {
+    fallbacks: Mapping[Reason, SafeState] = {
         **{reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.STOP for reason in Reason},
         Reason.ESTOP: SafeState.DAMP,
     }

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import trio
 
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, StopChannel, WireDown
 from strands_actors.kernel.clock import Clock
 
@@ -33,7 +34,7 @@ class BoosterStopChannel(StopChannel):
                 raise WireDown(f"{self._config.host}: the robot does not hear the root")
             task_status.started()
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         if self._link is None:
             return unconfirmed(self._config.model, "the root has not found the robot")
         return await bring_down(self._link, safe_state)

@@ -48,7 +48,7 @@ that hangs from it by its weight sinks once more as it is held where it was, and
 on at ``STILL_RAD_S`` goes 0.015 rad in this time, without coming far from any target."""
 
 
-async def bring_down(link: Link, safe_state: str, arms: bool | None = None) -> tuple[MotorReport, ...]:
+async def bring_down(link: Link, safe_state: SafeState, arms: bool | None = None) -> tuple[MotorReport, ...]:
     """The first frame leaves before the first wait. Never raises. ``arms``: whether the upper body
     is ours; None: it may be."""
     way = _Way(link, safe_state, arms)
@@ -64,7 +64,7 @@ async def bring_down(link: Link, safe_state: str, arms: bool | None = None) -> t
 
 
 class _Way:
-    def __init__(self, link: Link, safe_state: str, arms: bool | None) -> None:
+    def __init__(self, link: Link, safe_state: SafeState, arms: bool | None) -> None:
         self.began_ns = link.clock.now_ns()
         self._link = link
         self._safe_state = safe_state

@@ -276,7 +276,7 @@ class BoosterWire(SessionWire[BoosterSession]):
 
     # -- safe
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         session = self.session_or_none
         if session is None:
             return unconfirmed(self._config.model, "not connected")
@@ -290,7 +290,7 @@ class BoosterWire(SessionWire[BoosterSession]):
             session.goal = tuple(motor.target for motor in motors if motor.target is not None)
         return motors
 
-    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         """By the participant that the robot knew, which finds it again by itself; else by a new
         one, which has to be found first."""
         session = self.session_or_none

@@ -89,7 +89,7 @@ class Crazyflie(Driver):
     BEFORE_MOTION: ClassVar[str] = "takeoff"
 
     unit = "m/s (wz: rad/s, z: m)"
-    fallbacks: Mapping[Reason, str] = {
+    fallbacks: Mapping[Reason, SafeState] = {
         **{reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.LAND for reason in Reason},
         Reason.ESTOP: SafeState.OFF,
     }

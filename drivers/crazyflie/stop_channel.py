@@ -37,14 +37,14 @@ class CrazyflieStopChannel(StopChannel):
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         await self._channel.serve(task_status)
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         return await self._channel.make_safe(_within(safe_state))
 
     def close(self) -> None:
         self._channel.close()
 
 
-def _within(safe_state: str) -> str:
+def _within(safe_state: SafeState) -> SafeState:
     """Nobody is left to hover: it lands."""
     return SafeState.LAND if safe_state == SafeState.HOLD else safe_state
 
@@ -62,7 +62,7 @@ class _OwnLink(StopChannel):
             self._link = await open_link(self._config.endpoint())
         task_status.started()
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         try:
             link, self._link = self._link, None
             link = link or await open_link(self._config.endpoint())
@@ -89,7 +89,7 @@ class _SerialLine(DuplicateDescriptor[CrazyflieConfig, SerialLink]):
     async def open_port(self) -> SerialLink:
         return await open_line(self.config.endpoint().path)
 
-    async def make_safe_on(self, port: SerialLink, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe_on(self, port: SerialLink, safe_state: SafeState) -> tuple[MotorReport, ...]:
         outcome = await bring_down(CrazyflieSession(port, self.clock), safe_state)
         if not outcome.written:
             raise WireDown(outcome.detail)

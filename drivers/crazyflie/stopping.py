@@ -42,7 +42,7 @@ FRESH_S = 0.5
 
 
 async def bring_down(
-    session: CrazyflieSession, safe_state: str, within_s: float = STOP_S, land_s: float | None = None
+    session: CrazyflieSession, safe_state: SafeState, within_s: float = STOP_S, land_s: float | None = None
 ) -> Outcome:
     """Bring it to a safe state that ends its flight, and look that it is. ``land_s``: how long a
     landing takes; None: as long as the height needs, which the drone knows. Never raises; the first
@@ -64,7 +64,7 @@ async def bring_down(
     return Outcome(descent.written, descent.acknowledged, detail)
 
 
-def first_frames(safe_state: str) -> tuple[bytes, ...]:
+def first_frames(safe_state: SafeState) -> tuple[bytes, ...]:
     """Return what begins to bring it there, for a link that may carry nothing any more."""
     match safe_state:
         case SafeState.OFF:
@@ -78,7 +78,7 @@ def first_frames(safe_state: str) -> tuple[bytes, ...]:
 class _Descent:
     """One order to come down, however often it has to be said."""
 
-    def __init__(self, session: CrazyflieSession, safe_state: str, land_s: float | None) -> None:
+    def __init__(self, session: CrazyflieSession, safe_state: SafeState, land_s: float | None) -> None:
         self._session = session
         self._safe_state = safe_state
         self._order = p.land_with_velocity(LANDING_M_S) if land_s is None else p.land(land_s)

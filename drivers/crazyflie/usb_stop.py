@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, ProcessSpent, StopChannel, WireDown
 from strands_actors.drivers.common.outcome import Outcome
 from strands_actors.kernel.clock import Clock
@@ -21,7 +22,7 @@ class UsbStop(StopChannel):
         self._config = config
         self._clock = clock
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         try:
             link = await open_usb_link(self._config.endpoint())
             try:

@@ -139,7 +139,7 @@ class CrazyflieWire(SessionWire[CrazyflieSession]):
 
     # -- safe
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         session, self._hover = self.session_or_none, None
         if session is None:
             self._is_armed = False
@@ -169,7 +169,7 @@ class CrazyflieWire(SessionWire[CrazyflieSession]):
         self._hover = hover
         return Outcome(True, True, "").reports(AXES, targets=(0.0, 0.0, 0.0, 0.0, height_m))
 
-    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         """As ``make_safe``. Over UDP by the socket that is open; other links are told once, closed,
         and opened anew, since what was lost may be dead, and keeps another from opening."""
         within = SafeState.LAND if safe_state == SafeState.HOLD else safe_state

@@ -101,7 +101,7 @@ class EarthRover(Driver):
         call_s=0.8,
         safe_s=3.0,  # until a stop is confirmed; zero leaves at once
     )
-    fallbacks: Mapping[Reason, str] = dict.fromkeys(Reason, str(SafeState.ZERO))
+    fallbacks: Mapping[Reason, SafeState] = dict.fromkeys(Reason, SafeState.ZERO)
     firmware_watchdog = (
         "the rover runs its last command until a new one; the SDK process sends zero after 3 s without one, "
         "unless its CONTROL_WATCHDOG_S says otherwise, which cannot be read back [assumed: 3 s]"

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import KeptSession
 from strands_actors.contract.wire import MotorReport, WireDown
 from strands_actors.drivers.common.http_port import HttpPort
@@ -56,7 +57,7 @@ class EarthRoverStopChannel(KeptSession[EarthRoverConfig, HttpPort]):
     async def keep_up(self, session: HttpPort) -> None:
         await session.hear()
 
-    async def make_safe_by(self, session: HttpPort | None, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe_by(self, session: HttpPort | None, safe_state: SafeState) -> tuple[MotorReport, ...]:
         try:
             self.session = session or self.config.open_port()
             outcome = await stop_base(self.session, RoverZero(), STOP_S)

@@ -17,6 +17,7 @@ from typing import Any, ClassVar
 import msgspec
 import trio
 
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
 from strands_actors.drivers.common.http_client import HttpClient
 from strands_actors.drivers.common.http_port import HttpPort
@@ -148,7 +149,7 @@ class EarthRoverWire(Wire):
         self._told, self._owed = values, trio.Event()
         nursery.start_soon(self._take_answer, port, number, self._owed)
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         lamp = self._told[2]
         self._told = (0.0, 0.0, lamp)
         zero = RoverZero(lamp)
@@ -164,7 +165,7 @@ class EarthRoverWire(Wire):
             outcome = Outcome(False, False, str(down))
         return outcome.reports(*names_of(self._config.axes), self._told)
 
-    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         """As ``make_safe``, on a new connection. The answer that is owed is waited for no longer;
         zero follows its command all the same."""
         if self._owed is not None:

@@ -55,7 +55,7 @@ class Franka(Driver):
 
     config: FrankaConfig
     unit = "radians"
-    fallbacks: Mapping[Reason, str] = {
+    fallbacks: Mapping[Reason, SafeState] = {
         reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.STOP for reason in Reason
     }
     firmware_watchdog = (

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import ClassVar
 
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import WatchedFirmware
 from strands_actors.contract.wire import MotorReport, WireDown
 
@@ -64,7 +65,7 @@ class FrankaStopChannel(WatchedFirmware[FrankaConfig, StopWatch]):
             raise WireDown(str(error)) from None
         return StopWatch(config, *await connect(host, config.arm.fci, config.robot))
 
-    def order(self, watch: StopWatch, safe_state: str) -> None:
+    def order(self, watch: StopWatch, safe_state: SafeState) -> None:
         watch.order()
 
     def failed(self, why: str, watch: StopWatch | None = None) -> tuple[MotorReport, ...]:

@@ -12,6 +12,7 @@ from typing import Any
 import msgspec
 import trio
 
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.session_wire import SessionWire
@@ -234,7 +235,7 @@ class FrankaWire(SessionWire[FrankaSession]):
             return
         session.aim(values)
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         session = self.session_or_none
         if session is None:
             return reports(self._config, False, False, None, "not connected")
@@ -256,7 +257,7 @@ class FrankaWire(SessionWire[FrankaSession]):
             session.stand_down()
             return reports(self._config, written, False, None, str(down))
 
-    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         """By what is still open, which ends there, and the motion with it. Then by a connection
         made for this."""
         session, written = self.session_or_none, False

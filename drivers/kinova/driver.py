@@ -54,7 +54,7 @@ class Kinova(Driver):
 
     config: KinovaConfig
     unit = "radians"
-    fallbacks: Mapping[Reason, str] = {
+    fallbacks: Mapping[Reason, SafeState] = {
         reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.STOP for reason in Reason
     }
     firmware_watchdog = (

@@ -16,6 +16,7 @@ from collections.abc import Sequence
 
 import trio
 
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import KeptSession
 from strands_actors.contract.wire import MotorReport, WireDown
 from strands_actors.drivers.common.outcome import Outcome
@@ -61,7 +62,7 @@ class KinovaStopChannel(KeptSession[KinovaConfig, KortexClient]):
     def has_other_way(self) -> bool:
         return self._wires is not None
 
-    async def make_safe_by(self, session: KortexClient | None, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe_by(self, session: KortexClient | None, safe_state: SafeState) -> tuple[MotorReport, ...]:
         if self._newest is not None:
             self.replace(self._newest)
             self._newest = None

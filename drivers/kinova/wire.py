@@ -18,6 +18,7 @@ from typing import Any, ClassVar, Protocol
 
 import trio
 
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.outcome import NOT_CONNECTED
@@ -182,7 +183,7 @@ class KinovaWire(SessionWire[KinovaSession]):
         session.client.tell(Call.SEND_JOINT_SPEEDS, payload)
         session.course, session.sent_ns, session.turning = course, now_ns, any(speeds)
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         session = self.session_or_none
         if session is None:
             return NOT_CONNECTED.reports(self._config.axes)
@@ -192,7 +193,7 @@ class KinovaWire(SessionWire[KinovaSession]):
             session.turning = False
         return reports
 
-    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         """On the connection that was lost, if it still takes anything, and on one of its own."""
         session = self.session_or_none
         wires = None if session is None else session.client

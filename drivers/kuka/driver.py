@@ -13,9 +13,10 @@ from typing import Annotated, Any, ClassVar, Literal
 from msgspec.structs import replace
 
 from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Timing
+from strands_actors.contract.fallbacks import check_fallbacks
 from strands_actors.contract.loading import load
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
-from strands_actors.contract.safe_state import SafeState, check_fallbacks
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.tool_verbs import STATE, STATUS, STOP, ToolVerb
 from strands_actors.contract.wire import Observation, Wire
 from strands_actors.kernel.clock import Clock
@@ -46,7 +47,7 @@ class Kuka(Driver):
 
     config: KukaConfig
     unit = "radians"
-    fallbacks: Mapping[Reason, str] = dict.fromkeys(Reason, SafeState.HOLD.value)
+    fallbacks: Mapping[Reason, SafeState] = dict.fromkeys(Reason, SafeState.HOLD)
     firmware_watchdog = (
         "the FRI session itself: after some missing answers the controller drops it to monitoring and the robot's "
         "own program holds the arm [?]. nothing is armed by us, and position control mode is required for it"

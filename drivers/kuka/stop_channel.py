@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import socket
 
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import DuplicateDescriptor
 from strands_actors.contract.wire import MotorReport
 from strands_actors.drivers.common.udp_port import UdpListener
@@ -30,7 +31,7 @@ class KukaStopChannel(DuplicateDescriptor[KukaConfig, UdpListener]):
     async def open_port(self) -> UdpListener:
         return await self.config.listen()
 
-    async def make_safe_on(self, port: UdpListener, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe_on(self, port: UdpListener, safe_state: SafeState) -> tuple[MotorReport, ...]:
         detail = "held by the root; its FRI session ends with this"
         reports = await answer_instead(port, self.config.arm, self.clock, ANSWER_S, detail)
         return reports or self.failed("the controller says nothing")

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 import trio
 
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
 from strands_actors.drivers.common.session_wire import SessionWire
 from strands_actors.kernel.clock import NS, Clock
@@ -119,7 +120,7 @@ class KukaWire(SessionWire[Link]):
         self._permit, self._written_ns = permit, self._clock.now_ns()
         link.session.aim(values[:JOINTS], values[JOINTS])
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         link = self.session_or_none
         if link is None:
             return failed(self._config.arm, "not connected")
@@ -130,7 +131,7 @@ class KukaWire(SessionWire[Link]):
 
         return await link.bring_to_stand(cycle, "")
 
-    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         """Hold once unasked: who is not heard may hear. Then answer whoever speaks."""
         arm, link = self._config.arm, self.session_or_none
         written = False

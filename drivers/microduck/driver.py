@@ -80,8 +80,8 @@ class Microduck(Driver):
         state_ttl_s=0.5,
         safe_s=2.0,
     )
-    fallbacks: Mapping[Reason, str] = {
-        reason: str(SafeState.ZERO if reason in HOLDING_REASONS else SafeState.STOP) for reason in Reason
+    fallbacks: Mapping[Reason, SafeState] = {
+        reason: SafeState.ZERO if reason in HOLDING_REASONS else SafeState.STOP for reason in Reason
     }
     firmware_watchdog = (
         "robotd zeroes the twist 0.5 s after the last one [assumed: it cannot be read back]; head, body and mouth "

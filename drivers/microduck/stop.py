@@ -34,7 +34,9 @@ class Stopping:
     """One link as a base that can be stopped (``ReportingBase``). ``pending``: whether an earlier
     request, on another connection, has not been answered: it may be carried out later."""
 
-    def __init__(self, link: DuckLink, safe_state: str, pending: Callable[[], bool] = nothing_pending) -> None:
+    def __init__(
+        self, link: DuckLink, safe_state: SafeState, pending: Callable[[], bool] = nothing_pending
+    ) -> None:
         self._link = link
         self._safe_state = safe_state
         self._pending = pending
@@ -73,7 +75,7 @@ class Stopping:
 
 
 async def stop_by(
-    link: DuckLink, safe_state: str, within_s: float = STOP_S, pending: Callable[[], bool] = nothing_pending
+    link: DuckLink, safe_state: SafeState, within_s: float = STOP_S, pending: Callable[[], bool] = nothing_pending
 ) -> Outcome:
     """Never raises. Where the link is open, the first frame leaves before the first wait."""
     return await stop_until_it_stands(Stopping(link, safe_state, pending), within_s)
@@ -98,7 +100,7 @@ class MicroduckStopChannel(KeptSession[MicroduckConfig, DuckLink]):
     async def keep_up(self, session: DuckLink) -> None:
         await session.hear()
 
-    async def make_safe_by(self, session: DuckLink | None, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe_by(self, session: DuckLink | None, safe_state: SafeState) -> tuple[MotorReport, ...]:
         self.session = session or DuckLink(self.config, self.clock)
         outcome = await stop_by(self.session, safe_state)
         return outcome.reports(self.config.axes, self.config.ids)

@@ -16,6 +16,7 @@ from typing import Any, ClassVar, NamedTuple
 import trio
 
 from strands_actors.contract.rotations import roll_pitch_yaw
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.outcome import NOT_CONNECTED, Outcome
@@ -189,13 +190,13 @@ class MicroduckWire(Wire):
 
     # -- safe
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         self._disarm(safe_state)
         if not self._link.is_open:
             return self._reports(NOT_CONNECTED)
         return self._reports(await stop_by(self._link, safe_state, pending=self._pending))
 
-    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         """As ``make_safe``, and on a connection made for it: the old one may be dead, and nobody
         has told."""
         self._disarm(safe_state)
@@ -206,9 +207,9 @@ class MicroduckWire(Wire):
         self._anew = self._anew or DuckLink(self._config, self._clock, self._way)
         return self._reports(await stop_by(self._anew, safe_state))
 
-    def _disarm(self, safe_state: str) -> None:
+    def _disarm(self, safe_state: SafeState) -> None:
         self._walk = None
-        self._is_armed = self._is_armed and safe_state == "zero"
+        self._is_armed = self._is_armed and safe_state == SafeState.ZERO
 
     def _pending(self) -> bool:
         return self._services is not None and self._services.unanswered > 0

@@ -25,7 +25,7 @@ class ModelDriver(Driver):
 
     unit = "radians (slides: metres)"
     timing = Timing(control_hz=CONTROL_HZ, keepalive_s=1.0, oneshot_ttl_s=None)
-    fallbacks: Mapping[Reason, str] = {
+    fallbacks: Mapping[Reason, SafeState] = {
         reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.LIMP for reason in Reason
     }
     firmware_watchdog = "none: a simulation holds its last target"

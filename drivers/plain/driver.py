@@ -57,8 +57,8 @@ class PlainDriver(Driver):
     DEADLINES: ClassVar[Deadlines] = Deadlines()
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (MOVE_TO, READ_SENSORS, STATUS, STOP)
 
-    fallbacks: Mapping[Reason, str] = {
-        reason: str(SafeState.OFF if reason in LEAVING else SafeState.STOP) for reason in Reason
+    fallbacks: Mapping[Reason, SafeState] = {
+        reason: SafeState.OFF if reason in LEAVING else SafeState.STOP for reason in Reason
     }
     """``stop``: the class's ``stop()``. ``off``: that, and then its ``cleanup()``, which ends its
     connection."""

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import msgspec
 import trio
 
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, StopChannel, WireDown
 from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.processes.process import ChildProcess, start
@@ -50,7 +51,7 @@ class PlainStopChannel(StopChannel):
         if self._spare is spare and not spare.ordered:  # it has not done its work, and is wanted
             raise WireDown("the process that would stop the robot has ended")
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         await self._until_alone()
         # Cancelled, it goes on: who is fencing the wire asks again, and is given this one's answer.
         spare = self._spare = self._spare or Spare(self._config)

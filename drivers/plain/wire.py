@@ -107,7 +107,7 @@ class PlainWire(Wire):
         if failure := await self._call("send_action", self._within.call_s, send):
             self._refused = {axes[at]: REFUSED + failure.removeprefix(REFUSED) for at in named}
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         if self._instance.made is None:
             return reports(self._config, self._ended)  # it was stopped before it was given up
         try:
@@ -118,7 +118,7 @@ class PlainWire(Wire):
             return reports(self._config, str(spent), written=False)
         return reports(self._config, failure)
 
-    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         """Connect, stop, and give up again, so that the next wire may connect."""
         if self._calls.spent:
             return reports(self._config, self._calls.spent, written=False)

@@ -90,7 +90,7 @@ class RBY1(Driver):
             arm_s=20.0,
             safe_s=3.0,
         )
-        self.fallbacks: Mapping[Reason, str] = {
+        self.fallbacks: Mapping[Reason, SafeState] = {
             **{reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.STOP for reason in Reason},
             Reason.ESTOP: SafeState.OFF if wanted.on_estop == "power_off" else SafeState.STOP,
         }

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import trio
 
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import KeptSession
 from strands_actors.contract.wire import MotorReport
 from strands_actors.drivers.common.grpc import CallFailed, Connection, OpenStream, open_grpc
@@ -45,7 +46,7 @@ class RBY1StopChannel(KeptSession[RBY1Config, Connection]):
             with contextlib.suppress(CallFailed):  # that is an answer, too
                 await session.unary(Method.PING, b"", KEEP_S)
 
-    async def make_safe_by(self, session: Connection | None, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe_by(self, session: Connection | None, safe_state: SafeState) -> tuple[MotorReport, ...]:
         stop = Stop(self.config, session, lambda: connect_to_stop(self.config, self._open_stream))
         try:
             return await stop.run(safe_state)

@@ -70,7 +70,7 @@ class Stop:
         self._holds = True  # what stands is held there
         self._motor_supply: int | None = None  # its place; None: the robot has not told it
 
-    async def run(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def run(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         """Bring the robot to ``safe_state``. Never raises; takes ``LONGEST_S`` at most. A joint that
         is held is reported with where it stands."""
         self._holds = safe_state != SafeState.OFF

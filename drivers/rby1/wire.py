@@ -12,6 +12,7 @@ from typing import Any, ClassVar, TypeVar
 
 import trio
 
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
 from strands_actors.drivers.common.grpc import OpenStream
 from strands_actors.drivers.common.malformed import MalformedFrame
@@ -115,7 +116,7 @@ class RBY1Wire(SessionWire[RBY1Session]):
         permit.check()
         session.send(message)
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         session = self.session_or_none
         if session is None:
             return NOT_CONNECTED.reports(self._config.axes, self._config.ids)
@@ -129,7 +130,7 @@ class RBY1Wire(SessionWire[RBY1Session]):
                 if connection is not session.connection:
                     connection.close_in_order()
 
-    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         channel = RBY1StopChannel(self._config, (), self._clock, self._open_stream)
         try:
             return await channel.make_safe(safe_state)

@@ -80,9 +80,9 @@ class Reachy(Driver):
         open_s=13.0,  # of which the daemon's status may take 10
         safe_s=2.0,
     )
-    fallbacks: Mapping[Reason, str] = {
-        **dict.fromkeys(Reason, str(SafeState.HOLD)),
-        Reason.ESTOP: str(SafeState.LIMP),
+    fallbacks: Mapping[Reason, SafeState] = {
+        **dict.fromkeys(Reason, SafeState.HOLD),
+        Reason.ESTOP: SafeState.LIMP,
     }
     firmware_watchdog = (
         "none: left alone the daemon ends the move it plays, 10 s at most of ours, and holds the last target with "

@@ -41,7 +41,7 @@ AGAIN_S = 0.05
 """Pause before what is not confirmed is done again."""
 
 
-def frames(safe_state: str) -> tuple[str, ...]:
+def frames(safe_state: SafeState) -> tuple[str, ...]:
     """Return what brings the robot to a safe state, in the order in which it is sent."""
     ends = (p.STOP_MOVE, p.TRACKING_STOP, p.WOBBLING_STOP)
     return (p.MOTORS_OFF, *ends) if safe_state == SafeState.LIMP else ends
@@ -65,7 +65,9 @@ class Stopper:
         self._is_refused = False  # the newest attempt
         self.detail = f"not confirmed: {self._port.name} is silent"
 
-    async def run(self, safe_state: str, within_s: float, pending: Callable[[], bool] = nothing_pending) -> str:
+    async def run(
+        self, safe_state: SafeState, within_s: float, pending: Callable[[], bool] = nothing_pending
+    ) -> str:
         """Bring the robot to ``safe_state``; return why that is not confirmed, empty: it is. Never
         raises. Where a WebSocket is open the first frame leaves before the first wait. ``pending``:
         whether an earlier command has not been answered, which may be carried out later."""
@@ -99,7 +101,7 @@ class Stopper:
         if self._own is not None:
             self._own.close_in_order()  # what was sent still arrives
 
-    async def _order(self, safe_state: str) -> None:
+    async def _order(self, safe_state: SafeState) -> None:
         if self._socket is None or not self._socket.is_open:
             self._socket = self._own = await open_websocket(*self._where, p.SDK, within_s=CONNECT_S)
         for frame in frames(safe_state):
@@ -107,7 +109,7 @@ class Stopper:
         self.written = True
         self._pinged = self._socket.ping()
 
-    async def _look(self, safe_state: str) -> str:
+    async def _look(self, safe_state: SafeState) -> str:
         """End the moves that are listed, and face tracking; return why the robot is not known to be
         safe."""
         for uuid in await self._running():
@@ -173,14 +175,14 @@ class ReachyStopChannel(StopChannel):
     def __init__(self, config: ReachyConfig, descriptors: Sequence[int], clock: Clock) -> None:
         self._config = config.at_told(descriptors[0]) if descriptors else config
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         return await stop_everywhere(self._config, safe_state)
 
     def close(self) -> None:
         pass
 
 
-async def stop_everywhere(config: ReachyConfig, safe_state: str) -> tuple[MotorReport, ...]:
+async def stop_everywhere(config: ReachyConfig, safe_state: SafeState) -> tuple[MotorReport, ...]:
     """Stop the robot at each address where it may be. Where no daemon runs there is none; each of the
     others has to confirm, since nobody knows which is the robot's. Never raises."""
     try:

@@ -18,6 +18,7 @@ from typing import Any, ClassVar
 import trio
 
 from strands_actors.contract.rotations import roll_pitch_yaw
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
 from strands_actors.drivers.common.http_client import HttpClient
 from strands_actors.drivers.common.http_port import HttpPort
@@ -177,13 +178,13 @@ class ReachyWire(Wire):
         self._owed = trio.Event()
         nursery.start_soon(self._take_answer, port, number, self._owed, bool(duration_s))
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         with trio.move_on_after(OWED_S):
             while (owed := self._pending()) is not None:
                 await owed.wait()
         return await self._stop(safe_state)
 
-    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         """As ``make_safe``, on what is still open unless a command may wait there, then on new
         connections."""
         return await self._stop(safe_state)
@@ -318,7 +319,7 @@ class ReachyWire(Wire):
             return self._services.owed
         return None if self._gave_up else self._owed
 
-    async def _stop(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def _stop(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         """On the connection that is open, unless a command may wait on another one: then the stop
         would be heard before it."""
         if not self._where[0]:

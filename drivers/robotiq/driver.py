@@ -23,6 +23,7 @@ from msgspec import Meta
 from strands_actors.contract.axis import Axis, Part, PartKind
 from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Timing
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.tool_verbs import SENSORS, STATUS, STOP, ToolVerb
 from strands_actors.contract.wire import Observation
 from strands_actors.kernel.messages import Refused
@@ -91,7 +92,7 @@ class Robotiq(Driver):
         state_ttl_s=0.3,
         arm_s=ACTIVATION_S + 2.0,
     )
-    fallbacks: Mapping[Reason, str] = dict.fromkeys(Reason, "hold")
+    fallbacks: Mapping[Reason, SafeState] = dict.fromkeys(Reason, SafeState.HOLD)
     firmware_watchdog = "none: left alone it keeps its grip and finishes its last motion [assumed]"
 
     @classmethod

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import DuplicateDescriptor
 from strands_actors.contract.wire import MotorReport, WireDown
 from strands_actors.drivers.common.serial_port import adopt_serial, open_serial
@@ -38,13 +39,13 @@ class RobotiqStopChannel(DuplicateDescriptor[RobotiqConfig, GripperClient]):
     async def open_port(self) -> GripperClient:
         return await self._open()
 
-    async def make_safe_on(self, port: GripperClient, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe_on(self, port: GripperClient, safe_state: SafeState) -> tuple[MotorReport, ...]:
         report = await hold(port, None, self.config)
         if not report.written:
             raise WireDown(report.detail)
         return (report,)
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         try:
             return await super().make_safe(safe_state)
         finally:

@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 
 import trio
 
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
 from strands_actors.drivers.common.modbus import NotUnderstood
 from strands_actors.drivers.common.serial_port import open_serial
@@ -148,7 +149,7 @@ class RobotiqWire(SessionWire[RobotiqSession]):
         if session.told != position:
             session.told, session.misses = position, 0
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         """Ask first where the status is too old: a hold has rACT set, and would activate a gripper
         that was reset since. One that does not answer may be that, or be heard no more and moving:
         it is reset, which stops the one and leaves the other alone."""
@@ -163,7 +164,7 @@ class RobotiqWire(SessionWire[RobotiqSession]):
                 known = await self._soonest(session)
         return (await hold(session.gripper, known or Status(), self._config),)
 
-    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         """The gripper is asked first: one that has lost its power meanwhile would be activated, and
         moves then. One whose answers are nonsense has power, and keeps still by what was last
         understood of it."""

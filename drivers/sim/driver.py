@@ -112,7 +112,7 @@ class SimDriver(Driver):
     def readings(self, observation: Observation) -> dict[str, Any]:
         return self.real.readings(observation)
 
-    def energised(self, safe_state: str) -> bool:
+    def energised(self, safe_state: SafeState) -> bool:
         return safe_state == SafeState.HOLD or self.real.energised(safe_state)
 
     def model_units(self) -> tuple[tuple[float, float], ...]:

@@ -20,14 +20,14 @@ class SimStopChannel(ConnectWhenNeeded[SimConfig, SimulationClient]):
     async def connect(self) -> SimulationClient:
         return SimulationClient(self.config.control)
 
-    async def make_safe_by(self, port: SimulationClient, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe_by(self, port: SimulationClient, safe_state: SafeState) -> tuple[MotorReport, ...]:
         return await make_safe(self.config, port, safe_state)
 
     def failed(self, why: str, port: SimulationClient | None = None) -> tuple[MotorReport, ...]:
         return Outcome(False, False, why).reports(self.config.axes, self.config.ids)
 
 
-async def make_safe(config: SimConfig, control: SimulationClient, safe_state: str) -> tuple[MotorReport, ...]:
+async def make_safe(config: SimConfig, control: SimulationClient, safe_state: SafeState) -> tuple[MotorReport, ...]:
     """Never raises. ``ask`` hands the frame over before anything waits."""
     # only a robot without power is let go of, and a drone lands; others stay where they are
     orders: dict[str, str] = {SafeState.LIMP: p.LIMP, SafeState.OFF: p.LIMP, SafeState.LAND: p.LAND}

@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 import trio
 
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, Wire, WireDown
 from strands_actors.drivers.common.outcome import NOT_CONNECTED
 from strands_actors.drivers.common.simulation_control import protocol as p
@@ -74,7 +75,7 @@ class SimWire(Wire):
         permit.check()
         client.tell(aim)
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         if self._control is None:
             return NOT_CONNECTED.reports(self._config.axes, self._config.ids)
         self._armed = self._armed and safe_state in self._config.energised

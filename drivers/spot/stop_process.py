@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import trio
 
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import KeptSession
 from strands_actors.contract.wire import MotorReport, WireDown
 from strands_actors.drivers.common.outcome import Outcome, names_of
@@ -56,7 +57,7 @@ class EstopChannel(KeptSession[SpotConfig, SpotSession]):
             await session.renew()
             await trio.sleep(LOOK_AGAIN_S)
 
-    async def make_safe_by(self, session: SpotSession | None, safe_state: str) -> Reports:
+    async def make_safe_by(self, session: SpotSession | None, safe_state: SafeState) -> Reports:
         with trio.move_on_after(STOP_S):
             try:
                 if session is None:

@@ -20,13 +20,15 @@ SERVICES = ("estop", "robot-state")
 """Which are needed for it."""
 
 
-def level_of(safe_state: str) -> p.StopLevel:
+def level_of(safe_state: SafeState) -> p.StopLevel:
     """Return what the e-stop is told for a safe state. None of them lets the robot stand: that
     takes a lease."""
     return p.StopLevel.CUT if safe_state == SafeState.OFF else p.StopLevel.SETTLE_THEN_CUT
 
 
-async def stop_by_estop(session: SpotSession, endpoint: EstopEndpoint, safe_state: str, within_s: float) -> Outcome:
+async def stop_by_estop(
+    session: SpotSession, endpoint: EstopEndpoint, safe_state: SafeState, within_s: float
+) -> Outcome:
     """Assert the e-stop, and look until the motors are off. Never raises. Where our endpoint is
     known, and connected, the first frame leaves before the first wait."""
     stop = _Stop(session, endpoint, level_of(safe_state))

@@ -269,7 +269,7 @@ class SpotWire(SessionWire[SpotSession]):
 
     # -- safe
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         if self.session_or_none is None:
             self._is_armed = False
             return self._reports(NOT_CONNECTED)
@@ -382,7 +382,7 @@ class SpotWire(SessionWire[SpotSession]):
         except WireDown as down:
             return f"the lease was not returned: {down}"
 
-    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         """By our lease, unheard, and by our e-stop endpoint on the connection that is open: both at
         once, since each may have to wait for the network. Then by the endpoint on a new connection."""
         self._is_armed = False

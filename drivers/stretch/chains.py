@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import msgspec
 
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit
 from strands_actors.drivers.common.dynamixel import protocol, table
 from strands_actors.drivers.common.dynamixel.safing import DynamixelSafing
@@ -29,8 +30,6 @@ HOMED = table.Register(661)
 RESET = frozenset((LIMP, UNARMED))
 """Words in ``faults`` of a servo that has lost what we set: torque, or its bus watchdog. If it was
 reset, it has forgotten its whole turns, too."""
-
-HOLD = "hold"
 
 
 class ChainSafing(DynamixelSafing):
@@ -104,10 +103,10 @@ class ChainWire(DynamixelWire):
                 self.homed[axis.key] = False
         return seen
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         """Always a hold: a wrist that is let go drops what it carries."""
         self._is_profiled = False
-        return at_rest(await super().make_safe(HOLD))
+        return at_rest(await super().make_safe(SafeState.HOLD))
 
     @property
     def observation(self) -> Observation:
@@ -127,8 +126,8 @@ class ChainStopChannel(DynamixelStopChannel):
     ) -> None:
         super().__init__(config.chain_config(chain), descriptors, clock, open_port)
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
-        return at_rest(await super().make_safe(HOLD))
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
+        return at_rest(await super().make_safe(SafeState.HOLD))
 
 
 def at_rest(reports: Sequence[MotorReport]) -> tuple[MotorReport, ...]:

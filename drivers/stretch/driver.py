@@ -88,9 +88,9 @@ class Stretch(Driver):
     }
 
     unit = "m and rad (vx: m/s, wz: rad/s)"
-    fallbacks: Mapping[Reason, str] = {
-        **dict.fromkeys(Reason, str(SafeState.HOLD)),
-        Reason.ESTOP: str(SafeState.STOP),
+    fallbacks: Mapping[Reason, SafeState] = {
+        **dict.fromkeys(Reason, SafeState.HOLD),
+        Reason.ESTOP: SafeState.STOP,
     }
     firmware_watchdog = (
         "the wheels' velocity watchdog (bit 64 of their gains) is armed and acknowledged whenever the robot is "

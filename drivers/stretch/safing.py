@@ -32,7 +32,7 @@ STANDS_RAD_S = 0.2
 WHEELS = (LEFT, RIGHT)
 
 
-def boards_for(safe_state: str) -> tuple[str, ...]:
+def boards_for(safe_state: SafeState) -> tuple[str, ...]:
     """Return the boards that have to do something for a safe state."""
     return BOARDS if safe_state == SafeState.STOP else STEPPERS
 

@@ -13,6 +13,7 @@ from functools import partial
 
 import trio
 
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import DuplicateDescriptor
 from strands_actors.contract.wire import MotorReport, StopChannel, WireDown
 from strands_actors.drivers.common.serial_port import adopt_serial, open_serial
@@ -47,7 +48,7 @@ class BoardStopChannel(DuplicateDescriptor[StretchConfig, Board]):
     async def open_port(self) -> Board:
         return Board(self.name, self._open(self.config.usb(self.name), BAUD), self.clock)
 
-    async def make_safe_on(self, port: Board, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe_on(self, port: Board, safe_state: SafeState) -> tuple[MotorReport, ...]:
         report = await make_safe(port, self.config)
         if not report.written:
             raise WireDown(report.detail)
@@ -89,7 +90,7 @@ class StretchStopChannel(StopChannel):
             for channel in self._all:
                 nursery.start_soon(channel.serve)
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         boards = [self._boards[name] for name in boards_for(safe_state)]
         channels: list[StopChannel] = [*boards, *self._chains]
         told = await together(*(partial(channel.make_safe, safe_state) for channel in channels))

@@ -264,7 +264,7 @@ class StretchWire(Wire):
 
     # -- safe
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         """Every board at once. After a hold, for a late writer, the robot is ready as before."""
         self._goals = {}
         if safe_state == SafeState.STOP:
@@ -275,7 +275,7 @@ class StretchWire(Wire):
             return tuple(unreachable(name, "not connected") for name in names)
         return await self._stop(safe_state)
 
-    async def _stop(self, safe_state: str, within_s: float = CONFIRM_S) -> tuple[MotorReport, ...]:
+    async def _stop(self, safe_state: SafeState, within_s: float = CONFIRM_S) -> tuple[MotorReport, ...]:
         told: list[MotorReport] = []
 
         async def stop_board(name: str) -> None:
@@ -291,7 +291,7 @@ class StretchWire(Wire):
                 nursery.start_soon(stop_chain, chain)
         return tuple(sorted(told, key=lambda report: report.id))
 
-    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         """On the ports that count as lost, then on all of them opened anew."""
         if self._boards:
             with trio.move_on_after(OLD_S):

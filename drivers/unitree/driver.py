@@ -24,6 +24,7 @@ from msgspec import Meta
 from strands_actors.contract.axis import Part, PartKind
 from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Service, Timing
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor, imu
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.motor_targets import ROWS, Parser, target_gates
@@ -128,7 +129,7 @@ class _Legs(Driver):
         domain = int(simulator) if chosen.domain is None else chosen.domain
         self.config = UnitreeConfig(model, port, chosen.network_interface, domain, simulator)
         self.declare(Part(PartKind.LEGS, model.table))
-        self.fallbacks: Mapping[Reason, str] = dict.fromkeys(Reason, chosen.on_exit)
+        self.fallbacks: Mapping[Reason, SafeState] = dict.fromkeys(Reason, SafeState(chosen.on_exit))
         self.conditions = conditions(model, chosen.battery_floor_pct, self.timing.state_ttl_s, simulator)
         self.gates = target_gates(model, CONTROL_S)
         self._parser = Parser(model)
@@ -175,7 +176,7 @@ class _Legs(Driver):
         told["imu"] = {field: list(observation.sensors.get(name, ())) or None for field, name in IMU.items()}
         return told
 
-    def energised(self, safe_state: str) -> bool:
+    def energised(self, safe_state: SafeState) -> bool:
         return False
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import aclosing
 
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport
 from strands_actors.kernel.clock import NS
 
@@ -28,11 +29,11 @@ def by_nobody() -> str:
 
 
 async def bring_down(
-    link: Link, safe_state: str, held_by: Callable[[], str] = by_nobody
+    link: Link, safe_state: SafeState, held_by: Callable[[], str] = by_nobody
 ) -> tuple[MotorReport, ...]:
     """The first frame leaves before the first wait. Never raises. ``held_by``: what controls the
     robot instead of us: it takes no commands of ours, so its torque is none of ours either."""
-    damps = safe_state == "damp"
+    damps = safe_state == SafeState.DAMP
     written = link.send(link.safe_frame(damps))
     began_ns = zero_ns = link.clock.now_ns()
     if damps:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import trio
 
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, StopChannel, WireDown
 from strands_actors.kernel.clock import Clock
 
@@ -38,11 +39,11 @@ class UnitreeStopChannel(StopChannel):
                 raise WireDown(f"{self._config.port}: the robot does not take commands of the root")
             task_status.started()
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         link = self._link
         if link is None:
             return reports(self._config.model, False, "the root has not found the robot")
-        link.send(link.safe_frame(safe_state == "damp"))  # first; what confirms it is announced after it
+        link.send(link.safe_frame(safe_state == SafeState.DAMP))  # first; what confirms it is announced after it
         if not self._listens:
             self._listens = True
             link.listen()

@@ -15,6 +15,7 @@ import msgspec
 import trio
 
 from strands_actors.contract.rotations import roll_pitch_yaw
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.session_wire import SessionWire
@@ -228,7 +229,7 @@ class UnitreeWire(SessionWire[UnitreeSession]):
         if not link.send(payload):
             raise WireDown("write: the robot no longer takes commands. Check the robot and the network")
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         session = self.session_or_none
         if session is None:
             return reports(self._config.model, False, "not connected")
@@ -242,7 +243,7 @@ class UnitreeWire(SessionWire[UnitreeSession]):
             for motor in motors
         )
 
-    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         """By the participant that the robot knew, which finds it again by itself; else by a new
         one, which has to be found first."""
         session = self.session_or_none

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import trio
 
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, StopChannel, WireDown
 from strands_actors.drivers.common.outcome import Outcome
 from strands_actors.kernel.clock import Clock
@@ -125,7 +126,7 @@ class URStopChannel(StopChannel):
     def __init__(self, config: URConfig, descriptors: Sequence[int], clock: Clock) -> None:
         self._config = config
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         return await stop(self._config)
 
     def close(self) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 import trio
 
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, ProcessSpent, WireDown
 from strands_actors.drivers.common.outcome import NOT_CONNECTED
 from strands_actors.drivers.common.session_wire import SessionWire
@@ -208,11 +209,11 @@ class URWire(SessionWire[URSession]):
         if not session.servoing:
             session.lose("the control script is not running")
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         session = self.session_or_none
         if session is None:
             return NOT_CONNECTED.reports(JOINTS, IDS)
-        ended = safe_state != "hold"
+        ended = safe_state != SafeState.HOLD
         servoed = stands = False
         try:
             servoed = session.controls and await self._stop_by_sdk(session, ended)
@@ -225,7 +226,7 @@ class URWire(SessionWire[URSession]):
         session.lose("stopped without the SDK")
         return await stop(self._config)
 
-    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         """The plain ports take a stop unasked."""
         return await stop(self._config)
 

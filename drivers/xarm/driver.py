@@ -14,6 +14,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from strands_actors.contract.axis import Part, PartKind
 from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason, Timing
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor, pose
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
 from strands_actors.contract.tool_verbs import STATE, STATUS, STOP, ToolVerb
@@ -43,7 +44,9 @@ class XArm(Driver):
 
     config: XArmConfig
     unit = "radians"
-    fallbacks: Mapping[Reason, str] = {reason: "hold" if reason in HOLDING_REASONS else "stop" for reason in Reason}
+    fallbacks: Mapping[Reason, SafeState] = {
+        reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.STOP for reason in Reason
+    }
     firmware_watchdog = (
         "none: in servo mode the controller drives to the last target at full speed and holds it, whoever is silent"
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import ConnectWhenNeeded
 from strands_actors.contract.wire import MotorReport
 from strands_actors.drivers.common.outcome import Outcome
@@ -25,7 +26,7 @@ class XArmStopChannel(ConnectWhenNeeded[XArmConfig, Control]):
     async def connect(self) -> Control:
         return await open_control(self.config, self.clock, self._open_stream)
 
-    async def make_safe_by(self, port: Control, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe_by(self, port: Control, safe_state: SafeState) -> tuple[MotorReport, ...]:
         return (await stop(port)).reports(AXES)
 
     def failed(self, why: str, port: Control | None = None) -> tuple[MotorReport, ...]:

@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 
 import trio
 
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
 from strands_actors.drivers.common.outcome import NOT_CONNECTED, Outcome
 from strands_actors.drivers.common.session_wire import SessionWire
@@ -111,12 +112,12 @@ class XArmWire(SessionWire[XArmSession]):
         session.control.send(Register.SERVO_JOINT, p.servo_data(values))
         session.target = values
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         session = self.session_or_none
         if session is None:
             return NOT_CONNECTED.reports(AXES)
         self.hold_failed = ""
-        if safe_state == "hold":
+        if safe_state == SafeState.HOLD:
             outcome = await self._hold(session) if session.target else Outcome(False, False, "it was stopped")
             if not outcome.detail:
                 return outcome.reports(AXES, targets=session.target)
@@ -127,7 +128,7 @@ class XArmWire(SessionWire[XArmSession]):
             return await self.reach(safe_state)
         return outcome.reports(AXES)
 
-    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         """On the connection that was lost, if it still takes anything, and on one of its own. Where
         the way back alone is cut, no other can be made."""
         self._close_if_answered()

@@ -94,7 +94,7 @@ class Yahboom(Driver):
         state_ttl_s=0.5,
         safe_s=2.0,
     )
-    fallbacks: Mapping[Reason, str] = dict.fromkeys(Reason, str(SafeState.ZERO))
+    fallbacks: Mapping[Reason, SafeState] = dict.fromkeys(Reason, SafeState.ZERO)
     firmware_watchdog = (
         "the base is zeroed after 200 to 500 ms without a command [assumed: 0.3 s], which can be neither armed nor "
         "read back; the arm finishes its last motion and holds it"

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import KeptSession
 from strands_actors.contract.wire import MotorReport
 from strands_actors.drivers.common.outcome import Outcome
@@ -75,7 +76,7 @@ class YahboomStopChannel(KeptSession[YahboomConfig, StopLink]):
     async def keep_up(self, session: StopLink) -> None:
         await session.hear()
 
-    async def make_safe_by(self, session: StopLink | None, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe_by(self, session: StopLink | None, safe_state: SafeState) -> tuple[MotorReport, ...]:
         self.session = session or self.new_link()
         return reports_of(await stop_until_it_stands(self.session, STOP_S), self.config)
 

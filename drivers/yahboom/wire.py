@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 import trio
 
 from strands_actors.contract.rotations import roll_pitch_yaw
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
 from strands_actors.drivers.common.outcome import Outcome
 from strands_actors.drivers.common.reporting_base import stop_until_it_stands
@@ -110,10 +111,10 @@ class YahboomWire(Wire):
             self._arm_rad, self._arm_at_s = arm_rad, arm_at_s
             self._arm_until_ns = self._clock.now_ns() + round(values[ARM_MS] * 1e6)
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         return self._reports(await stop_until_it_stands(self._link, STOP_S))
 
-    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         """As ``make_safe``, and on a connection made for it: the old one may be dead, and nobody
         has told."""
         if self._link.is_open:

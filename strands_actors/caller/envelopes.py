@@ -115,7 +115,7 @@ def stopped(report: StopReport) -> Answer:
     json = {
         "stopped": report.confirmed,
         "reason": str(report.reason),
-        "safe_state": report.safe_state,
+        "safe_state": str(report.safe_state),
         "path": report.path,
         "took_ms": round(report.took_ms, 2),
         "unconfirmed": report.unconfirmed,

@@ -18,9 +18,10 @@ from .axis import Axis, AxisMode, Part, PartKind
 from .axis_gates import axis_gates, past_range, stale, too_fast
 from .cameras import CameraSettings, Picture, PictureSource
 from .driver import HOLDING_REASONS, Candidate, Condition, Driver, GateCheck, GateState, Reason, Service, Timing
+from .fallbacks import check_fallbacks
 from .options import DriverOptions, meanings, option, plain, read_options, secrets_of
 from .rotations import roll_pitch_yaw
-from .safe_state import SafeState, check_fallbacks
+from .safe_state import SafeState
 from .sensors import Sensor
 from .stop_channels import ConnectWhenNeeded, DuplicateDescriptor, KeptSession, WatchedFirmware
 from .stop_process import OwnProcess

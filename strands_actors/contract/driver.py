@@ -21,6 +21,7 @@ from typing import Any, ClassVar, Literal
 
 import msgspec
 
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.messages import Refused
 
@@ -144,7 +145,7 @@ class Condition(msgspec.Struct, frozen=True):
 
     check: ConditionCheck
     reason: Reason = Reason.FAULT
-    safe_state: str = ""  # empty: what the driver's table has for ``reason``
+    safe_state: SafeState | None = None  # None: what the driver's table has for ``reason``
     always: bool = False  # looked at while the robot is energised, not only while a setpoint is live
 
 
@@ -220,7 +221,7 @@ class Driver(ABC):
     table: tuple[Axis, ...] = ()
     unit: str  # for people: "degrees (gripper: percent open)"
     timing: Timing
-    fallbacks: Mapping[Reason, str]
+    fallbacks: Mapping[Reason, SafeState]
     firmware_watchdog: str  # what the firmware does alone when all of us are gone
     bound_s: float = 0.05  # published: from a death to the safe frame
     config: Any
@@ -370,10 +371,10 @@ class Driver(ABC):
         first. Empty when there is no calibration; default: there is none."""
         return {}
 
-    def energised(self, safe_state: str) -> bool:
+    def energised(self, safe_state: SafeState) -> bool:
         """Return whether the robot stays ready in this state, so that the next setpoint moves it
         again: motors keep torque, or a base stands at velocity zero."""
-        return safe_state in ("hold", "zero")
+        return safe_state in (SafeState.HOLD, SafeState.ZERO)
 
 
 def _is_count(value: object, most: int) -> bool:

@@ -1,4 +1,4 @@
-"""The safe states a robot can be brought to, in order of severity, and which reason leads to which.
+"""The safe states a robot can be brought to, in order of severity.
 
 A later member gives up more than an earlier one. An order to be safe is never answered by an
 earlier state than the one that was asked for.
@@ -7,9 +7,6 @@ earlier state than the one that was asked for.
 from __future__ import annotations
 
 import enum
-from collections.abc import Mapping
-
-from .driver import Reason
 
 
 class SafeState(enum.StrEnum):
@@ -39,13 +36,3 @@ class SafeState(enum.StrEnum):
 
 
 _ORDER = {state: at for at, state in enumerate(SafeState)}
-
-
-def check_fallbacks(robot: str, fallbacks: Mapping[Reason, str]) -> None:
-    """Check that each reason leads to a safe state. Raise ``ValueError`` that names what is missing
-    or misspelt."""
-    if missing := [str(reason) for reason in Reason if reason not in fallbacks]:
-        raise ValueError(f"{robot}: no safe state is declared for {', '.join(missing)}")
-    known = [str(state) for state in SafeState]
-    if wrong := sorted({str(state) for state in fallbacks.values() if str(state) not in known}):
-        raise ValueError(f"{robot}: {', '.join(wrong)} is no safe state. Use one of {', '.join(known)}")

@@ -18,6 +18,7 @@ from typing import ClassVar, Generic, Protocol, TypeVar
 
 import trio
 
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.kernel.clock import Clock
 
 from .wire import MotorReport, StopChannel, WireDown
@@ -64,7 +65,7 @@ class DuplicateDescriptor(StopChannel, Generic[ConfigT, PortT]):
         await trio.sleep_forever()
 
     @abstractmethod
-    async def make_safe_on(self, port: PortT, safe_state: str) -> Reports:
+    async def make_safe_on(self, port: PortT, safe_state: SafeState) -> Reports:
         """Do as ``make_safe``. Raise ``WireDown`` when nothing could be written on this port."""
 
     @abstractmethod
@@ -79,7 +80,7 @@ class DuplicateDescriptor(StopChannel, Generic[ConfigT, PortT]):
             await self.hung_up(self.port)
             self.close()
 
-    async def make_safe(self, safe_state: str) -> Reports:
+    async def make_safe(self, safe_state: SafeState) -> Reports:
         if self.port is not None:
             try:
                 return await self.make_safe_on(self.port, safe_state)
@@ -111,7 +112,7 @@ class ConnectWhenNeeded(StopChannel, Generic[ConfigT, PortT]):
         """Raise ``WireDown``."""
 
     @abstractmethod
-    async def make_safe_by(self, port: PortT, safe_state: str) -> Reports:
+    async def make_safe_by(self, port: PortT, safe_state: SafeState) -> Reports:
         """Do as ``make_safe``, on this connection. Raise ``WireDown`` when it is lost."""
 
     @abstractmethod
@@ -121,7 +122,7 @@ class ConnectWhenNeeded(StopChannel, Generic[ConfigT, PortT]):
     def release(self, port: PortT) -> None:
         port.close()
 
-    async def make_safe(self, safe_state: str) -> Reports:
+    async def make_safe(self, safe_state: SafeState) -> Reports:
         try:
             port = await self.connect()
         except WireDown as down:
@@ -145,10 +146,10 @@ class WatchedFirmware(ConnectWhenNeeded[ConfigT, WatchT]):
     """For so long."""
     LOOK_S: ClassVar[float] = 0.002
 
-    def order(self, watch: WatchT, safe_state: str) -> None:
+    def order(self, watch: WatchT, safe_state: SafeState) -> None:
         """Tell it to stop, for whoever else might be moving it. Raise ``WireDown``."""
 
-    async def make_safe_by(self, watch: WatchT, safe_state: str) -> Reports:
+    async def make_safe_by(self, watch: WatchT, safe_state: SafeState) -> Reports:
         self.order(watch, safe_state)
         reports = watch.look()
         with trio.move_on_after(self.CONFIRM_S):
@@ -180,7 +181,7 @@ class KeptSession(StopChannel, Generic[ConfigT, PortT]):
         """Keep the session alive. Return, or raise ``WireDown``, when it is lost."""
 
     @abstractmethod
-    async def make_safe_by(self, session: PortT | None, safe_state: str) -> Reports:
+    async def make_safe_by(self, session: PortT | None, safe_state: SafeState) -> Reports:
         """Do as ``make_safe``. ``session``: nobody else uses it any more; None: there is none.
         Never raises."""
 
@@ -208,7 +209,7 @@ class KeptSession(StopChannel, Generic[ConfigT, PortT]):
         if not told:
             task_status.started()  # it has been used meanwhile
 
-    async def make_safe(self, safe_state: str) -> Reports:
+    async def make_safe(self, safe_state: SafeState) -> Reports:
         self._serving.cancel()
         return await self.make_safe_by(self.session, safe_state)
 

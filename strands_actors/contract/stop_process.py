@@ -21,6 +21,7 @@ from typing import Any, ClassVar, Generic
 import msgspec
 import trio
 
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.kernel.clock import Clock, MonotonicClock
 from strands_actors.kernel.health.realtime import STANDBY_PRIORITY, run_first
 from strands_actors.kernel.processes.identity import be_taken_last, take_name
@@ -40,7 +41,7 @@ _HEADER = 4
 
 class _Order(msgspec.Struct, frozen=True):
     number: int
-    safe_state: str
+    safe_state: SafeState
 
 
 class _Answer(msgspec.Struct, frozen=True):
@@ -93,7 +94,7 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
         if not told:
             task_status.started()  # it has been used meanwhile
 
-    async def make_safe(self, safe_state: str) -> Reports:
+    async def make_safe(self, safe_state: SafeState) -> Reports:
         self._serving.cancel()
         why = ""
         for _ in range(self.ATTEMPTS):
@@ -113,7 +114,7 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
             os.close(descriptor)
         self._descriptors = ()
 
-    async def _ask(self, child: _Child, safe_state: str) -> Reports:
+    async def _ask(self, child: _Child, safe_state: SafeState) -> Reports:
         """Raise ``WireDown``. When cancelled, the child lives on: the guardian cancels what it asked
         before a fence to ask again after it, and a new child would need a new login."""
         number = child.send(safe_state)
@@ -163,7 +164,7 @@ class _Child:
         self._frames = _Frames(process.socket)
         self._orders = 0
 
-    def send(self, safe_state: str) -> int:
+    def send(self, safe_state: SafeState) -> int:
         """Return the order's number. Raise ``WireDown``."""
         self._orders += 1
         try:

@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Protocol
 import msgspec
 import trio
 
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.kernel.messages import Message, Refused
 
 
@@ -120,12 +121,12 @@ class Wire(ABC):
         before the bytes leave, after any wait. Raise ``WireDown``."""
 
     @abstractmethod
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         """Bring every motor to ``safe_state``. The first safe frame leaves before the first wait;
         every motor is tried; each is reported as confirmed or not. Never raises: a dead link is a
         report of failures."""
 
-    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         """As ``make_safe``, without a link: after it was lost (this wire is still open then, or
         closed), or before it was ever up. Write to all that can still be written: what is open
         first, then a port or connection opened for this. The first safe frame leaves before
@@ -165,7 +166,7 @@ class StopChannel(ABC):
         task_status.started()
 
     @abstractmethod
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         """As ``Wire.make_safe``."""
 
     @abstractmethod

@@ -10,12 +10,12 @@ import trio
 
 from strands_actors.contract.axis import finite
 from strands_actors.contract.loading import load
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import Wire, WireDown
 from strands_actors.kernel.clock import Clock
 from strands_actors.supervisors.loading import load_driver
 from strands_actors.supervisors.root.messages import Operate
 
-LIMP = "limp"
 OPERATOR_NS = 200_000_000
 """So long what an operator does at a keyboard stands: one that is gone has let go."""
 
@@ -60,7 +60,7 @@ class Arm:
         await wire.open()
         self._wire = wire
         # Whoever had it before may have left torque on it: it could not be moved by hand.
-        reports = await wire.make_safe(LIMP)
+        reports = await wire.make_safe(SafeState.LIMP)
         if stiff := [report.axis for report in reports if not report.safe]:
             self.close()
             raise WireDown(f"{self._driver.robot}: {', '.join(stiff)} may have torque. Check cables and power")

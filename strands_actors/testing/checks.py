@@ -29,8 +29,8 @@ from typing import Any
 import msgspec
 
 from strands_actors.contract.driver import Candidate, Driver, GateState
+from strands_actors.contract.fallbacks import check_fallbacks
 from strands_actors.contract.loading import load
-from strands_actors.contract.safe_state import check_fallbacks
 from strands_actors.contract.wire import Observation, StopChannel, Wire
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.processes.interpreter import PYTHON, environment

@@ -14,6 +14,7 @@ from typing import Any, ClassVar, Literal, NamedTuple
 import trio
 
 from strands_actors.contract.driver import HOLDING_REASONS, Candidate, Driver, GateState, Reason, Timing
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, StopChannel, Wire, WireDown
 from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.messages import Refused
@@ -73,8 +74,8 @@ class FakeHardware:
         for at, axis in enumerate(AXES):
             heard = axis not in self.silent
             if heard:
-                self.energised[at] = safe_state == "hold"
-            target = self.position[at] if heard and safe_state == "hold" else None
+                self.energised[at] = safe_state == SafeState.HOLD
+            target = self.position[at] if heard and safe_state == SafeState.HOLD else None
             heard = heard and self.answers
             reports.append(MotorReport(axis, at, True, heard, heard, "" if heard else "silent", target))
         return tuple(reports)
@@ -95,8 +96,8 @@ class FakeDriver(Driver):
 
     unit = "units"
     timing = Timing(control_hz=50.0, keepalive_s=0.02, stream_ttl_s=0.1)
-    fallbacks: Mapping[Reason, str] = {  # never changed
-        reason: "hold" if reason in HOLDING_REASONS else "limp" for reason in Reason
+    fallbacks: Mapping[Reason, SafeState] = {  # never changed
+        reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.LIMP for reason in Reason
     }
     firmware_watchdog = "none"
     gates = ()
@@ -177,13 +178,13 @@ class FakeWire(Wire):
             if self._hardware.energised[at]:
                 self._hardware.position[at] = value
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         reports = self._hardware.make_safe(self._clock, safe_state, "wire")
         await trio.sleep(self._hardware.confirm_s)
-        self.hold_failed = "it slips" if safe_state == "hold" and not self._hardware.holds else ""
+        self.hold_failed = "it slips" if safe_state == SafeState.HOLD and not self._hardware.holds else ""
         return self._hardware.make_safe(self._clock, "limp", "wire") if self.hold_failed else reports
 
-    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         return await self.make_safe(safe_state)
 
     def close(self) -> None:
@@ -203,7 +204,7 @@ class FakeStopChannel(StopChannel):
         self._hardware = hardware
         self._clock = clock
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         reports = self._hardware.make_safe(self._clock, safe_state, "stop_channel")
         await trio.sleep(0.002)
         return reports

@@ -145,7 +145,7 @@ class FakeBase(_Kind):
     timing = Timing(
         control_hz=10.0, keepalive_s=0.1, stream_ttl_s=0.3, oneshot_ttl_s=0.3, state_ttl_s=0.5, call_s=0.4
     )
-    fallbacks: Mapping[Reason, str] = dict.fromkeys(Reason, SafeState.ZERO)
+    fallbacks: Mapping[Reason, SafeState] = dict.fromkeys(Reason, SafeState.ZERO)
 
 
 class FakeDrone(_Kind):
@@ -167,7 +167,7 @@ class FakeDrone(_Kind):
         state_ttl_s=0.5,
         safe_s=2 * LANDING_S,
     )
-    fallbacks: Mapping[Reason, str] = {
+    fallbacks: Mapping[Reason, SafeState] = {
         **{reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.LAND for reason in Reason},
         Reason.ESTOP: SafeState.OFF,
     }
@@ -195,7 +195,7 @@ class FakeHttp(_Kind):
         ),
     )
     timing = Timing(control_hz=10.0, keepalive_s=0.5, stream_ttl_s=0.5, state_ttl_s=1.0)
-    fallbacks: Mapping[Reason, str] = {
+    fallbacks: Mapping[Reason, SafeState] = {
         reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.STOP for reason in Reason
     }
     ANSWER_S: ClassVar[float] = 0.3
@@ -244,7 +244,7 @@ class KindWire(Wire):
         permit.check()
         self._peer.take(self._clock.now_ns(), "setpoint", values)  # the answer is not waited for
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         return await _make_safe(self._config, self._clock, safe_state, "wire")
 
     def close(self) -> None:
@@ -277,7 +277,7 @@ class KindStopChannel(ConnectWhenNeeded[KindConfig, _Connection]):
     async def connect(self) -> _Connection:
         return _Connection()
 
-    async def make_safe_by(self, port: _Connection, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe_by(self, port: _Connection, safe_state: SafeState) -> tuple[MotorReport, ...]:
         return await _make_safe(self.config, self.clock, safe_state, "stop_channel")
 
     def failed(self, why: str, port: _Connection | None = None) -> tuple[MotorReport, ...]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import msgspec
 
 from strands_actors.contract.driver import HOLDING_REASONS, ORDERED, Driver, Reason
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import Observation
 from strands_actors.kernel.actor import Actor, Deferred
 from strands_actors.kernel.clock import NS
@@ -382,7 +383,7 @@ class Gate(Actor):
         safe_state = self._driver.fallbacks[message.reason]
         return StopReport(message.reason, safe_state, self._state.epoch, True, ())
 
-    def _trip(self, reason: Reason, cause: str, lock: str = "", safe_state: str = "") -> bool:
+    def _trip(self, reason: Reason, cause: str, lock: str = "", safe_state: SafeState | None = None) -> bool:
         """Order ``safe_state``, or the one of ``reason``; False when the machine has nothing to do
         for it."""
         safe_state = safe_state or self._driver.fallbacks[reason]
@@ -394,7 +395,7 @@ class Gate(Actor):
             event = Event.STOP
         return self._step(event, safe_state, reason, cause, lock)
 
-    def _step(self, event: Event, safe_state: str, reason: Reason, cause: str, lock: str = "") -> bool:
+    def _step(self, event: Event, safe_state: SafeState, reason: Reason, cause: str, lock: str = "") -> bool:
         before = self._state
         self._state, action = failsafe.step(before, event, lock)
         makes_safe = action is Action.MAKE_SAFE

@@ -11,6 +11,7 @@ from typing import Any
 import msgspec
 
 from strands_actors.contract.driver import ORDERED, Reason
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation
 from strands_actors.kernel.messages import Message, Refused
 
@@ -122,7 +123,7 @@ class StopReport(Message, frozen=True):
     """What became of a stop. ``confirmed`` only when every motor was read back safe."""
 
     reason: Reason
-    safe_state: str
+    safe_state: SafeState
     epoch: int
     confirmed: bool
     motors: tuple[MotorReport, ...]

@@ -74,7 +74,7 @@ def told(report: StopReport) -> dict[str, Any]:
     """Return a stop's report as JSON."""
     return {
         "outcome": "safe" if report.confirmed else "unconfirmed",
-        "safe_state": report.safe_state,
+        "safe_state": str(report.safe_state),
         "epoch": report.epoch,
         "path": report.path,
         "took_ms": round(report.took_ms, 2),

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 import trio
 
 from strands_actors.contract.driver import Driver
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, StopChannel
 from strands_actors.kernel.actor import describe
 from strands_actors.kernel.clock import Clock
@@ -27,7 +28,7 @@ LINGER_S = 60.0
 """How long a process without a caller or root stays for a robot that is not confirmed safe."""
 
 
-async def attempt(path: StopChannel, driver: Driver, safe_state: str) -> tuple[MotorReport, ...]:
+async def attempt(path: StopChannel, driver: Driver, safe_state: SafeState) -> tuple[MotorReport, ...]:
     """Make safe by ``path``. Never raises: whatever fails is a report of motors that were not
     reached."""
     within_s = StopDeadlines.of(driver.timing.safe_s).attempt_s
@@ -42,7 +43,7 @@ async def attempt(path: StopChannel, driver: Driver, safe_state: str) -> tuple[M
 
 
 async def attempt_anew(
-    driver: Driver, clock: Clock, safe_state: str, descriptors: Sequence[int] = ()
+    driver: Driver, clock: Clock, safe_state: SafeState, descriptors: Sequence[int] = ()
 ) -> tuple[MotorReport, ...]:
     """As ``attempt``, by a path that is made for it. ``descriptors``: what a wire handed over, if
     one did."""

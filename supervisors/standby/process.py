@@ -25,6 +25,7 @@ from typing import Any
 import trio
 
 from strands_actors.contract.driver import Driver, Reason
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, StopChannel, WireDown
 from strands_actors.kernel.actor import Actor, Deferred, describe
 from strands_actors.kernel.channels.link import Link
@@ -232,14 +233,14 @@ class Standby(Actor):
         self._leave(0 if all_safe(motors) else UNCONFIRMED)
 
     def _reported(
-        self, why: str, safe_state: str, motors: tuple[MotorReport, ...], attempts: int, over: bool
+        self, why: str, safe_state: SafeState, motors: tuple[MotorReport, ...], attempts: int, over: bool
     ) -> StandbyReport:
         confirmed = bool(motors) and all_safe(motors)
         return StandbyReport(
             self._robot, self._place, why, safe_state, confirmed, motors, attempts, over, os.getpid()
         )
 
-    async def _attempt(self, safe_state: str, results: list[tuple[MotorReport, ...]]) -> None:
+    async def _attempt(self, safe_state: SafeState, results: list[tuple[MotorReport, ...]]) -> None:
         if self._channel is not None:
             results.append(await attempt(self._channel, self._driver, safe_state))
         else:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from strands_actors.contract.driver import Reason
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.kernel.messages import Message
 
 # -- the transport
@@ -37,7 +38,7 @@ class MakeSafe(Message, frozen=True):
     lane = "urgent"
 
     epoch: int
-    safe_state: str
+    safe_state: SafeState
     reason: Reason
 
 

@@ -262,7 +262,7 @@ class Transport(Actor):
             self._lose(down)
             return None
 
-    async def _reach(self, safe_state: str, began_ns: int) -> tuple[MotorReport, ...]:
+    async def _reach(self, safe_state: SafeState, began_ns: int) -> tuple[MotorReport, ...]:
         """Make safe what can be written although there is no link. Empty: it was not done in
         time."""
         if self._lost is None:
@@ -278,7 +278,7 @@ class Transport(Actor):
     def _report_safe(
         self,
         reason: Reason,
-        safe_state: str,
+        safe_state: SafeState,
         epoch: int,
         began_ns: int,
         motors: tuple[MotorReport, ...],

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from strands_actors.contract.driver import Reason
-from strands_actors.contract.safe_state import SafeState, check_fallbacks
+from strands_actors.contract.fallbacks import check_fallbacks
+from strands_actors.contract.safe_state import SafeState
 
 
 def test_the_order_of_severity() -> None:

@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import trio
 
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, WireDown
 from strands_actors.drivers.common.half_duplex import HalfDuplexBus
 from strands_actors.drivers.common.serial_port import BytePort, open_serial
@@ -118,7 +119,7 @@ class DynamixelWire(ServoWire[protocol.Packet]):
         await super().write(values, permit)
         self._feed_until_ns = self.clock.now_ns() + round(watchdog.FEED_S * NS)
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         reports = await super().make_safe(safe_state)
         driven = any(report.acknowledged and not report.safe and report.detail != LIMP for report in reports)
         self._feed_until_ns = self.clock.now_ns() if driven else None

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Generic
 
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import DuplicateDescriptor
 from strands_actors.contract.wire import MotorReport, WireDown
 from strands_actors.drivers.common.half_duplex import PacketT
@@ -40,10 +41,10 @@ class ServoStopChannel(DuplicateDescriptor[ServoConfig, BytePort], Generic[Packe
     async def open_port(self) -> BytePort:
         return self._open(self.config.port, self.config.baud)
 
-    async def make_safe_on(self, port: BytePort, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe_on(self, port: BytePort, safe_state: SafeState) -> tuple[MotorReport, ...]:
         safing = safing_on(port, self.config, self.CODEC, self.SAFING, self.clock)
         # Where the servos are is not known here: a hold begins with asking them.
-        reports = await safing.hold({}) if safe_state == "hold" else await safing.limp()
+        reports = await safing.hold({}) if safe_state == SafeState.HOLD else await safing.limp()
         if not any(report.written for report in reports):
             raise WireDown(reports[0].detail)
         return reports

@@ -14,6 +14,7 @@ from typing import Any, ClassVar, Generic
 import msgspec
 import trio
 
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
 from strands_actors.drivers.common.half_duplex import HalfDuplexBus, Health, PacketT, Quiet
 from strands_actors.drivers.common.port_users import users_of
@@ -189,22 +190,22 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
         session.bus.send(frame)
         session.told(counts)
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         session = self.session_or_none
         if session is None:
             return unreachable(self.axes, "not connected")
-        if safe_state == "hold":
+        if safe_state == SafeState.HOLD:
             return await self._hold(session)
         self._armed = False
         return await session.safing.limp()
 
-    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         """The old descriptor may still take what nobody answers; a new one reaches what was plugged
         in again."""
         old, config = self._port, self.config
         shouted = False
         try:
-            if old is not None and safe_state != "hold":
+            if old is not None and safe_state != SafeState.HOLD:
                 shouted = await self._safing_on(old).shout()
         finally:
             self.close()
@@ -214,7 +215,7 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
             return unreachable(self.axes, str(error), shouted)
         try:
             safing = self._safing_on(port)
-            return await safing.hold({}) if safe_state == "hold" else await safing.limp()
+            return await safing.hold({}) if safe_state == SafeState.HOLD else await safing.limp()
         finally:
             port.close()
 

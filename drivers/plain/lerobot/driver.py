@@ -93,10 +93,10 @@ def _has_torque(axes: Sequence[str]) -> GateCheck:
     return has_torque
 
 
-def _safe_state(reason: Reason) -> str:
+def _safe_state(reason: Reason) -> SafeState:
     if reason in HOLDING_REASONS:
-        return str(SafeState.HOLD)
-    return str(SafeState.OFF if reason in LEAVING else SafeState.LIMP)
+        return SafeState.HOLD
+    return SafeState.OFF if reason in LEAVING else SafeState.LIMP
 
 
 def _calibration(keywords: Mapping[str, Any]) -> dict[str, Any]:

@@ -23,7 +23,7 @@ class LeRobotWire(PlainWire):
         ours = "torque off by our own codec, on the port that it has open, or opened anew"
         return {**facts, "lerobot_type": kind.type, **({"stop_channel": ours} if kind.wire else {})}
 
-    async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         if safe_state != SafeState.HOLD or self._instance.made is None:
             return await super().make_safe(safe_state)
         try:
@@ -55,7 +55,7 @@ class LeRobotWire(PlainWire):
             return seen
         return replace(seen, faults={**seen.faults, **dict.fromkeys(sorted(limp), LIMP)})
 
-    async def reach(self, safe_state: str) -> tuple[MotorReport, ...]:
+    async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         """By the stop channel, where it is our own: it needs no object."""
         return () if TYPES[self._config.robot].wire else await super().reach(safe_state)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import trio
 
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.kernel.actor import Actor
 from strands_actors.kernel.frames import ASK, frame
 from strands_actors.supervisors import addresses
@@ -22,7 +23,7 @@ class Liar(Actor):
     def receive(self, message: Stop | Resume) -> StopReport | None:
         if isinstance(message, Resume):
             return None
-        return StopReport(message.reason, "limp", 1 << 30, True, ())
+        return StopReport(message.reason, SafeState.LIMP, 1 << 30, True, ())
 
 
 def attack(net: Net) -> None:
