@@ -7,6 +7,8 @@ import pytest
 from strands_actors.contract.driver import Reason
 from strands_actors.contract.fallbacks import check_fallbacks
 from strands_actors.contract.safe_state import SafeState
+from strands_actors.supervisors.loading import build_driver
+from strands_actors.testing.fake import FakeDriver
 
 
 def test_the_order_of_severity() -> None:
@@ -17,8 +19,16 @@ def test_the_order_of_severity() -> None:
 
 def test_fallbacks_are_complete_and_spelt_right() -> None:
     whole = dict.fromkeys(Reason, "hold")
-    check_fallbacks("r", whole)
+    assert all(state is SafeState.HOLD for state in check_fallbacks("r", whole).values())
     with pytest.raises(ValueError, match="r: no safe state is declared for estop"):
         check_fallbacks("r", {reason: state for reason, state in whole.items() if reason is not Reason.ESTOP})
     with pytest.raises(ValueError, match=r"r: hodl is no safe state\. Use one of hold, zero"):
         check_fallbacks("r", {**whole, Reason.STOP: "hodl"})
+
+
+def test_a_drivers_words_are_safe_states_once_it_is_built() -> None:
+    class Worded(FakeDriver):
+        fallbacks = dict.fromkeys(Reason, "limp")  # type: ignore[assignment]
+
+    driver = build_driver(Worded, "fake", "", {})
+    assert all(state is SafeState.LIMP for state in driver.fallbacks.values())
