@@ -8,7 +8,7 @@ from strands_actors.contract.driver import Reason
 from strands_actors.contract.fallbacks import check_fallbacks
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.supervisors.loading import build_driver
-from strands_actors.testing.fake import FakeDriver
+from strands_actors.testing.fake import HARDWARE, FakeDriver, FakeHardware
 
 
 def test_the_order_of_severity() -> None:
@@ -30,5 +30,6 @@ def test_a_drivers_words_are_safe_states_once_it_is_built() -> None:
     class Worded(FakeDriver):
         fallbacks = dict.fromkeys(Reason, "limp")  # type: ignore[assignment]
 
-    driver = build_driver(Worded, "fake", "", {})
+    HARDWARE["words"] = FakeHardware()
+    driver = build_driver(Worded, "fake", "words", {})
     assert all(state is SafeState.LIMP for state in driver.fallbacks.values())
