@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from strands_actors.contract.driver import Candidate, Driver, GateCheck, GateState
-from strands_actors.contract.fallbacks import check_fallbacks
+from strands_actors.contract.fallbacks import check_conditions, check_fallbacks
 from strands_actors.contract.loading import load, place_of
 from strands_actors.kernel.messages import Refused
 
@@ -24,10 +24,11 @@ def without_secrets(description: dict[str, Any], driver_class: type[Driver]) -> 
 
 
 def build_driver(driver_class: type[Driver], robot: str, port: str, options: Mapping[str, Any]) -> Driver:
-    """Return the driver of a robot. Raise ``ValueError`` when its fallbacks are incomplete or
-    misspelt."""
+    """Return the driver of a robot. Raise ``ValueError`` when its fallbacks are incomplete, or they or
+    those of its conditions misspelt."""
     driver = driver_class(robot, port, options)
     driver.fallbacks = check_fallbacks(driver.robot, driver.fallbacks)
+    driver.conditions = check_conditions(driver.robot, driver.conditions)
     return driver
 
 

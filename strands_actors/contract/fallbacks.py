@@ -1,10 +1,12 @@
-"""Which reason leads to which safe state: a driver's table, as a type."""
+"""Which reason, or condition, leads to which safe state: what a driver declares, as a type."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
-from .driver import Reason
+import msgspec
+
+from .driver import Condition, Reason
 from .safe_state import SafeState
 
 
@@ -13,7 +15,23 @@ def check_fallbacks(robot: str, fallbacks: Mapping[Reason, str]) -> dict[Reason,
     or misspelt."""
     if missing := [str(reason) for reason in Reason if reason not in fallbacks]:
         raise ValueError(f"{robot}: no safe state is declared for {', '.join(missing)}")
-    known = [str(state) for state in SafeState]
-    if wrong := sorted({str(state) for state in fallbacks.values() if str(state) not in known}):
-        raise ValueError(f"{robot}: {', '.join(wrong)} is no safe state. Use one of {', '.join(known)}")
+    _check_words(robot, fallbacks.values())
     return {reason: SafeState(state) for reason, state in fallbacks.items()}
+
+
+def check_conditions(robot: str, conditions: Sequence[Condition]) -> tuple[Condition, ...]:
+    """Return them with their words as safe states. Raise ``ValueError`` that names what is
+    misspelt."""
+    _check_words(robot, (condition.safe_state for condition in conditions if condition.safe_state))
+    return tuple(
+        msgspec.structs.replace(
+            condition, safe_state=SafeState(condition.safe_state) if condition.safe_state else None
+        )
+        for condition in conditions
+    )
+
+
+def _check_words(robot: str, states: Iterable[str]) -> None:
+    known = [str(state) for state in SafeState]
+    if wrong := sorted({str(state) for state in states if str(state) not in known}):
+        raise ValueError(f"{robot}: {', '.join(wrong)} is no safe state. Use one of {', '.join(known)}")

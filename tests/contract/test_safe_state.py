@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from strands_actors.contract.driver import Reason
+from strands_actors.contract.driver import Condition, Reason
 from strands_actors.contract.fallbacks import check_fallbacks
 from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.wire import Observation
+from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.loading import build_driver
 from strands_actors.testing.fake import HARDWARE, FakeDriver, FakeHardware
 
@@ -26,10 +28,19 @@ def test_fallbacks_are_complete_and_spelt_right() -> None:
         check_fallbacks("r", {**whole, Reason.STOP: "hodl"})
 
 
+def fine(observation: Observation, now_ns: int) -> Refused | None:
+    return None
+
+
 def test_a_drivers_words_are_safe_states_once_it_is_built() -> None:
     class Worded(FakeDriver):
         fallbacks = dict.fromkeys(Reason, "limp")  # type: ignore[assignment]
+        conditions = (Condition(fine, Reason.FAULT, "off"), Condition(fine))  # type: ignore[arg-type]
 
     HARDWARE["words"] = FakeHardware()
     driver = build_driver(Worded, "fake", "words", {})
     assert all(state is SafeState.LIMP for state in driver.fallbacks.values())
+    assert [condition.safe_state for condition in driver.conditions] == [SafeState.OFF, None]
+    Worded.conditions = (Condition(fine, Reason.FAULT, "of"),)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"fake: of is no safe state\. Use one of hold"):
+        build_driver(Worded, "fake", "words", {})
