@@ -93,8 +93,9 @@ it measures that robot, and puts its column in the place of the one before.
 
 * **median / worst**: milliseconds from the fault to the frame that brings the whole robot to its
   safe state. Of a caller that ends by itself: from its end. Of a frozen robot or a pulled cable:
-  from its return. Of the other faults of the robot: from a stop that is given while the fault
-  lasts; 0 when the robot had been brought there by the fault itself.
+  from its return; 0 when it had been told while it was frozen, and was told nothing more. Of the
+  other faults of the robot: from a stop that is given while the fault lasts; 0 when the robot had
+  been brought there by the fault itself.
 * **after**: setpoints behind that frame, over all trials. Anything but 0 is a defect; so is a time
   past the bound.
   * **disturbed**: trials that were repeated, because the machine and not the robot made them late:
