@@ -95,6 +95,18 @@ class URSession:
                 "Check the controller and its network"
             )
 
+    async def see_advance(self) -> None:
+        """Wait for a sample that is newer than this call. Raise ``WireDown`` when none comes: against
+        a controller that is frozen the SDK's constructors never return, nor let go of the
+        interpreter."""
+        asked_ns = self._clock.now_ns()
+        with trio.move_on_after(plain.ANSWER_S):
+            while True:
+                await trio.sleep(CONTROL_S)
+                if self._advanced.new_ns > asked_ns:
+                    return
+        raise WireDown("the controller's clock stands still. Restart the controller")
+
     def lose(self, why: str) -> None:
         self.lost, self.controls, self.servoing = why, False, False
 
@@ -179,9 +191,8 @@ class URWire(SessionWire[URSession]):
             raise WireDown("a program runs on the controller. stop() ends it, then resume()")
         if (await plain.ask_dashboard(self._config.host, "is in remote control"))[0].lower() == "false":
             raise WireDown("the controller is in local control. Switch it to remote on the pendant")
+        await session.see_advance()
         permit.check()
-        if session.is_still:  # the SDK's constructor would never return, nor let go of the interpreter
-            raise WireDown("the controller's clock stands still. Check it")
         await session.sdk.connect()
         permit.check()
         await self._start_script(session, permit)

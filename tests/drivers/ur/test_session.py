@@ -5,8 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+import trio
+import trio.testing
 
 from strands_actors.contract.wire import WireDown
+from strands_actors.drivers.ur import plain
 from strands_actors.drivers.ur import protocol as p
 from strands_actors.drivers.ur.config import URConfig
 from strands_actors.drivers.ur.wire import OUTPUTS, URSession
@@ -61,6 +64,24 @@ def test_saf_012_a_clock_that_stands_still_for_longer_is_a_lost_link() -> None:
     clock.now_s += 0.02
     with pytest.raises(WireDown, match="the clock of ur5e stands still for 310 ms"):
         session.check_alive()
+
+
+def test_an_arm_is_energised_by_a_controller_whose_clock_goes_on_now(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A sample from before says nothing of whether it is frozen."""
+    monkeypatch.setattr(plain, "ANSWER_S", 0.1)
+    clock = Clock()
+    session = session_at(clock)
+
+    async def run() -> None:
+        with pytest.raises(WireDown, match="clock stands still"):
+            await session.see_advance()
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(session.see_advance)
+            await trio.testing.wait_all_tasks_blocked()
+            clock.now_s += 0.1
+            session.take(sample(1.1))
+
+    trio.run(run)
 
 
 def test_saf_005_an_arm_stands_by_a_sample_that_is_newer_than_the_order() -> None:
