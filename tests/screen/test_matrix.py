@@ -95,6 +95,14 @@ def test_another_safe_state_is_excused_only_when_the_machine_explains_it_and_not
     assert not read_of(30.0, "setpoint", "safe", brought_to="").safe, "one motor is not the robot"
 
 
+def write_log(path: Path, kinds: str, mark: str) -> int:
+    """Write frames of the host, one a nanosecond, but for ``mark``. Return when that was."""
+    words = kinds.split()
+    rows = [{"t_ns": at, "from": "host", "kind": kind, "hex": ""} for at, kind in enumerate(words, 1)]
+    path.write_text("".join(json.dumps(row) + "\n" for row in rows if row["kind"] != mark))
+    return words.index(mark) + 1
+
+
 @pytest.mark.parametrize(
     ("kinds", "since_ns"),
     [
@@ -108,10 +116,7 @@ def test_a_robot_that_the_fault_had_brought_to_the_safe_state_is_safe_when_the_s
     kinds: str, since_ns: int | None, tmp_path: Path
 ) -> None:
     path = tmp_path / "wire.ndjson"
-    words = kinds.split()
-    stopped_ns = words.index("stop") + 1
-    rows = [{"t_ns": at, "from": "host", "kind": kind, "hex": ""} for at, kind in enumerate(words, 1)]
-    path.write_text("".join(json.dumps(row) + "\n" for row in rows if row["kind"] != "stop"))
+    stopped_ns = write_log(path, kinds, "stop")
     expected = expected_of(driver_of("so101"), Cell(Victims.TWIN, Faults.DELAYED))
     assert cells.safe_before(WireLog(path), expected, 1, stopped_ns) == since_ns
     limp = expected._replace(safe_states=("limp",))
@@ -133,10 +138,7 @@ def test_what_had_reached_a_robot_while_it_was_away_counts_when_it_is_back(
 ) -> None:
     """It stands in the log with the time at which it came, not with that at which it was found."""
     path = tmp_path / "wire.ndjson"
-    words = kinds.split()
-    back_ns = words.index("back") + 1
-    rows = [{"t_ns": at, "from": "host", "kind": kind, "hex": ""} for at, kind in enumerate(words, 1)]
-    path.write_text("".join(json.dumps(row) + "\n" for row in rows if row["kind"] != "back"))
+    back_ns = write_log(path, kinds, "back")
     cell = Cell(Victims.TWIN, Faults.FREEZE)
     expected = expected_of(driver_of("unitree_g1"), cell)
     outcome = cells.read_robot(WireLog(path), cell, expected, 1, back_ns, 0.0)
