@@ -13,7 +13,6 @@ from typing import Annotated, Any, ClassVar, Literal
 from msgspec.structs import replace
 
 from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Timing
-from strands_actors.contract.fallbacks import check_fallbacks
 from strands_actors.contract.loading import load
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState
@@ -60,7 +59,6 @@ class Kuka(Driver):
 
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
         chosen = read_options(robot, Options, options)
-        check_fallbacks(robot, self.fallbacks)
         self.arm = arm_of(robot)
         self.robot = self.arm.name
         self.period_s = 1.0 / chosen.control_frequency

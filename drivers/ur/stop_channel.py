@@ -16,6 +16,7 @@ from strands_actors.kernel.clock import Clock
 from . import protocol as p
 from .arms import IDS, JOINTS
 from .config import URConfig
+from .gates import CONTROL_HZ
 from .plain import connected, open_samples, receive
 
 STOP_S = 1.2
@@ -30,7 +31,6 @@ SCRIPT_S = 0.2
 STANDING_RAD_S = 0.02
 
 WATCHED = ("timestamp", "actual_qd", "runtime_state")
-WATCHED_HZ = 125.0
 
 
 class _Stop:
@@ -91,7 +91,7 @@ class _Stop:
         the controller's time shows nothing."""
         time_s = -1.0
         try:
-            with contextlib.closing(await open_samples(self._host, WATCHED, WATCHED_HZ)) as samples:
+            with contextlib.closing(await open_samples(self._host, WATCHED, CONTROL_HZ)) as samples:
                 while self.playing or self.moving or not self.ordered:
                     sample = await samples.next()
                     time_s, before_s = sample["timestamp"], time_s

@@ -21,13 +21,13 @@ from typing import Any, ClassVar, Literal
 
 import msgspec
 
-from strands_actors.contract.safe_state import SafeState
 from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.messages import Refused
 
 from .axis import Axis, AxisMode, Part, axes_of, finite, first_target, parse_action
 from .loading import load
 from .positions import SUFFIX
+from .safe_state import SafeState
 from .sensors import Sensor
 from .tool_verbs import SENSORS, STATUS, STOP, ToolVerb
 from .wire import Observation, StopChannel, Wire

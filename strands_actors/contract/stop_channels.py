@@ -18,9 +18,9 @@ from typing import ClassVar, Generic, Protocol, TypeVar
 
 import trio
 
-from strands_actors.contract.safe_state import SafeState
 from strands_actors.kernel.clock import Clock
 
+from .safe_state import SafeState
 from .wire import MotorReport, StopChannel, WireDown
 
 Reports = tuple[MotorReport, ...]

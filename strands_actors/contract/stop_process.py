@@ -21,13 +21,13 @@ from typing import Any, ClassVar, Generic
 import msgspec
 import trio
 
-from strands_actors.contract.safe_state import SafeState
 from strands_actors.kernel.clock import Clock, MonotonicClock
 from strands_actors.kernel.health.realtime import STANDBY_PRIORITY, run_first
 from strands_actors.kernel.processes.identity import be_taken_last, take_name
 from strands_actors.kernel.processes.process import ChildProcess, start
 
 from .loading import load, place_of
+from .safe_state import SafeState
 from .stop_channels import ConfigT, Reports
 from .wire import MotorReport, StopChannel, WireDown
 

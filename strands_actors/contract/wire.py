@@ -9,8 +9,9 @@ from typing import Any, ClassVar, Protocol
 import msgspec
 import trio
 
-from strands_actors.contract.safe_state import SafeState
 from strands_actors.kernel.messages import Message, Refused
+
+from .safe_state import SafeState
 
 
 class Observation(Message, frozen=True):

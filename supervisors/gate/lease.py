@@ -87,8 +87,17 @@ class Leases(msgspec.Struct):
         self.given += 1
         until_ns = now_ns + LEASE_TTL_NS
         lease = self.given << _PROOF_BITS | self._proof(self.given)
-        self.held = Held(lease, message.holder, until_ns, until_ns, message.pid, message.channel, under)
-        self.held.instruction, self.held.began_ns = message.instruction, now_ns
+        self.held = Held(
+            lease,
+            message.holder,
+            until_ns,
+            until_ns,
+            message.pid,
+            message.channel,
+            under,
+            message.instruction,
+            began_ns=now_ns,
+        )
         return lease
 
     def _proof(self, number: int) -> int:

@@ -19,9 +19,9 @@ from strands_actors.contract.wire import MotorReport, Observation, Permit, Permi
 from strands_actors.drivers.common.half_duplex import HalfDuplexBus, Health, PacketT, Quiet
 from strands_actors.drivers.common.port_users import users_of
 from strands_actors.drivers.common.serial_port import BytePort, in_use, open_serial
+from strands_actors.drivers.common.session_wire import SessionWire
 from strands_actors.kernel.clock import NS, Clock
 
-from ..session_wire import SessionWire
 from .axes import COUNTS, Axis
 from .codec import Codec
 from .config import ServoConfig
