@@ -12,7 +12,8 @@ import struct
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Literal
 
-from strands_actors.contract.driver import HOLDING_REASONS, Candidate, Driver, GateState, Reason, Timing
+from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Timing
+from strands_actors.contract.fallbacks import fallbacks_for
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, StopChannel, Wire
 from strands_actors.kernel.clock import Clock
@@ -39,9 +40,7 @@ class Stamper(Driver):
     OPTIONS: ClassVar[Mapping[str, str]] = {"hz": "control rate"}
 
     unit = "radians"
-    fallbacks: Mapping[Reason, SafeState] = {
-        reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.LIMP for reason in Reason
-    }
+    fallbacks: Mapping[Reason, SafeState] = fallbacks_for(late=SafeState.HOLD, otherwise=SafeState.LIMP)
     firmware_watchdog = "none"
     gates = ()
     bound_s = 0.05

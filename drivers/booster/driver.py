@@ -18,7 +18,8 @@ from typing import Annotated, Any, ClassVar, Literal
 from msgspec.structs import replace
 
 from strands_actors.contract.axis import Part, PartKind
-from strands_actors.contract.driver import HOLDING_REASONS, Candidate, Driver, GateState, Reason, Service, Timing
+from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Service, Timing
+from strands_actors.contract.fallbacks import fallbacks_for
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor
@@ -128,7 +129,7 @@ class BoosterDriver(Driver):
         safe_s=2.0,
     )
     fallbacks: Mapping[Reason, SafeState] = {
-        **{reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.STOP for reason in Reason},
+        **fallbacks_for(late=SafeState.HOLD, otherwise=SafeState.STOP),
         Reason.ESTOP: SafeState.DAMP,
     }
     firmware_watchdog = (

@@ -17,15 +17,8 @@ from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
 from strands_actors.contract.axis import finite, parse_action
-from strands_actors.contract.driver import (
-    HOLDING_REASONS,
-    Candidate,
-    Driver,
-    GateState,
-    Reason,
-    Service,
-    Timing,
-)
+from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Service, Timing
+from strands_actors.contract.fallbacks import fallbacks_for
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor, imu, pose
@@ -90,7 +83,7 @@ class Crazyflie(Driver):
 
     unit = "m/s (wz: rad/s, z: m)"
     fallbacks: Mapping[Reason, SafeState] = {
-        **{reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.LAND for reason in Reason},
+        **fallbacks_for(late=SafeState.HOLD, otherwise=SafeState.LAND),
         Reason.ESTOP: SafeState.OFF,
     }
     firmware_watchdog = (

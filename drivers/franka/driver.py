@@ -12,7 +12,8 @@ from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
 from strands_actors.contract.axis import Axis, Part, PartKind
-from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason, Service, Timing
+from strands_actors.contract.driver import Driver, Reason, Service, Timing
+from strands_actors.contract.fallbacks import fallbacks_for
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor, pose
@@ -55,9 +56,7 @@ class Franka(Driver):
 
     config: FrankaConfig
     unit = "radians"
-    fallbacks: Mapping[Reason, SafeState] = {
-        reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.STOP for reason in Reason
-    }
+    fallbacks: Mapping[Reason, SafeState] = fallbacks_for(late=SafeState.HOLD, otherwise=SafeState.STOP)
     firmware_watchdog = (
         f"always on: after {MISSED_TICKS} ms of a motion without a command the controller stops the arm by itself "
         "(communication_constraints_violation) and holds it; when its client's connection ends, at once. what it "

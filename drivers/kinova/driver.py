@@ -12,14 +12,8 @@ from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
 from strands_actors.contract.axis import Axis, Part, PartKind, parse_action
-from strands_actors.contract.driver import (
-    HOLDING_REASONS,
-    Candidate,
-    Driver,
-    GateState,
-    Reason,
-    Timing,
-)
+from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Timing
+from strands_actors.contract.fallbacks import fallbacks_for
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options, secrets_of
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor, pose
@@ -54,9 +48,7 @@ class Kinova(Driver):
 
     config: KinovaConfig
     unit = "radians"
-    fallbacks: Mapping[Reason, SafeState] = {
-        reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.STOP for reason in Reason
-    }
+    fallbacks: Mapping[Reason, SafeState] = fallbacks_for(late=SafeState.HOLD, otherwise=SafeState.STOP)
     firmware_watchdog = (
         "none: joint speeds never expire, and neither the end of a connection nor that of a session promises a "
         "stop. When wire and root end at once the arm goes on until its own limits stop it"

@@ -16,7 +16,8 @@ from typing import Annotated, Any, ClassVar, Literal
 import msgspec
 
 from strands_actors.contract.axis import Part, PartKind
-from strands_actors.contract.driver import HOLDING_REASONS, Candidate, Driver, GateState, Reason, Service, Timing
+from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Service, Timing
+from strands_actors.contract.fallbacks import fallbacks_for
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor
@@ -80,9 +81,7 @@ class Microduck(Driver):
         state_ttl_s=0.5,
         safe_s=2.0,
     )
-    fallbacks: Mapping[Reason, SafeState] = {
-        reason: SafeState.ZERO if reason in HOLDING_REASONS else SafeState.STOP for reason in Reason
-    }
+    fallbacks: Mapping[Reason, SafeState] = fallbacks_for(late=SafeState.ZERO, otherwise=SafeState.STOP)
     firmware_watchdog = (
         "robotd zeroes the twist 0.5 s after the last one [assumed: it cannot be read back]; head, body and mouth "
         "stay where they were told, torque stays on, and a skill plays to its end"

@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, Literal
 
 from strands_actors.contract.axis import Axis, Part, PartKind
-from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason, Timing
+from strands_actors.contract.driver import Driver, Reason, Timing
+from strands_actors.contract.fallbacks import fallbacks_for
 from strands_actors.contract.safe_state import SafeState
 
 CONTROL_HZ = 50.0
@@ -25,9 +26,7 @@ class ModelDriver(Driver):
 
     unit = "radians (slides: metres)"
     timing = Timing(control_hz=CONTROL_HZ, keepalive_s=1.0, oneshot_ttl_s=None)
-    fallbacks: Mapping[Reason, SafeState] = {
-        reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.LIMP for reason in Reason
-    }
+    fallbacks: Mapping[Reason, SafeState] = fallbacks_for(late=SafeState.HOLD, otherwise=SafeState.LIMP)
     firmware_watchdog = "none: a simulation holds its last target"
     gates = ()
 

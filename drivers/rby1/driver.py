@@ -11,7 +11,8 @@ from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
 from strands_actors.contract import tool_verbs
-from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason, Service, Timing
+from strands_actors.contract.driver import Driver, Reason, Service, Timing
+from strands_actors.contract.fallbacks import fallbacks_for
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor
@@ -91,7 +92,7 @@ class RBY1(Driver):
             safe_s=3.0,
         )
         self.fallbacks: Mapping[Reason, SafeState] = {
-            **{reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.STOP for reason in Reason},
+            **fallbacks_for(late=SafeState.HOLD, otherwise=SafeState.STOP),
             Reason.ESTOP: SafeState.OFF if wanted.on_estop == "power_off" else SafeState.STOP,
         }
         self.config = RBY1Config(

@@ -14,15 +14,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
-from strands_actors.contract.driver import (
-    HOLDING_REASONS,
-    Candidate,
-    Driver,
-    GateState,
-    Reason,
-    Service,
-    Timing,
-)
+from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Service, Timing
+from strands_actors.contract.fallbacks import fallbacks_for
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor
@@ -129,9 +122,9 @@ class Spot(Driver):
         self.gates = gates_of(self.table, self.timing.state_ttl_s)
         self.conditions = conditions_of()
         at_estop = SafeState.OFF if read.on_estop == "cut" else SafeState.SETTLE
-        stands = {*HOLDING_REASONS, Reason.STOP}
         self.fallbacks = {
-            **{reason: SafeState.HOLD if reason in stands else SafeState.SETTLE for reason in Reason},
+            **fallbacks_for(late=SafeState.HOLD, otherwise=SafeState.SETTLE),
+            Reason.STOP: SafeState.HOLD,
             Reason.ESTOP: at_estop,
         }
         self.firmware_watchdog = (

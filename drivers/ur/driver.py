@@ -14,7 +14,8 @@ from typing import Annotated, Any, ClassVar, Literal
 from msgspec import Meta
 
 from strands_actors.contract.axis import Part, PartKind
-from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason, Timing
+from strands_actors.contract.driver import Driver, Reason, Timing
+from strands_actors.contract.fallbacks import fallbacks_for
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor, pose
@@ -68,9 +69,7 @@ class UR(Driver):
         arm_s=5.0,  # a real controller takes a second or two to start a program
         silent_s=1.0,  # ur-rtde's constructors keep the lock: 10 ms here, network and load come on top
     )
-    fallbacks: Mapping[Reason, SafeState] = {
-        reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.STOP for reason in Reason
-    }
+    fallbacks: Mapping[Reason, SafeState] = fallbacks_for(late=SafeState.HOLD, otherwise=SafeState.STOP)
     firmware_watchdog = (
         f"rtde_set_watchdog, {WATCHDOG_HZ:g} Hz: armed in the control script whenever the robot is armed; "
         f"{1e3 / WATCHDOG_HZ:g} ms without a word from the wire process and the controller stops the program. "

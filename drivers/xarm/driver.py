@@ -12,7 +12,8 @@ from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
 from strands_actors.contract.axis import Part, PartKind
-from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason, Timing
+from strands_actors.contract.driver import Driver, Reason, Timing
+from strands_actors.contract.fallbacks import fallbacks_for
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor, pose
@@ -44,9 +45,7 @@ class XArm(Driver):
 
     config: XArmConfig
     unit = "radians"
-    fallbacks: Mapping[Reason, SafeState] = {
-        reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.STOP for reason in Reason
-    }
+    fallbacks: Mapping[Reason, SafeState] = fallbacks_for(late=SafeState.HOLD, otherwise=SafeState.STOP)
     firmware_watchdog = (
         "none: in servo mode the controller drives to the last target at full speed and holds it, whoever is silent"
     )

@@ -18,7 +18,7 @@ from .axis import Axis, AxisMode, Part, PartKind
 from .axis_gates import axis_gates, past_range, stale, too_fast
 from .cameras import CameraSettings, Picture, PictureSource
 from .driver import HOLDING_REASONS, Candidate, Condition, Driver, GateCheck, GateState, Reason, Service, Timing
-from .fallbacks import check_fallbacks
+from .fallbacks import check_fallbacks, fallbacks_for
 from .options import DriverOptions, meanings, option, plain, read_options, secrets_of
 from .rotations import roll_pitch_yaw
 from .safe_state import SafeState
@@ -73,6 +73,7 @@ __all__ = [
     "WireDown",
     "axis_gates",
     "check_fallbacks",
+    "fallbacks_for",
     "meanings",
     "option",
     "past_range",

@@ -6,8 +6,14 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import msgspec
 
-from .driver import Condition, Reason
+from .driver import HOLDING_REASONS, Condition, Reason
 from .safe_state import SafeState
+
+
+def fallbacks_for(*, late: SafeState, otherwise: SafeState) -> dict[Reason, SafeState]:
+    """Return the usual table: ``late`` when the writer is late or lost, ``otherwise`` for every other
+    reason."""
+    return {reason: late if reason in HOLDING_REASONS else otherwise for reason in Reason}
 
 
 def check_fallbacks(robot: str, fallbacks: Mapping[Reason, str]) -> dict[Reason, SafeState]:

@@ -13,7 +13,8 @@ from typing import Any, ClassVar, Literal, NamedTuple
 
 import trio
 
-from strands_actors.contract.driver import HOLDING_REASONS, Candidate, Driver, GateState, Reason, Timing
+from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Timing
+from strands_actors.contract.fallbacks import fallbacks_for
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, StopChannel, Wire, WireDown
 from strands_actors.kernel.clock import Clock
@@ -96,9 +97,7 @@ class FakeDriver(Driver):
 
     unit = "units"
     timing = Timing(control_hz=50.0, keepalive_s=0.02, stream_ttl_s=0.1)
-    fallbacks: Mapping[Reason, SafeState] = {  # never changed
-        reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.LIMP for reason in Reason
-    }
+    fallbacks: Mapping[Reason, SafeState] = fallbacks_for(late=SafeState.HOLD, otherwise=SafeState.LIMP)
     firmware_watchdog = "none"
     gates = ()
 

@@ -16,7 +16,6 @@ import msgspec
 import trio
 
 from strands_actors.contract import (
-    HOLDING_REASONS,
     NS,
     Axis,
     AxisMode,
@@ -38,6 +37,7 @@ from strands_actors.contract import (
     Wire,
     WireDown,
     axis_gates,
+    fallbacks_for,
     plain,
     read_options,
 )
@@ -168,7 +168,7 @@ class FakeDrone(_Kind):
         safe_s=2 * LANDING_S,
     )
     fallbacks: Mapping[Reason, SafeState] = {
-        **{reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.LAND for reason in Reason},
+        **fallbacks_for(late=SafeState.HOLD, otherwise=SafeState.LAND),
         Reason.ESTOP: SafeState.OFF,
     }
 
@@ -195,9 +195,7 @@ class FakeHttp(_Kind):
         ),
     )
     timing = Timing(control_hz=10.0, keepalive_s=0.5, stream_ttl_s=0.5, state_ttl_s=1.0)
-    fallbacks: Mapping[Reason, SafeState] = {
-        reason: SafeState.HOLD if reason in HOLDING_REASONS else SafeState.STOP for reason in Reason
-    }
+    fallbacks: Mapping[Reason, SafeState] = fallbacks_for(late=SafeState.HOLD, otherwise=SafeState.STOP)
     ANSWER_S: ClassVar[float] = 0.3
 
 
