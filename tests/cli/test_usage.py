@@ -51,7 +51,9 @@ def test_one_line_and_exit_code_2(
     named: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("strands_actors.drivers.common.twin.process.run_as_twin", lambda: None)  # not this one
+    monkeypatch.setattr(
+        "strands_actors.drivers.common.twin.process.run_first", lambda priority: None
+    )  # not this one
     assert run(arguments) == 2
     told = capsys.readouterr()
     assert told.out == ""

@@ -12,7 +12,13 @@ import trio
 from strands_actors.kernel.health import kernel_workers
 from strands_actors.kernel.health.kernel_workers import LOOK_S, keep_them_early
 from strands_actors.kernel.health.processor import _awaits_worker
-from strands_actors.kernel.health.realtime import KERNEL_PRIORITY, ROOT_PRIORITY, STANDBY_PRIORITY, WIRE_PRIORITY
+from strands_actors.kernel.health.realtime import (
+    KERNEL_PRIORITY,
+    ROOT_PRIORITY,
+    STANDBY_PRIORITY,
+    TWIN_PRIORITY,
+    WIRE_PRIORITY,
+)
 
 from .kernel import virtual_time
 
@@ -62,8 +68,8 @@ async def test_workers_of_no_processor_run_early_and_new_ones_are_found(
     assert raised[2:] == [(15, os.SCHED_FIFO, KERNEL_PRIORITY)]
 
 
-def test_they_stay_behind_what_keeps_a_robot_safe() -> None:
-    assert KERNEL_PRIORITY < WIRE_PRIORITY < ROOT_PRIORITY < STANDBY_PRIORITY
+def test_they_stay_behind_what_keeps_a_robot_safe_and_before_twins() -> None:
+    assert TWIN_PRIORITY < KERNEL_PRIORITY < WIRE_PRIORITY < ROOT_PRIORITY < STANDBY_PRIORITY
 
 
 @virtual_time

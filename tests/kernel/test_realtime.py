@@ -32,19 +32,6 @@ def test_it_runs_first_where_that_is_permitted_and_says_so(cores: str) -> None:
         assert asked == "SCHED_FIFO 3" or asked == before  # not everybody may
 
 
-TWIN = """
-import os
-from strands_actors.kernel.health.realtime import run_as_twin, runs_first
-run_as_twin()
-print(os.getpriority(os.PRIO_PROCESS, 0), runs_first())
-"""
-
-
-def test_a_twin_gets_more_than_others_and_takes_no_core() -> None:
-    done = subprocess.run([sys.executable, "-c", TWIN], capture_output=True, text=True, check=True)
-    assert done.stdout in ("-10 False\n", f"{os.getpriority(os.PRIO_PROCESS, 0)} False\n")  # not everybody may
-
-
 SPIN = """
 import time
 from strands_actors.kernel.health.realtime import SPELL_S, run_first, runs_first, scheduling

@@ -15,7 +15,7 @@ from typing import Any, Protocol, TypedDict, Unpack, runtime_checkable
 import trio
 
 from strands_actors.drivers.common.simulation_control.body import body_of
-from strands_actors.kernel.health.realtime import run_as_twin
+from strands_actors.kernel.health.realtime import TWIN_PRIORITY, run_first
 
 from .line import Line
 from .server import Robot, Server
@@ -97,10 +97,10 @@ def run_server(build: Callable[[WireLog], Served], **start: Unpack[Start]) -> No
     """As ``run``, for what ``build`` makes of the wire log. Raise ``ValueError`` for a ``control``
     on a robot that shows no body.
 
-    A twin on a wire gets more of the processor than others, as a robot has a computer of its own. A
-    simulation does not: a program that steps it without a pause would take it from everybody."""
+    A twin on a wire runs before others, as a robot has a computer of its own. A simulation does not:
+    a program that steps it without a pause would take the processor from everybody."""
     if start.get("control") is None or start.get("on_wire"):
-        run_as_twin()
+        run_first(TWIN_PRIORITY)
     trio.run(functools.partial(_main, build, **start))
 
 

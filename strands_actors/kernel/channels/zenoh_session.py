@@ -60,23 +60,15 @@ def config(
     return result
 
 
-_RUNTIME = "ZENOH_RUNTIME"
-_TWO_RUNTIMES = "(rx: (handover: acc))"
-_ONE_RUNTIME = "(net: (handover: app), tx: (handover: app), rx: (handover: app), acc: (handover: app))"
-
-# Zenoh reads this when its first session opens. The thread that hears of a frame also reads it,
-# where zenoh wakes another for that: an answer comes a sixth sooner. What is sent keeps a thread of
-# its own, so that the others hear from a process whose callbacks wait for the interpreter's lock.
-os.environ.setdefault(_RUNTIME, _TWO_RUNTIMES)
-
-
 def hand_over() -> None:
-    """Have one of zenoh's threads do the work of all: an answer comes a quarter sooner. Before the
+    """Have one of zenoh's threads do the work of four: an answer comes a quarter sooner. Before the
     first session, and only in a process where nobody holds the interpreter's lock for long: a
     callback that waits for it holds up what is sent as well, and after ``LEASE_MS`` of that the
     others think this process is gone."""
-    if os.environ[_RUNTIME] == _TWO_RUNTIMES:  # else it is what the user wants
-        os.environ[_RUNTIME] = _ONE_RUNTIME
+    os.environ.setdefault("ZENOH_RUNTIME", _ONE_RUNTIME)
+
+
+_ONE_RUNTIME = "(net: (handover: app), tx: (handover: app), rx: (handover: app), acc: (handover: app))"
 
 
 @contextlib.contextmanager
