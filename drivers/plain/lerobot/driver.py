@@ -14,7 +14,8 @@ from typing import Any, ClassVar
 
 import msgspec
 
-from strands_actors.contract.driver import HOLDING_REASONS, Candidate, Driver, GateCheck, GateState, Reason
+from strands_actors.contract.driver import Candidate, Driver, GateCheck, GateState
+from strands_actors.contract.fallbacks import fallbacks_for
 from strands_actors.contract.loading import load
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import StopChannel
@@ -49,7 +50,10 @@ class LeRobotDriver(PlainDriver):
             self.timing = msgspec.structs.replace(self.timing, arm_s=ARM_S, safe_s=OWN_STOP_S)
         if self.kind.holds:
             self.gates = (*self.gates, _has_torque(self.axes))
-            self.fallbacks = {reason: _safe_state(reason) for reason in Reason}
+            self.fallbacks = {
+                **fallbacks_for(late=SafeState.HOLD, otherwise=SafeState.LIMP),
+                **dict.fromkeys(LEAVING, SafeState.OFF),
+            }
         self.firmware_watchdog = (
             "not known: LeRobot's class does not say" if self._own is None else self._own.firmware_watchdog
         )
@@ -91,12 +95,6 @@ def _has_torque(axes: Sequence[str]) -> GateCheck:
         return Refused("limp", f"move: {limp} is limp", REMEDY, LIMP, "torque")
 
     return has_torque
-
-
-def _safe_state(reason: Reason) -> SafeState:
-    if reason in HOLDING_REASONS:
-        return SafeState.HOLD
-    return SafeState.OFF if reason in LEAVING else SafeState.LIMP
 
 
 def _calibration(keywords: Mapping[str, Any]) -> dict[str, Any]:
