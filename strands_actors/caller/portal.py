@@ -30,8 +30,10 @@ from .run_directory import run_dir
 
 T = TypeVar("T")
 
-LEAVE_S = 0.08
-"""How long the end of a script waits for the loop."""
+LEAVE_S = 2.0
+"""How long the end of a script waits for the loop at most. The loop ends within 10 ms on an idle
+machine. A thread of it that still calls zenoh while Python ends would abort the process
+(``kernel/channels/zenoh_exit.py``)."""
 SWITCH_S = 0.0001
 """How long a thread that computes may keep the interpreter's lock from the loop, which lets go of
 it at each of its system calls and wants it back. With Python's own 5 ms a setpoint beside a policy

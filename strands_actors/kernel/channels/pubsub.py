@@ -17,7 +17,8 @@ import msgspec
 import trio
 import zenoh
 
-from .zenoh_session import ANSWERED_S, Waker, closed, config, opened
+from .zenoh_exit import callback, calls, closed, open_session, opened
+from .zenoh_session import ANSWERED_S, Waker, config
 
 JSON = "application/json"
 
@@ -93,7 +94,8 @@ class Topic:
     def put(self, payload: bytes, time_ns: int = 0) -> None:
         """``time_ns``: what it is of, by the wall clock; 0: of now."""
         self._seq += 1
-        self._publisher.put(payload, attachment=_stamp(self._seq, time_ns))
+        with calls:
+            self._publisher.put(payload, attachment=_stamp(self._seq, time_ns))
 
 
 class Poll:
@@ -135,12 +137,13 @@ class PubSub:
         settings: Mapping[str, Any] | None = None,
     ) -> PubSub:
         """Raise ``zenoh.ZError`` when it cannot listen, or a certificate cannot be used."""
-        return cls(await trio.to_thread.run_sync(zenoh.open, config(listen, connect, settings)))
+        return cls(await trio.to_thread.run_sync(open_session, config(listen, connect, settings)))
 
     def close(self) -> None:
         """Close the session. Blocks for a few milliseconds."""
+        with calls:
+            self._session.close()  # type: ignore[no-untyped-call]  # zenoh's stubs leave it open
         closed(self)
-        self._session.close()  # type: ignore[no-untyped-call]  # zenoh's stubs leave it open
         self._closed = True
         self._waker.wake()
 
@@ -188,16 +191,18 @@ class PubSub:
     def put(self, key: str, payload: bytes, schema: str) -> None:
         """One urgent sample: a command, an answer. Never kept for those who come later. From any
         thread."""
-        if ready := self._ready.get(key):
-            ready.put(payload, attachment=_stamp(1))
-        else:
-            self._session.put(key, payload, encoding=_encoding(schema), attachment=_stamp(1), **_URGENT)
+        with calls:
+            if ready := self._ready.get(key):
+                ready.put(payload, attachment=_stamp(1))
+            else:
+                self._session.put(key, payload, encoding=_encoding(schema), attachment=_stamp(1), **_URGENT)
 
     def put_frame(self, key: str, frame: bytes) -> bool:
         """Send one urgent sample of bytes that say themselves what they are. Return whether it
         could be sent."""
         try:
-            self._session.put(key, frame, **_URGENT)
+            with calls:
+                self._session.put(key, frame, **_URGENT)
         except zenoh.ZError:
             return False  # no key at all, or the session is closed
         return True
@@ -214,7 +219,7 @@ class PubSub:
 
         self._session.get(
             key,
-            zenoh.handlers.Callback(arrived, indirect=False),
+            callback(arrived),
             payload=payload,
             encoding=_encoding(schema),
             attachment=_stamp(1),
@@ -287,7 +292,7 @@ class PubSub:
             self._waker.wake()
 
         # Not indirect: that would be a Python thread, which outlives a script that has crashed.
-        inbox.subscriber = declare(zenoh.handlers.Callback(arrived, indirect=False))
+        inbox.subscriber = declare(callback(arrived))
 
 
 class _Inbox:

@@ -27,7 +27,8 @@ from strands_actors.kernel.node import PREFIX, Node
 from strands_actors.kernel.thread_asks import ThreadAsks
 
 from .permissions import Channel
-from .zenoh_session import ANSWERED_S, Waker, closed, config, known_by, opened, unix_endpoint
+from .zenoh_exit import callback, calls, closed, open_session, opened
+from .zenoh_session import ANSWERED_S, Waker, config, known_by, unix_endpoint
 
 _WAKE_BATCH = 512
 _PUBLISHERS = 32
@@ -111,9 +112,7 @@ class ZenohMesh:
             self.announce(address, True)
 
     def _look_for(self, tokens: str) -> None:
-        self._tokens = self._session.liveliness().declare_subscriber(
-            tokens, zenoh.handlers.Callback(self._on_token, indirect=False), history=True
-        )
+        self._tokens = self._session.liveliness().declare_subscriber(tokens, callback(self._on_token), history=True)
 
     def ask_privately(self, address: str) -> None:
         """From now on what is told and asked there, by threads too, is a zenoh query, on a key that ends
@@ -147,10 +146,11 @@ class ZenohMesh:
 
     def close(self) -> None:
         """Close the session. Blocks for a few milliseconds."""
-        closed(self)
         if self._threads is not None:
             self._threads.close("this process has left the mesh")
-        self._session.close()  # type: ignore[no-untyped-call]  # zenoh's stubs leave it open
+        with calls:
+            self._session.close()  # type: ignore[no-untyped-call]  # zenoh's stubs leave it open
+        closed(self)
 
     # -- the Way protocol
 
@@ -158,17 +158,18 @@ class ZenohMesh:
         if self._pid != os.getpid():
             return False  # a fork has the session without its threads
         try:
-            if to in self._private:
-                return self._query(to, data, self._on_sample)
-            publisher = self._publisher(to, urgent)
-            if to not in self._alive and not _is_heard(to, publisher):
-                return self._guests is not None and self._guests.send(to, data, descriptors, urgent)
-            publisher.put(data)
-            if self._shown is not None:
-                _show(self._shown, data)
+            with calls:
+                if to in self._private:
+                    return self._query(to, data, self._on_sample)
+                publisher = self._publisher(to, urgent)
+                if to in self._alive or _is_heard(to, publisher):
+                    publisher.put(data)
+                    if self._shown is not None:
+                        _show(self._shown, data)
+                    return True
         except zenoh.ZError:
             return False  # no key at all (a peer names where its answer goes), or the session is closed
-        return True
+        return self._guests is not None and self._guests.send(to, data, descriptors, urgent)
 
     def _query(self, to: str, data: bytes, on_answer: Callable[[zenoh.Sample], None]) -> bool:
         if to not in self._alive:
@@ -180,7 +181,7 @@ class ZenohMesh:
 
         self._session.get(
             asked_key(to, self.node.address.rpartition("/")[2]),
-            zenoh.handlers.Callback(answered, indirect=False),
+            callback(answered),
             payload=data,
             congestion_control=zenoh.CongestionControl.BLOCK,
             priority=zenoh.Priority.INTERACTIVE_HIGH,
@@ -237,14 +238,15 @@ class ZenohMesh:
 
     def _put_question(self, to: str, data: bytes) -> bool:
         try:
-            if to in self._private:
-                return self._query(to, data, self._on_answer)
-            if to not in self._alive:
-                return False
-            publisher = self._asked.get(to)
-            if publisher is None:  # two threads at once may make two: one of them is kept
-                publisher = self._asked[to] = self._declare(to, False)
-            publisher.put(data)
+            with calls:
+                if to in self._private:
+                    return self._query(to, data, self._on_answer)
+                if to not in self._alive:
+                    return False
+                publisher = self._asked.get(to)
+                if publisher is None:  # two threads at once may make two: one of them is kept
+                    publisher = self._asked[to] = self._declare(to, False)
+                publisher.put(data)
         except zenoh.ZError:
             return False
         return True
@@ -258,8 +260,8 @@ class ZenohMesh:
             token = self._session.liveliness().declare_token(f"{address}/alive")
             self._subscribers[address] = (inbox, token)
 
-    def _subscribe(self, key: str, callback: Callable[[zenoh.Sample], None]) -> Any:
-        return self._session.declare_subscriber(key, zenoh.handlers.Callback(callback, indirect=False))
+    def _subscribe(self, key: str, on_sample: Callable[[zenoh.Sample], None]) -> Any:
+        return self._session.declare_subscriber(key, callback(on_sample))
 
     # -- on zenoh's thread
 
@@ -291,7 +293,7 @@ async def _open(
     stamped = {"timestamping/enabled": {"peer": True}}  # 0.2 us: who listens sees how old a message is
     with known_by(secret) as known:
         configured = config(listen, connect, {**stamped, **known, **(settings or {})})
-        return await trio.to_thread.run_sync(zenoh.open, configured)
+        return await trio.to_thread.run_sync(open_session, configured)
 
 
 def _show(shown: zenoh.Publisher, data: bytes) -> None:

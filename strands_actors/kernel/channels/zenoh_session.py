@@ -1,5 +1,5 @@
-"""What every zenoh session of ours has in common: a closed configuration, a wake-up for the loop,
-an orderly end.
+"""What every zenoh session of ours has in common: a closed configuration, and a wake-up for the
+loop. How sessions end stands in ``zenoh_exit``.
 
 Loopback only: unless told otherwise a session listens on unix sockets in a directory of the user's
 own. No multicast, no gossip: nobody is found who was not named.
@@ -7,13 +7,12 @@ own. No multicast, no gossip: nobody is found who was not named.
 
 from __future__ import annotations
 
-import atexit
 import contextlib
 import json
 import os
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import trio
 import zenoh
@@ -134,29 +133,3 @@ class Waker:
         """Nobody may wake it any more."""
         for fd in {self._read_fd, self._write_fd}:
             os.close(fd)
-
-
-class Closes(Protocol):
-    def close(self) -> None: ...
-
-
-_open: dict[Closes, int] = {}
-
-
-def opened(session: Closes) -> None:
-    """Have it closed at the end of the script, unless it is before."""
-    _open[session] = os.getpid()
-
-
-def closed(session: Closes) -> None:
-    _open.pop(session, None)
-
-
-@atexit.register
-def _close_all() -> None:
-    """A thread of zenoh's that enters Python while the interpreter goes aborts the process: at the
-    end of a script every session is closed before that. Not in a forked child, where they have no
-    threads."""
-    for session, pid in list(_open.items()):
-        if pid == os.getpid():
-            session.close()
