@@ -226,7 +226,8 @@ class Gate(Actor):
         if self._leases.held is not None:
             self._leases.held.beat(now_ns + LEASE_TTL_NS)
             self._leases.held.steps += 1
-        write = Write(message.epoch, admitted.deadline_ns, admitted.values, admitted.until_ns)
+        streamed = message.period_s > 0
+        write = Write(message.epoch, admitted.deadline_ns, admitted.values, admitted.until_ns, streamed)
         self._transport.tell(write)
         return Accepted(self._state.epoch, admitted.values, self._read_beside())
 

@@ -21,6 +21,7 @@ class Write(Message, frozen=True):
     deadline_ns: int
     values: tuple[float, ...]
     expires_ns: int = 0  # when a re-send is no longer allowed; 0: latched
+    streamed: bool = False  # the writer sends the next one itself
 
 
 class Cycle(Message, frozen=True):

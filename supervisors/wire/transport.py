@@ -103,8 +103,10 @@ class Transport(Actor):
         self._performing: trio.CancelScope | None = None
         self._spent = False  # of this process nothing can be had any more but a safe frame
         self._last: Write | None = None
-        self._keepalive_ns = round(driver.timing.keepalive_s * NS)
-        self._written_ns = 0
+        timing = driver.timing
+        self._keepalive_ns = round(timing.keepalive_s * NS)
+        self._cycle_ns = round(max(1.0 / timing.control_hz, timing.tick_s) * NS)
+        self._written_ns = 0  # when the last setpoint was last written
         self._writes = 0
         self._reads = 0
         self._denied = 0
@@ -180,10 +182,7 @@ class Transport(Actor):
         if self._wire is None:
             await self._open(cycle.number)
         else:
-            last = self._last
-            due_ns = self._written_ns + self._keepalive_ns
-            if last is not None and cycle.resend_epoch == last.epoch and self.context.clock.now_ns() >= due_ns:
-                await self._write(last, last.expires_ns)
+            await self._resend(cycle.resend_epoch)
             try:
                 self._serving.check()
                 if cycle.feed:
@@ -192,6 +191,23 @@ class Transport(Actor):
             except WireDown as down:
                 self._lose(down)
         self._watchdog.tell(Cycled(cycle.number))
+
+    async def _resend(self, epoch: int) -> None:
+        """Write the last setpoint again before ``Timing.keepalive_s`` is over.
+
+        Cycles come once a control period, so this one is the last in time when the next one would be
+        late. A stream is not doubled for that: its writer sends the next setpoint, and only where
+        that stays away the last one is sent again, once ``keepalive_s`` is over.
+
+        Args:
+            epoch: The epoch in which the watchdog lets it be sent again; 0: in none.
+        """
+        last = self._last
+        if last is None or epoch != last.epoch:
+            return
+        next_ns = 0 if last.streamed else self._cycle_ns
+        if self.context.clock.now_ns() + next_ns >= self._written_ns + self._keepalive_ns:
+            await self._write(last, last.expires_ns)
 
     async def _feed(self) -> None:
         if self._wire is not None:
