@@ -12,9 +12,9 @@ import trio
 async def open_background() -> AsyncIterator[trio.Nursery]:
     """A nursery that is cancelled when the block has been left, by whatever way, and not before:
     what cancels the block from outside reaches the block alone, which may need those tasks to clear
-    away (a robot is made safe by way of them). What the block raises comes out as it is: trio's own
-    nursery would wrap it in a group."""
-    failure: Exception | None = None
+    away (a robot is made safe by way of them). What the block raises comes out as it is, a Ctrl-C too:
+    trio's own nursery would wrap it in a group, with which Python ends as after any other failure."""
+    failure: Exception | KeyboardInterrupt | None = None
     scope = trio.CancelScope(shield=True)
     tasks: list[trio.Nursery] = []
     there = trio.Event()
@@ -31,7 +31,7 @@ async def open_background() -> AsyncIterator[trio.Nursery]:
         try:
             await there.wait()
             yield tasks[0]
-        except Exception as error:
+        except (Exception, KeyboardInterrupt) as error:
             failure = error
         finally:
             scope.cancel()

@@ -50,7 +50,11 @@ async def claim_port(plan: Plan, robot: str) -> Held:
     held = Held(path)
     try:
         began_s = trio.current_time()
-        while not try_lock(held.fd, fcntl.LOCK_EX):
+        while not (try_lock(held.fd, fcntl.LOCK_EX) and held.is_at(path)):
+            if not held.is_at(path):
+                held.close()
+                held = Held(path)
+                continue
             holder = _holder(path)
             if trio.current_time() > began_s + (PATIENCE_S if _goes_on(holder, robot) else LEAVING_S):
                 raise NotConnected(_refusal(plan, holder))

@@ -24,6 +24,8 @@ import msgspec
 
 from strands_actors.kernel.channels.zenoh_session import unix_endpoint
 
+from .leftovers import remove_leftovers
+
 MAX_SOCKET_PATH = 100
 """Bytes a unix socket's path may have (108 on Linux, less what zenoh appends)."""
 
@@ -125,6 +127,14 @@ class Held:
             self.fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
             _held.add(self)
 
+    def is_at(self, path: Path) -> bool:
+        """Return whether ``path`` still leads to this file. A file that nobody had locked may have been
+        removed between its opening and its lock (``leftovers``)."""
+        try:
+            return os.path.samestat(os.fstat(self.fd), path.stat())
+        except FileNotFoundError:
+            return False
+
     def close(self) -> None:
         """Let go of our hold; a root's own lives as long as it does. Harmless when called again."""
         with _forking:
@@ -155,8 +165,14 @@ class Name:
         directory = run_dir()
         for number in range(1, 1000):
             self.name = wanted if number == 1 else f"{wanted}-{number}"
-            self._lock = Held(directory / f"{self.name}.lock")
-            if _take(self._lock.fd):
+            path = directory / f"{self.name}.lock"
+            while True:
+                self._lock = Held(path)
+                taken = _take(self._lock.fd)
+                if not taken or self._lock.is_at(path):
+                    break
+                self._lock.close()
+            if taken:
                 (directory / f"{self.name}.json").unlink(missing_ok=True)  # of who had it before
                 return
             self._lock.close()
@@ -228,24 +244,15 @@ def is_held(robot: str) -> bool:
 
 
 def notes() -> Iterator[Note]:
-    """Return the robots whose lock somebody holds; notes of others are removed. Raise ``OSError``
-    when the directory cannot be used, and for no note in it."""
+    """Return the notes of all robots that run, and remove the files of those that have ended. Raise
+    ``OSError`` when the directory cannot be used, and for no note in it."""
     directory = run_dir()
+    remove_leftovers(directory)
     for name in sorted(path.stem for path in directory.glob("*.json")):
-        try:
-            fd = os.open(directory / f"{name}.lock", os.O_RDONLY | os.O_CLOEXEC)
-        except OSError:
-            continue
-        try:
-            if not try_lock(fd, fcntl.LOCK_SH):
-                note = _read(directory, name)
-                if note is not None:
-                    yield note
-            else:  # as long as we have it, nobody can take the name and write another
-                with contextlib.suppress(OSError):
-                    (directory / f"{name}.json").unlink()
-        finally:
-            os.close(fd)
+        if is_held(name):
+            note = _read(directory, name)
+            if note is not None:
+                yield note
 
 
 def _read(directory: Path, name: str) -> Note | None:

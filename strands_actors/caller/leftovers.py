@@ -1,0 +1,91 @@
+"""Remove the files that ended programs and robots left in the run directory.
+
+A process that is killed removes nothing: its sockets, their locks and the robot's files stay. Whoever
+looks next at the directory removes them.
+
+Each file is removed under the lock that says whose it is. A shared lock is enough: while it is held
+nobody gets the exclusive one, and who waits for that looks afterwards whether the path still leads to the
+file that it has locked (``Held.is_at``).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from strands_actors.supervisors.standby.report import LOCK
+
+SOCKET_LOCK = ".sock.lock"
+"""zenoh's own, beside each socket: held exclusively while it listens."""
+NAME_LOCK = ".lock"
+PORT_LOCK = ".port"
+CALLER = "caller-"
+
+
+def remove_leftovers(directory: Path) -> None:
+    """Remove what nobody uses any more. Raise ``OSError`` when the directory cannot be read."""
+    names = sorted(path.name for path in directory.iterdir())
+    for name in names:
+        if name.startswith(CALLER) and name.endswith(SOCKET_LOCK):
+            _remove_socket(directory / name)
+        elif name.endswith(PORT_LOCK):
+            with _unused(directory / name) as is_free:
+                if is_free:
+                    _unlink(directory / name)
+        elif name.endswith(NAME_LOCK) and not name.endswith(SOCKET_LOCK):
+            _remove_robot(directory, name.removesuffix(NAME_LOCK), names)
+
+
+def _remove_robot(directory: Path, robot: str, names: list[str]) -> None:
+    with _unused(directory / f"{robot}{NAME_LOCK}") as is_free:
+        if not is_free:
+            return
+        _unlink(directory / f"{robot}.json")
+        for name in names:
+            # The robot "so101" owns "so101.wire.sock", and not "so101.left.wire.sock".
+            is_its_socket = name.endswith(SOCKET_LOCK) and name.count(".") == robot.count(".") + 3
+            if is_its_socket and name.startswith(f"{robot}."):
+                _remove_socket(directory / name)
+        life = directory / f"{robot}{LOCK}"
+        with _unused(life) as is_over:
+            if is_over:
+                _unlink(life)
+        _unlink(directory / f"{robot}{NAME_LOCK}")
+
+
+def _remove_socket(lock: Path) -> None:
+    with _unused(lock) as is_free:
+        if is_free:
+            _unlink(lock.with_suffix(""))
+            _unlink(lock)
+
+
+@contextlib.contextmanager
+def _unused(path: Path) -> Iterator[bool]:
+    """Hold the shared lock of a file for a block, if no process has the exclusive one.
+
+    Returns:
+        Whether the lock is held; False as well when the file is not there, or cannot be opened.
+    """
+    try:
+        fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    except OSError:
+        yield False
+        return
+    try:
+        try:
+            fcntl.flock(fd, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            yield False
+        else:
+            yield True
+    finally:
+        os.close(fd)
+
+
+def _unlink(path: Path) -> None:
+    with contextlib.suppress(OSError):  # another process was quicker, or it is not ours
+        path.unlink()
