@@ -135,6 +135,24 @@ def test_a_tick_of_ours_counts_for_no_more_than_its_period() -> None:
     assert [failure_detector.tick(17 * n * MS) for n in range(1, 11)] == [False] * 9 + [True]
 
 
+def test_a_pause_of_the_machine_before_the_first_look_is_no_silence() -> None:
+    """Legs, as it was seen: the machine paused for 25 ms; then the peer, which had stood in line meanwhile,
+    computed for 17 of 25 ms before it beat. The first look comes too late to see that wait."""
+    ms_computed = 0
+
+    def look() -> Standing:
+        return Standing(ms_computed * MS, 0, True)
+
+    failure_detector = FailureDetector(0.02, 0.002, look)
+    failure_detector.heard(1)
+    assert not failure_detector.tick(25 * MS)
+    lost_at = []
+    for ms in range(27, 61, 2):
+        ms_computed = ms - 25
+        lost_at += [ms] if failure_detector.tick(ms * MS) else []
+    assert lost_at[0] == 43, "by our own ticks it was silent for 22 ms then, and spins"
+
+
 def test_a_word_begins_anew() -> None:
     looks: list[int] = []
 

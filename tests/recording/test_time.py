@@ -129,8 +129,9 @@ def test_a_watchdog_has_no_state_but_its_memory() -> None:
 
 def test_a_silence_has_no_state_but_its_memory() -> None:
     failure_detector = FailureDetector(0.1, 0.01)
-    wiring = {"_own_ticks", "_ttl_ns", "_longest_ns", "_look"}
+    wiring = {"_own_ticks", "_most_ns", "_ttl_ns", "_longest_ns", "_look"}
     told_at_once = {"_after"}
-    assert set(vars(failure_detector)) - wiring - told_at_once == {"heard_ns", "_ticks", "_looked_ns", "_before"}
-    failure_detector.recall(Heard(1, 2, 3, None))
-    assert failure_detector.memory() == Heard(1, 2, 3, None)
+    kept = {"heard_ns", "_ticks", "_looked_ns", "_before", "_ticked_ns", "_counted_ns"}
+    assert set(vars(failure_detector)) - wiring - told_at_once == kept
+    failure_detector.recall(Heard(1, 2, 3, None, 4, 5))
+    assert failure_detector.memory() == Heard(1, 2, 3, None, 4, 5)

@@ -4,8 +4,8 @@ A process that stands still must be noticed within ``ttl_s``. But on a machine w
 all taken every process is silent now and then, and to end a healthy one for that would make a busy
 machine look like a broken robot. Two things tell them apart:
 
-* Our own ticks: each counts for no more than its period. When the whole machine paused, everybody
-  was late and nobody is frozen.
+* Our own ticks: the time since the one before counts for no more than ``MOST_TICKS`` periods. When
+  the whole machine paused, everybody was late and nobody is frozen.
 * The time the peer has stood in line for a processor, or its processor was taken from this virtual
   machine, which does not count as silence. A process that waits for a lock does not stand in line;
   one that spins mostly computes; one that is stopped stands nowhere, whatever the machine does. In
@@ -27,6 +27,8 @@ from .processor import Standing
 
 LONGEST_S = 0.3
 """Silent for so long is silent, whatever the machine was doing."""
+MOST_TICKS = 2
+"""A tick that comes later than this many periods was held up, as the peer may have been."""
 
 
 class Heard(msgspec.Struct, frozen=True):
@@ -36,6 +38,8 @@ class Heard(msgspec.Struct, frozen=True):
     ticks: int
     looked_ns: int
     before: Standing | None
+    ticked_ns: int = 0
+    counted_ns: int = 0
 
 
 class FailureDetector:
@@ -44,11 +48,14 @@ class FailureDetector:
 
     def __init__(self, ttl_s: float, tick_s: float, look: Callable[[], Standing | None] = lambda: None) -> None:
         self._own_ticks = round(ttl_s / tick_s)
+        self._most_ns = round(MOST_TICKS * tick_s * NS)
         self._ttl_ns = round(ttl_s * NS)
         self._longest_ns = max(self._ttl_ns, round(LONGEST_S * NS))
         self._look = look
         self.heard_ns = 0
         self._ticks = 0
+        self._ticked_ns = 0  # our own last tick
+        self._counted_ns = 0  # of the silence, what counts by our own ticks
         self._looked_ns = 0
         self._before: Standing | None = None
         self._after: Standing | None = None
@@ -59,29 +66,35 @@ class FailureDetector:
             return False
         self.heard_ns = word_ns
         self._ticks = 0
+        self._counted_ns = 0
         self._looked_ns = 0
         return True
 
     def memory(self) -> Heard:
-        return Heard(self.heard_ns, self._ticks, self._looked_ns, self._before)
+        return Heard(self.heard_ns, self._ticks, self._looked_ns, self._before, self._ticked_ns, self._counted_ns)
 
     def recall(self, memory: Heard) -> None:
         self.heard_ns, self._ticks = memory.heard_ns, memory.ticks
         self._looked_ns, self._before = memory.looked_ns, memory.before
+        self._ticked_ns, self._counted_ns = memory.ticked_ns, memory.counted_ns
 
     def tick(self, now_ns: int) -> bool:
         """Call at each own tick; True once the peer has been silent for too long. Never before its
         first word."""
+        ticked_ns, self._ticked_ns = self._ticked_ns, now_ns
         if not self.heard_ns:
             return False
         self._ticks += 1
         silent_ns = now_ns - self.heard_ns
+        self._counted_ns += min(now_ns - max(ticked_ns, self.heard_ns), self._most_ns)
         if silent_ns > self._ttl_ns // 2 and not self._looked_ns:
             self._looked_ns, self._before = now_ns, self._look()
         if silent_ns <= self._ttl_ns or self._ticks < self._own_ticks:
             return False
         self._after = self._look()
-        return silent_ns > self._longest_ns or silent_ns - self._kept_ns(now_ns) > self._ttl_ns
+        return (
+            silent_ns > self._longest_ns or min(silent_ns, self._counted_ns) - self._kept_ns(now_ns) > self._ttl_ns
+        )
 
     def told(self, now_ns: int) -> str:
         """For people, after the tick that found it silent for too long: how long, and what it did
