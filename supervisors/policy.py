@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import inspect
+import math
 import os
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -48,8 +49,11 @@ Infer = Callable[[dict[str, float], str], Sequence[Action]]
 
 ASK_S = 0.5
 ASK_EVERY_S = 0.01
-"""A stream quicker than this waits for the answer to one setpoint in so long: the gate keeps a
-refusal of any other for then, and lets none pass after it."""
+"""A stream whose period is shorter than this is *quick*. It waits for no answer, and asks for one to a
+setpoint in so long: the gate keeps a refusal of any other for then, and lets none pass after it.
+
+The answer to a setpoint of a quick stream also brings the observation for the next inference. That is
+one message and its answer a step, where an observation that is asked for by itself makes it two."""
 
 MARGIN = 1.5
 """How much longer than the last an inference may take before the buffer runs dry."""
@@ -58,7 +62,8 @@ MARGIN = 1.5
 class Buffer:
     """Actions to be sent, one a period; it is ``low`` when an inference has to begin: what is left
     lasts no longer than ``MARGIN`` times the last one took, or is no more than half of what that
-    brought."""
+    brought. Of a quick stream one action more is kept: a period is about as long as a thread may wait
+    for its turn."""
 
     def __init__(self, period_s: float) -> None:
         self._period_ns = period_s * NS
@@ -74,7 +79,9 @@ class Buffer:
 
     def add(self, chunk: Sequence[Action], took_ns: int) -> None:
         self._actions.extend(chunk)
-        self._least = max(len(chunk) // 2, int(MARGIN * took_ns / self._period_ns))
+        lasts = MARGIN * took_ns / self._period_ns
+        spare = math.ceil(lasts) if self._period_ns < ASK_EVERY_S * NS else int(lasts)
+        self._least = max(len(chunk) // 2, spare)
 
     def next(self) -> Action:
         return self._actions.popleft()
@@ -162,7 +169,11 @@ class Policy(Actor):
         self._acquiring = trio.Lock()
         self._steps = 0
         self._ask_every = max(1, round(ASK_EVERY_S / rollout.period_s))
+        self._is_quick = self._ask_every > 1
         self._answer_is_due = False
+        self._is_waiting = False  # the next inference, for the buffer to be low
+        self._observation: Observation | None = None  # that an answer brought
+        self._brings: trio.Event | None = None  # set when the answer has come that brings one
         self._began_ns = 0
         self._last_ns = 0
         self._ended: TaskStatus | None = None
@@ -203,11 +214,17 @@ class Policy(Actor):
         assert self._lease is not None
         rollout = self._rollout
         deadline_ns = now_ns + round(rollout.ttl_s * NS)
-        setpoint = Setpoint(self._lease.id, self._lease.epoch, deadline_ns, action, rollout.period_s)
         last = bool(rollout.n_steps) and self._steps + 1 >= rollout.n_steps
+        observe = self._is_quick and not last and self._is_waiting and self._buffer.low
+        setpoint = Setpoint(
+            self._lease.id, self._lease.epoch, deadline_ns, action, rollout.period_s, observe=observe
+        )
         if last:
             if not await self._ask(setpoint):
                 return
+        elif observe:
+            self._brings = trio.Event()
+            self.context.start_soon(self._ask_to_observe, setpoint, self._brings)
         elif self._steps % self._ask_every or self._answer_is_due:
             self._gate.tell(setpoint)
         elif not await self._ask_for_a_while(setpoint):
@@ -220,8 +237,9 @@ class Policy(Actor):
             self._report(self._status())
 
     async def _ask_for_a_while(self, setpoint: Setpoint) -> bool:
-        """As ``_ask``, but an answer that takes longer than half a period does not hold the stream
-        up: the next setpoints are told, and a refusal ends the rollout when it comes."""
+        """As ``_ask``, but an answer that takes longer than half a period, or any of a quick stream, does
+        not hold the stream up: the next setpoints are told, and a refusal ends the rollout when it
+        comes."""
         self._answer_is_due = True
         heard = trio.Event()
 
@@ -231,9 +249,14 @@ class Policy(Actor):
             heard.set()
 
         self.context.start_soon(ask)
-        with trio.move_on_after(self._rollout.period_s / 2):
-            await heard.wait()
+        if not self._is_quick:
+            with trio.move_on_after(self._rollout.period_s / 2):
+                await heard.wait()
         return self._ended is None
+
+    async def _ask_to_observe(self, setpoint: Setpoint, answered: trio.Event) -> None:
+        await self._ask(setpoint)
+        answered.set()
 
     async def _ask(self, setpoint: Setpoint) -> bool:
         """Send it. Return whether it was accepted; the rollout has ended if not."""
@@ -249,6 +272,7 @@ class Policy(Actor):
             await self._end(reason, answer.text, answer.code)
             return False
         assert isinstance(answer, Accepted)
+        self._observation = answer.observation
         return True
 
     async def _infer(self) -> None:
@@ -256,7 +280,9 @@ class Policy(Actor):
             infer, tell_left = await trio.to_thread.run_sync(contained, self._ready, abandon_on_cancel=True)
             with contextlib.ExitStack() as moving:
                 while self._ended is None:
+                    self._is_waiting = True
                     await self._wanted.wait()
+                    self._is_waiting = False
                     began_ns = self.context.clock.now_ns()
                     observation = await self._observe()
                     if observation is None:
@@ -286,6 +312,12 @@ class Policy(Actor):
         return infer, getattr(policy, "actions_left", _untold)
 
     async def _observe(self) -> dict[str, float] | None:
+        if self._brings is not None:
+            await self._brings.wait()
+            self._brings = None
+            observation, self._observation = self._observation, None
+            if observation is not None:
+                return self._positions(observation)
         try:
             observation = await self._gate.ask(GetObservation(), self._ask_s)
         except (AskTimeout, Unreachable) as failure:
@@ -294,6 +326,9 @@ class Policy(Actor):
         if not isinstance(observation, Observation):
             await self._end("gate", getattr(observation, "text", "no observation"))
             return None
+        return self._positions(observation)
+
+    def _positions(self, observation: Observation) -> dict[str, float]:
         return Positions(zip(self._rollout.axes, observation.position, strict=True))
 
     async def _acquire(self) -> bool:

@@ -229,7 +229,9 @@ class Gate(Actor):
         streamed = message.period_s > 0
         write = Write(message.epoch, admitted.deadline_ns, admitted.values, admitted.until_ns, streamed)
         self._transport.tell(write)
-        return Accepted(self._state.epoch, admitted.values, self._read_beside())
+        seen = self._newest_observation() if message.observe else None
+        observation = seen if isinstance(seen, Observation) else None
+        return Accepted(self._state.epoch, admitted.values, self._read_beside(), observation)
 
     def _read_beside(self) -> dict[str, tuple[float, ...]]:
         """Return what the driver wants told with an accepted command."""

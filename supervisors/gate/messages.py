@@ -91,6 +91,7 @@ class Setpoint(Message, frozen=True):
     period_s: float = 0.0  # of the stream this is part of; 0 for a one-shot
     latched: bool = False
     channel: str = ""
+    observe: bool = False  # the answer is to bring the newest observation
 
 
 class Accepted(Message, frozen=True):
@@ -99,6 +100,7 @@ class Accepted(Message, frozen=True):
     sensors: dict[str, tuple[float, ...]] = msgspec.field(
         default_factory=dict
     )  # ``Driver.ANSWERS_WITH``, as last read
+    observation: Observation | None = None  # with ``Setpoint.observe``, unless it is too old
 
 
 class Stop(Message, frozen=True):
