@@ -315,9 +315,9 @@ class Policy(Actor):
         if self._brings is not None:
             await self._brings.wait()
             self._brings = None
-            observation, self._observation = self._observation, None
-            if observation is not None:
-                return self._positions(observation)
+            brought, self._observation = self._observation, None
+            if brought is not None:
+                return self._positions(brought)
         try:
             observation = await self._gate.ask(GetObservation(), self._ask_s)
         except (AskTimeout, Unreachable) as failure:
