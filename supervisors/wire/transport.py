@@ -396,7 +396,7 @@ class Transport(Actor):
         except (WireDown, trio.TooSlowError) as failure:
             self._serving.scope.cancel()
             wire.close()
-            why = str(failure) or f"the robot did not answer within {open_s:g} s"
+            why = str(failure) or busy.explained(f"the robot did not answer within {open_s:g} s")
             self._back_off(why)
         except trio.Cancelled:
             if wire.handover():
@@ -466,18 +466,18 @@ class Transport(Actor):
             self._serving.scope.cancel()
             lost = self._lost = self._wire
             self._wire = None
-            self._back_off(str(down))
+            # Most links that were up are lost by silence, for which a busy computer may be the reason.
+            self._back_off(busy.explained(str(down)))
             if self._owed.safe_state:
                 self._open_at_ns = 0
             else:
                 lost.close()
 
     def _back_off(self, why: str) -> None:
-        """``why``: most links are lost by silence, for which a busy computer may be the reason."""
         pause_s = BACKOFF_S[min(self._attempts, len(BACKOFF_S) - 1)]
         self._attempts += 1
         self._open_at_ns = self.context.clock.now_ns() + round(pause_s * NS)
-        self._gate.tell(LinkLost(busy.explained(why)))
+        self._gate.tell(LinkLost(why))
 
     @contextlib.contextmanager
     def _waiting(self) -> Iterator[None]:

@@ -11,12 +11,12 @@ STARVED = Machine(20.2, 2)
 
 
 def test_a_busy_computer_stands_between_what_happened_and_what_to_do() -> None:
-    why = "read: so101 is silent for 530 ms. Check power and the bus cable"
+    why = "read: so101 is silent for 530 ms. Check power and cable"
     with assumed(STARVED):
         told = explained(why)
         assert explained(told) == told, "once is enough"
     assert told == (
-        "read: so101 is silent for 530 ms (this computer is busy: load 20 on 2 cores). Check power and the bus cable"
+        "read: so101 is silent for 530 ms (this computer is busy: load 20 on 2 cores). Check power and cable"
     )
     with assumed(IDLE):
         assert explained(why) == why
@@ -36,6 +36,7 @@ def test_load_and_pressure_both_count(seen: Machine, is_busy: bool, text: str) -
 
 
 def test_this_computer_can_be_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(busy, "_assumed", None)
     seen = machine()
     assert seen.load >= 0 and seen.cores >= 1
 
