@@ -16,6 +16,7 @@ from strands_actors.caller.run_directory import Note
 from strands_actors.contract.driver import Reason
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.root.locks import Locks
+from strands_actors.supervisors.stop_result import StopResult, Unreachable
 from strands_actors.surfaces.cli import operate
 
 from .command import Command, RobotProcess, refusal_code
@@ -134,8 +135,8 @@ def test_saf_005_a_run_directory_that_cannot_be_used_is_told(cli: Command, robot
 class Silent:
     """A directory of robots that nobody answers for."""
 
-    async def stop(self, note: Note, reason: Reason, by: str, lock: bool = False) -> Refused:
-        return Refused("unconfirmed", "neither wire nor root answers", "look at the robot")
+    async def stop(self, note: Note, reason: Reason, by: str, lock: bool = False) -> StopResult:
+        return Unreachable(Refused("unconfirmed", "neither wire nor root answers"), ("shoulder_pan", "gripper"))
 
 
 def test_saf_018_an_estop_that_nobody_answers_locks_the_port_too(run_dir: Path) -> None:
@@ -143,6 +144,7 @@ def test_saf_018_an_estop_that_nobody_answers_locks_the_port_too(run_dir: Path) 
     note = Note("so101", "so101", 1, [], port="192.0.2.10")
     done, line = trio.run(operate.estop, cast("Directory", Silent()), note)
     assert not done
+    assert "not confirmed by shoulder_pan, gripper" in line
     assert "BUT" not in line
     locks = run_dir / "data" / "locks"
     for robot, port, locked in (("so101-2", "192.0.2.10", True), ("so101", "", True), ("so101-2", "", False)):

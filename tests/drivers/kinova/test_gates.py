@@ -151,7 +151,7 @@ def test_a_base_in_fault_is_named_with_its_bank() -> None:
 def test_an_arm_that_its_wire_has_stopped_is_armed_anew_first() -> None:
     no = refused({"joint_1": 0.0}, state(faults={"base": "stopped, because nothing was sent for 80 ms"}))
     assert no.reason == "move: stopped, because nothing was sent for 80 ms"
-    assert no.remedy == "stop(), then resume()"
+    assert no.remedy == "call resume()"
     assert isinstance(judge({"joint_1": 0.0}, state(faults={"joint_3": "fault banks 0x1 0x0"})), Candidate)
 
 

@@ -92,8 +92,8 @@ def test_bad_actions(action: Mapping[Any, Any], code: str) -> None:
         ({"safety_mode": 3}, "safety_mode", "move: PROTECTIVE_STOP (3). look at the arm, then unlock"),
         ({"safety_mode": 7}, "safety_mode", "ROBOT_EMERGENCY_STOP"),
         ({"runtime_state": 1}, "program", "control script is not running"),
-        ({"control": 0}, "program", "stop(), then resume()"),
-        *(({"runtime_state": number}, "paused", "paused on the pendant. stop(), then") for number in (3, 4, 5)),
+        ({"control": 0}, "program", "call resume()"),
+        *(({"runtime_state": number}, "paused", "paused on the pendant. call resume()") for number in (3, 4, 5)),
         ({"speed_scaling": 0}, "paused", "speed slider"),
     ],
 )

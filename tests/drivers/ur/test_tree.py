@@ -285,13 +285,34 @@ def test_a_pause_on_the_pendant_ends_the_program_and_says_what_to_do(arm: RealRo
     pause_program(twin)
     until(lambda: status(arm)["sensors"]["runtime_state"] != [float(p.RuntimeState.PLAYING)], "the arm tells it")
     until(lambda: _says(why(nudge(arm)), "was paused on the pendant"), "it is named")
-    assert "stop(), then resume()" in why(nudge(arm))
+    assert why(nudge(arm)).endswith("call resume()")
     paused_ns = time.monotonic_ns()
     press(twin, "play", b"Failed to execute", b"Starting")  # the watchdog may not have ended it yet
     time.sleep(0.3)
     assert not twin.log.host("setpoint", paused_ns) and not twin.log.host("keepalive", paused_ns)
-    json_of(arm.stop())
-    json_of(arm.resume())
+    json_of(arm.resume())  # it ends the program, and begins another: no stop() is needed
+    json_of(nudge(arm))
+
+
+@pytest.mark.parametrize(
+    ("order", "undo", "name", "remedy"),
+    [
+        ("safety PROTECTIVE_STOP", "safety NORMAL", "PROTECTIVE_STOP (3)", "unlock it on the pendant"),
+        ("mode POWER_OFF", "mode RUNNING", "POWER_OFF (3)", "power on and release brakes"),
+    ],
+)
+def test_saf_023_an_arm_that_holds_in_a_protective_stop_is_not_answered_armed(
+    order: str, undo: str, name: str, remedy: str, arm: RealRobot, twin: Twin
+) -> None:
+    run_for(arm, wave, 0.3)
+    assert state(arm) == "holding"
+    twin.order(order)
+    until(lambda: name in why(nudge(arm)), "the arm tells it")
+    refused = why(arm.resume())
+    assert refused.startswith("resume: ") and name in refused
+    assert f"{remedy}, then call resume()" in refused
+    twin.order(undo)
+    until(lambda: arm.resume()["status"] == "success", "resume() alone is enough")
     json_of(nudge(arm))
 
 
