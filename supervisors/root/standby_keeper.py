@@ -147,6 +147,11 @@ class StandbyKeeper:
                 process.kill()
                 return
 
+    @property
+    def is_ready(self) -> bool:
+        """Return whether a standby lives and knows what it watches."""
+        return self._watching and self.process is not None and self.process.alive
+
     # -- what it watches
 
     def wire_started(self, process: ChildProcess) -> None:

@@ -16,6 +16,7 @@ from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, StopChannel
 from strands_actors.kernel.actor import describe
 from strands_actors.kernel.clock import Clock
+from strands_actors.kernel.processes.reserve import RESERVE
 from strands_actors.supervisors.deadlines import StopDeadlines
 
 AGAIN_S = (0.1, 0.5, 1.0, 2.0)
@@ -29,11 +30,11 @@ LINGER_S = 60.0
 
 
 async def attempt(path: StopChannel, driver: Driver, safe_state: SafeState) -> tuple[MotorReport, ...]:
-    """Make safe by ``path``. Never raises: whatever fails is a report of motors that were not
-    reached."""
+    """Make safe by ``path``, with what this process holds in reserve. Never raises: whatever fails is
+    a report of motors that were not reached."""
     within_s = StopDeadlines.of(driver.timing.safe_s).attempt_s
     try:
-        with trio.fail_after(within_s):
+        with RESERVE.freed(), trio.fail_after(within_s):
             return await path.make_safe(safe_state)
     except trio.TooSlowError:
         why = f"no end within {within_s:g} s"
@@ -49,15 +50,16 @@ async def attempt_anew(
     one did."""
     motors = not_reached(driver, "the way to the hardware was lost")
     try:
-        path = driver.stop_channel(descriptors, clock)
-        try:
-            async with trio.open_nursery() as nursery:
-                with trio.move_on_after(driver.timing.handover_s):
-                    await nursery.start(path.serve)
-                motors = await attempt(path, driver, safe_state)
-                nursery.cancel_scope.cancel()
-        finally:
-            path.close()
+        with RESERVE.freed():
+            path = driver.stop_channel(descriptors, clock)
+            try:
+                async with trio.open_nursery() as nursery:
+                    with trio.move_on_after(driver.timing.handover_s):
+                        await nursery.start(path.serve)
+                    motors = await attempt(path, driver, safe_state)
+                    nursery.cancel_scope.cancel()
+            finally:
+                path.close()
     except Exception as error:
         if not any(motor.written for motor in motors):
             motors = not_reached(driver, describe(error))

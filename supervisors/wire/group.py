@@ -19,7 +19,7 @@ from strands_actors.kernel.actor import describe
 from strands_actors.kernel.channels.link import Link
 from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh
 from strands_actors.kernel.channels.zenoh_session import hand_over
-from strands_actors.kernel.clock import Clock, MonotonicClock
+from strands_actors.kernel.clock import NS, Clock, MonotonicClock
 from strands_actors.kernel.health.heartbeat import Heartbeat, words_of
 from strands_actors.kernel.health.processor import Standing, life_of, suspected
 from strands_actors.kernel.health.realtime import WIRE_PRIORITY, run_first
@@ -28,6 +28,7 @@ from strands_actors.kernel.processes.child import report_failure
 from strands_actors.kernel.processes.fork import ForkedAhead
 from strands_actors.kernel.processes.identity import be_taken_last, take_name
 from strands_actors.kernel.processes.process import ChildProcess, start
+from strands_actors.kernel.processes.reserve import RESERVE
 from strands_actors.kernel.supervisor import Budget, ChildSpec, Supervisor
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors import permissions as channels
@@ -37,7 +38,7 @@ from strands_actors.supervisors.instrument import Attached, InstrumentKeeper, na
 from strands_actors.supervisors.introspection import Introspector
 from strands_actors.supervisors.loading import load_driver, without_secrets
 from strands_actors.supervisors.mesh import policy_access
-from strands_actors.supervisors.page import ROOT, WIRE, Owed
+from strands_actors.supervisors.page import ROOT, STANDBY, WIRE, Owed
 from strands_actors.supervisors.root.stop_channel import LINGER_S, all_safe, attempt_anew, pauses_s
 from strands_actors.supervisors.wire.messages import RootGone
 
@@ -46,6 +47,8 @@ from .watchdog import Watchdog
 
 UNCONFIRMED = 4
 """Exit code of a wire process whose root is gone, when a motor did not confirm the safe state."""
+STANDBY_LIVES_NS = NS
+"""A root or standby that has beaten so recently is taken for alive."""
 LAST_HEARD_S = 0.05
 """For what a process said before its end to be read from its link."""
 
@@ -268,6 +271,8 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     heartbeat = Heartbeat(words, WIRE, ROOT)
     owed = Owed(words)
     transports: list[Transport] = []
+    standby = Heartbeat(words, WIRE, STANDBY)
+    RESERVE.begin(lambda: clock.now_ns() < max(standby.heard_ns, heartbeat.heard_ns) + STANDBY_LIVES_NS)
 
     async def join_mesh() -> None:
         mesh = await ZenohMesh.open((), args["connect"], secret=args["secret"])
@@ -342,6 +347,7 @@ async def make_safe_alone(driver: Driver, clock: Clock, transports: Sequence[Tra
         for pause_s in pauses_s():
             if all_safe(await attempt_anew(driver, clock, safe_state, descriptors)):
                 return True
+            RESERVE.end_if_short()
             if descriptors:
                 transports[-1].close()  # a port can be opened anew once nobody has it
                 descriptors = ()

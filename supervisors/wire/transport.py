@@ -27,6 +27,7 @@ from strands_actors.kernel.clock import NS
 from strands_actors.kernel.health.realtime import memory, scheduling
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Ref, Unreachable
+from strands_actors.kernel.processes.reserve import RESERVE
 from strands_actors.supervisors.gate.messages import (
     ArmDone,
     CarriedOut,
@@ -241,7 +242,7 @@ class Transport(Actor):
         holds = message.reason in HOLDING_REASONS and self._driver.energised(safe_state)
         began_ns = self.context.clock.now_ns()
         motors: tuple[MotorReport, ...] | None = ()
-        with self._busy(self._driver.timing.safe_s):
+        with contextlib.nullcontext() if holds else RESERVE.freed(), self._busy(self._driver.timing.safe_s):
             if self._wire is not None:
                 motors = None
                 with self._cut_by_a_stop((holds or safe_state in SLOW) and self._wire.interruptible):
@@ -261,6 +262,8 @@ class Transport(Actor):
         hold_failed = self.hold_failed if holds else ""
         seen = await self._look_where_held(motors) if holds and not hold_failed else None
         self._report_safe(message.reason, safe_state, message.epoch, began_ns, motors, hold_failed, seen)
+        if not holds and not _all_safe(motors):
+            RESERVE.end_if_short()
         if not _all_safe(motors) or hold_failed:
             return
         self._owed.confirm(safe_state)
@@ -317,6 +320,8 @@ class Transport(Actor):
         arm_s = self._driver.timing.arm_s
         try:
             with self._busy(arm_s), self._silent(), trio.fail_after(arm_s):
+                if missing := RESERVE.check():
+                    raise WireDown(f"the wire process could not stop the robot: {missing}")
                 if self._wire is not None:
                     self._owed.safe_state = True
                     self._owed.begin_anew()
@@ -432,6 +437,8 @@ class Transport(Actor):
         began_ns = self.context.clock.now_ns()
         with self._cut_by_a_stop(), self._busy(self._driver.timing.safe_s, number):
             motors = await self._reach(safe_state, began_ns)
+            if not _all_safe(motors):
+                RESERVE.end_if_short()
             if any(motor.written for motor in motors):
                 self._report_safe(Reason.LINK, safe_state, self.epoch, began_ns, motors)
 
