@@ -17,6 +17,7 @@ from typing import Protocol
 import trio
 
 from strands_actors.contract.wire import WireDown
+from strands_actors.kernel.processes.reserve import RESERVE
 
 from .port_users import users_of
 
@@ -148,6 +149,7 @@ def open_serial(path: str, baud: int) -> SerialPort:
     try:
         device = serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
     except (serial.SerialException, OSError, ValueError) as error:
+        RESERVE.lacked(error)
         if "lock" in str(error) or getattr(error, "errno", None) == errno.EBUSY:
             raise WireDown(in_use(path, users_of(path))) from None
         raise WireDown(f"{path}: cannot open at {baud} baud ({error}). Check port= and who else has it") from None

@@ -140,6 +140,7 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
         try:
             process = start(_ENTRY, told, self._descriptors, label=f"stop channel {self.CHANNEL}")
         except OSError as error:
+            RESERVE.lacked(error)
             raise WireDown(f"stop channel: no process for {self.CHANNEL} ({error.strerror})") from None
         child = _Child(process, self.CHANNEL)
         try:

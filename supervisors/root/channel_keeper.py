@@ -23,6 +23,7 @@ from strands_actors.supervisors.root.messages import HandedOver, Handover
 from strands_actors.supervisors.wire.messages import HandOverAgain
 
 from .guarded import GuardedStandby
+from .stop_channel import serve
 
 AGAIN_S = 0.5
 """A controller may still count the session of the standby that has ended."""
@@ -95,7 +96,7 @@ class ChannelKeeper:
             try:
                 async with trio.open_nursery() as nursery:
                     nursery.start_soon(guard)
-                    await nursery.start(path.serve)
+                    await nursery.start(serve, path)
                     ready = True
                     await guarded.wait()
                     deferred.send(refusal or HandedOver())

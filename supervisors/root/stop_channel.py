@@ -13,8 +13,9 @@ import trio
 
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.contract.wire import MotorReport, StopChannel
+from strands_actors.contract.wire import MotorReport, StopChannel, WireDown
 from strands_actors.kernel.actor import describe
+from strands_actors.kernel.channels.names import look_up
 from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.processes.reserve import RESERVE
 from strands_actors.supervisors.deadlines import StopDeadlines
@@ -27,6 +28,17 @@ it. A serial port is open in one process only, and it is the wire that can tell 
 is missing."""
 LINGER_S = 60.0
 """How long a process without a caller or root stays for a robot that is not confirmed safe."""
+
+
+async def serve(path: StopChannel, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+    """As ``path.serve``, after the hosts that it will connect to have been looked up. Raise
+    ``WireDown``."""
+    for host in path.hosts:
+        try:
+            await look_up(host, 0)
+        except (OSError, UnicodeError) as error:
+            raise WireDown(f"{host}: no such host ({error}). Check port=") from None
+    await path.serve(task_status)
 
 
 async def attempt(path: StopChannel, driver: Driver, safe_state: SafeState) -> tuple[MotorReport, ...]:

@@ -45,7 +45,7 @@ from strands_actors.supervisors import permissions as channels
 from strands_actors.supervisors.introspection import Introspector
 from strands_actors.supervisors.loading import load_driver
 from strands_actors.supervisors.page import ROOT, STANDBY, WIRE, Owed
-from strands_actors.supervisors.root.stop_channel import LINGER_S, all_safe, attempt, attempt_anew, pauses_s
+from strands_actors.supervisors.root.stop_channel import LINGER_S, all_safe, attempt, attempt_anew, pauses_s, serve
 from strands_actors.supervisors.standby.messages import Guard, Guarding, LetGo, LetGone, WatchOver
 from strands_actors.supervisors.wire.watchdog import Tick
 
@@ -293,7 +293,7 @@ class Standby(Actor):
         with scope:
             try:
                 async with trio.open_nursery() as nursery:
-                    await nursery.start(channel.serve)
+                    await nursery.start(serve, channel)
                     ready = True
                     deferred.send(Guarding())
             except* WireDown as down:

@@ -59,6 +59,7 @@ class Reserve:
         self._files: list[int] = []
         self._memory: mmap.mmap | None = None
         self._begun = False
+        self._stops = 0
         self._other_acts: Callable[[], bool] = lambda: False
 
     def begin(self, other_acts: Callable[[], bool]) -> None:
@@ -100,10 +101,28 @@ class Reserve:
     def freed(self) -> Iterator[None]:
         """Free the reserve for a stop, and take it again afterwards."""
         self._release()
+        self._stops += 1
         try:
             yield
         finally:
-            self.check()
+            self._stops -= 1
+            if not self._stops:
+                self.check()
+
+    @property
+    def is_freed(self) -> bool:
+        """Return whether a stop is being carried out."""
+        return self._stops > 0
+
+    def lacked(self, error: BaseException) -> None:
+        """End this process if ``error`` kept a stop from opening what it needs, and another process
+        stops the robot then.
+
+        Whatever opens a connection, a port or a process calls it, before it makes ``WireDown`` of the
+        error: a stop channel may go on trying for seconds, and the next process waits until this one
+        has ended."""
+        if self._stops and lacks_resources(error) and self._other_acts():
+            end(str(error))
 
     def end_if_short(self) -> None:
         """End this process if it lacks what a stop needs and another process stops the robot then.
