@@ -21,7 +21,7 @@ from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh
 from strands_actors.kernel.channels.zenoh_session import hand_over
 from strands_actors.kernel.clock import NS, Clock, MonotonicClock
 from strands_actors.kernel.health.heartbeat import Heartbeat, words_of
-from strands_actors.kernel.health.processor import Standing, life_of, suspected
+from strands_actors.kernel.health.processor import Standing, StatFile, suspected
 from strands_actors.kernel.health.realtime import WIRE_PRIORITY, run_first
 from strands_actors.kernel.node import Node
 from strands_actors.kernel.processes.child import report_failure
@@ -132,6 +132,7 @@ class WireProcess:
         entry = "strands_actors.supervisors.wire.group:main"
         self.process: ChildProcess = ahead.start(entry, args) or start(entry, args, (args["page"],), args["label"])
         self._link = self.process.link(node, channels.of_wire(args["robot"]))
+        self._stat = StatFile(self.process.pid)
         self._heard_out = trio.Event()
         self._code: int | None = None
         nursery.start_soon(self._carry)
@@ -158,7 +159,7 @@ class WireProcess:
         return f"the wire process ended with {'signal' if code < 0 else 'code'} {abs(code)}"
 
     def dying(self) -> bool:
-        return life_of(self.process.pid).dying
+        return self._stat.life().dying
 
     async def fence(self) -> bool:
         fenced = await self.process.fence()
@@ -267,6 +268,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     link = Link(node, sock, lambda: node.ref(at.watchdog).tell(RootGone()), root_channel)
 
     root = os.getppid()
+    root_stat = StatFile(root)
     words = words_of(args["page"])
     heartbeat = Heartbeat(words, WIRE, ROOT)
     owed = Owed(words)
@@ -290,7 +292,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
         await mesh.run()
 
     def look_at_root() -> None:
-        if life_of(root).dying:
+        if root_stat.life().dying:
             node.ref(at.watchdog).tell(RootGone())
 
     try:

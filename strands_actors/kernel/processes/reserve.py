@@ -147,8 +147,8 @@ def end(missing: str) -> None:
     """End this process at once, because of what it lacks."""
     with contextlib.suppress(Exception):
         print(
-            f"process {os.getpid()} ended: it could not stop the robot, because {missing}. "
-            "The next process of the robot stops it",
+            f"process {os.getpid()} ended in a stop: {missing}. Another process of the robot makes it safe. "
+            "Close other programs or raise the limit, then call resume()",
             file=sys.stderr,
             flush=True,
         )
