@@ -124,12 +124,12 @@ class Unconfirmed:
         motors = report.unconfirmed
         if motors == self._told:
             return
+        before, self._told = self._told, motors
         try:
             threading.Thread(target=self._write, daemon=True).start()
         except RuntimeError as error:  # no thread: the next report tries again
+            self._told = before
             report_failure("the note on unconfirmed motors", error)
-        else:
-            self._told = motors
 
     def _write(self) -> None:
         run_like_others()

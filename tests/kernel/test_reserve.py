@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -129,3 +130,14 @@ resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 20, 1 << 30))
 raise_limits()
 print(resource.getrlimit(resource.RLIMIT_NOFILE), resource.getrlimit(resource.RLIMIT_FSIZE)[0] == 1 << 30)
 """).split() == ["(128,", "128)", "True"]
+
+
+def test_saf_024_a_full_disk_keeps_no_standby_from_its_lock(tmp_path: Path) -> None:
+    path = str(tmp_path / "so101.standby.life")
+    assert succeeds(f"""
+from pathlib import Path
+from strands_actors.supervisors.standby.report import LifeLock, holder
+resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+lock = LifeLock(Path({path!r}), "")
+print(holder(Path({path!r})) is not None)
+""").split() == ["True"]

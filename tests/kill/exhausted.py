@@ -22,6 +22,8 @@ from strands_actors.testing.cells import Expected, Outcome, persevere, read, req
 TAKES_EFFECT_S = 0.15
 """Between the exhaustion and the kill: a process that cannot live with it has ended by then."""
 SETTLE_S = 0.4
+GONE_S = 1.0
+"""A standby that ends for what it lacks has ended by then."""
 REPLACED_S = 20.0
 """For another standby, on a busy machine."""
 READY_S = 4.0
@@ -182,7 +184,7 @@ async def _replaced(caller: Caller) -> None:
     """Wait for the next standby, if the exhausted one ends for what it lacks."""
     before, root = caller.pid(Roles.STANDBY), caller.pid(Roles.ROOT)
     gone = False
-    with trio.move_on_after(READY_S):
+    with trio.move_on_after(GONE_S):
         await wait_for_end_of(before)
         gone = True
     if gone:

@@ -43,6 +43,7 @@ QUICK = {
     ("rby1", Roles.ROOT, Lacks.FILES),  # KeptSession
     ("spot", Roles.ROOT, Lacks.FILES),  # OwnProcess
     ("xarm7", Roles.STANDBY, Lacks.FILES),
+    ("xarm7", Roles.STANDBY, Lacks.THREADS),
     ("xarm7", Roles.WIRE, Lacks.MEMORY),
     ("xarm7", Roles.EVERY, Lacks.THREADS),
 }
