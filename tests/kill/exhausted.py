@@ -15,9 +15,19 @@ from time import monotonic_ns
 import trio
 
 from strands_actors.contract.driver import Driver, Reason
-from strands_actors.kernel.processes.process import wait_for_end_of
+from strands_actors.kernel.health.processor import Life, life_of
+from strands_actors.kernel.processes.process import exists, wait_for_end_of
 from strands_actors.testing.bench import Bench, Caller
-from strands_actors.testing.cells import Expected, Outcome, persevere, read, require_motion, told, until_safe
+from strands_actors.testing.cells import (
+    Expected,
+    Outcome,
+    ask_to_break,
+    persevere,
+    read,
+    require_motion,
+    told,
+    until_safe,
+)
 
 TAKES_EFFECT_S = 0.15
 """Between the exhaustion and the kill: a process that cannot live with it has ended by then."""
@@ -43,6 +53,7 @@ class Roles(enum.StrEnum):
 class Lacks(enum.StrEnum):
     """What a process has no more."""
 
+    LEAK = "free files"  # something took all that were free; what the process holds in reserve is its own
     FILES = "files"  # a limit of 0: what is freed cannot be opened again either
     MEMORY = "memory"  # of address space
     THREADS = "threads"  # nor processes
@@ -160,8 +171,11 @@ async def _exhaust(bench: Bench, caller: Caller, row: Row, settle_s: float) -> O
     killed = [pid for role in KILLED[row.role] for pid in processes(caller, role)]
     queue = bench.queue(caller)
     exhausted_ns = monotonic_ns()
-    for pid in processes(caller, row.role):
-        take(row.lacks, pid)
+    if row.lacks is Lacks.LEAK:  # from outside nobody can open a file in another process
+        await ask_to_break(caller, row.role, "leak")
+    else:
+        for pid in processes(caller, row.role):
+            take(row.lacks, pid)
     await trio.sleep(TAKES_EFFECT_S)
     if row.role is Roles.STANDBY:
         await _replaced(caller)
@@ -176,6 +190,9 @@ async def _exhaust(bench: Bench, caller: Caller, row: Row, settle_s: float) -> O
     require_motion(bench.log, exhausted_ns)
     fallbacks = bench.driver.fallbacks
     states = tuple(dict.fromkeys(fallbacks[reason] for reason in (Reason.WIRE, Reason.ROOT, Reason.FAULT)))
+    if row.lacks is Lacks.LEAK and row.role is Roles.ROOT:
+        assert life_of(caller.pid(row.role)) == Life(), "the root needs nobody else"
+        assert exists(caller.pid(row.role)), "the root needs nobody else"
     expected = Expected(row.role, row.lacks, states, bound_s * 1e3)
     return told(read(bench.log, expected, exhausted_ns, killed_ns, 0.0, stood_ms), bench.log, exhausted_ns)
 

@@ -33,10 +33,12 @@ GROUPED = [lacks for lacks, at in ((Lacks.GROUP_MEMORY, "memory"), (Lacks.GROUP_
 """Only where this user may make control groups of version 1."""
 PLAIN = [Lacks.FILES, Lacks.MEMORY, Lacks.THREADS, Lacks.DISK, Lacks.CPU]
 ROWS = [Row(role, lacks) for role in (Roles.ROOT, Roles.WIRE, Roles.STANDBY) for lacks in (*PLAIN, *GROUPED)]
+LEAKS = [Row(Roles.ROOT, Lacks.LEAK), Row(Roles.WIRE, Lacks.LEAK)]
 EVERYBODY = [Row(Roles.EVERY, Lacks.THREADS), Row(Roles.EVERY, Lacks.DISK)]
 """What a whole container lacks: no process is left that has it."""
 
 QUICK = {
+    ("ur3e", Roles.ROOT, Lacks.LEAK),  # three sockets, and the root stays
     ("so100", Roles.ROOT, Lacks.FILES),  # DuplicateDescriptor
     ("xarm7", Roles.ROOT, Lacks.FILES),  # ConnectWhenNeeded: it ends
     ("panda", Roles.ROOT, Lacks.FILES),  # WatchedFirmware: it ends
@@ -56,7 +58,7 @@ def marks_of(robot: str, row: Row) -> tuple[pytest.MarkDecorator, ...]:
 CELLS = [
     pytest.param(robot, row, marks=marks_of(robot, row), id=f"{robot}-{row}")
     for robot in ROBOTS
-    for row in (*ROWS, *EVERYBODY)
+    for row in (*ROWS, *LEAKS, *EVERYBODY)
 ]
 CELLS += [
     pytest.param("spot", Row(Roles.STOP, lacks), marks=pytest.mark.long, id=f"spot-stop-process-{lacks}")
