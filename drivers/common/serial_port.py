@@ -14,6 +14,7 @@ import select
 import termios
 from typing import Protocol
 
+import serial  # here: a root whose port was unplugged opens it anew, and a stop imports nothing
 import trio
 
 from strands_actors.contract.wire import WireDown
@@ -144,8 +145,6 @@ class SerialPort:
 
 def open_serial(path: str, baud: int) -> SerialPort:
     """Open ``path`` raw, 8N1, locked against a second master. Raise ``WireDown``."""
-    import serial  # here: the root process adopts a descriptor and never needs it
-
     try:
         device = serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
     except (serial.SerialException, OSError, ValueError) as error:
