@@ -28,7 +28,8 @@ from .exhausted import SETTLE_S, Lacks, Roles, Row, can_group, run_exhausted, ta
 Start = Callable[..., tuple[RealRobot, Twin]]
 
 SLACK_MS = 400.0
-ROBOTS = [load(where).SUPPORTED_ROBOTS[0] for where in WIRES.values()]
+FIRST = {"feetech": "so101"}  # the policy of the bench moves an SO-100 past its travel
+ROBOTS = [FIRST.get(wire, load(where).SUPPORTED_ROBOTS[0]) for wire, where in WIRES.items()]
 GROUPED = [lacks for lacks, at in ((Lacks.GROUP_MEMORY, "memory"), (Lacks.GROUP_CPU, "cpu")) if can_group(at)]
 """Only where this user may make control groups of version 1."""
 PLAIN = [Lacks.FILES, Lacks.MEMORY, Lacks.THREADS, Lacks.DISK, Lacks.CPU]
@@ -38,16 +39,12 @@ EVERYBODY = [Row(Roles.EVERY, Lacks.THREADS), Row(Roles.EVERY, Lacks.DISK)]
 """What a whole container lacks: no process is left that has it."""
 
 QUICK = {
-    ("ur3e", Roles.ROOT, Lacks.LEAK),  # three sockets, and the root stays
-    ("so100", Roles.ROOT, Lacks.FILES),  # DuplicateDescriptor
+    ("so101", Roles.ROOT, Lacks.FILES),  # DuplicateDescriptor
     ("xarm7", Roles.ROOT, Lacks.FILES),  # ConnectWhenNeeded: it ends
     ("panda", Roles.ROOT, Lacks.FILES),  # WatchedFirmware: it ends
     ("rby1", Roles.ROOT, Lacks.FILES),  # KeptSession
     ("spot", Roles.ROOT, Lacks.FILES),  # OwnProcess
-    ("xarm7", Roles.STANDBY, Lacks.FILES),
-    ("xarm7", Roles.STANDBY, Lacks.THREADS),
-    ("xarm7", Roles.WIRE, Lacks.MEMORY),
-    ("xarm7", Roles.EVERY, Lacks.THREADS),
+    ("ur3e", Roles.ROOT, Lacks.LEAK),  # three sockets, and the root stays
 }
 
 
@@ -136,7 +133,7 @@ def test_saf_024_without_a_run_directory_the_wire_is_safe(
 ) -> None:
     """No note, lock or report can be written: harder than a full disk, or one that is read-only."""
     arm, twin = strands_robot("robotiq_2f85")
-    assert arm.send_action({"grip": 0.5})["status"] == "success"
+    assert arm.send_action({"grip": arm.get_observation()["grip"] + 0.05})["status"] == "success"
     found = pids(arm)
     aside = strands_run_dir.with_name(f"{strands_run_dir.name}-aside")
     strands_run_dir.rename(aside)

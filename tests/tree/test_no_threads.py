@@ -7,6 +7,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
+import trio
 
 from strands_actors.contract.driver import Reason
 from strands_actors.contract.safe_state import SafeState
@@ -14,6 +15,10 @@ from strands_actors.contract.wire import MotorReport
 from strands_actors.kernel.processes.process import _reap_in_thread
 from strands_actors.supervisors.gate.messages import StopReport
 from strands_actors.supervisors.root.process import Unconfirmed
+from strands_actors.supervisors.standby.messages import WatchOver
+from strands_actors.supervisors.standby.process import Standby
+from strands_actors.supervisors.standby.report import StandbyReport
+from strands_actors.testing.fake import FakeDriver
 from tests.answers import until
 
 
@@ -53,3 +58,19 @@ def test_saf_024_a_child_that_has_ended_is_reaped_without_a_thread(monkeypatch: 
     child = Child()
     _reap_in_thread(child)
     assert child.polled
+
+
+@pytest.mark.parametrize("error", [RuntimeError("can't start new thread"), MemoryError(), OSError(28, "full")])
+def test_saf_024_a_standby_goes_on_when_its_report_cannot_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    """It stops the robot beside that."""
+
+    async def run_sync(*_: object, **__: object) -> None:
+        raise error
+
+    monkeypatch.setattr(trio.to_thread, "run_sync", run_sync)
+    report = StandbyReport("so101", "", "why", SafeState.LIMP, False, (), 0, False)
+    watched = WatchOver(0, 0, ())
+    standby = Standby(FakeDriver("fake", "", {}), "so101", "", tmp_path / "report", watched, lambda _: None)
+    trio.run(standby._tell, report)
