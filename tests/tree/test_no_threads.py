@@ -18,7 +18,7 @@ from strands_actors.supervisors.root.process import Unconfirmed
 from strands_actors.supervisors.standby.messages import WatchOver
 from strands_actors.supervisors.standby.process import Standby
 from strands_actors.supervisors.standby.report import StandbyReport
-from strands_actors.testing.fake import FakeDriver
+from strands_actors.testing.fake import HARDWARE, FakeDriver, FakeHardware
 from tests.answers import until
 
 
@@ -72,5 +72,6 @@ def test_saf_024_a_standby_goes_on_when_its_report_cannot_be_written(
     monkeypatch.setattr(trio.to_thread, "run_sync", run_sync)
     report = StandbyReport("so101", "", "why", SafeState.LIMP, False, (), 0, False)
     watched = WatchOver(0, 0, ())
-    standby = Standby(FakeDriver("fake", "", {}), "so101", "", tmp_path / "report", watched, lambda _: None)
+    monkeypatch.setitem(HARDWARE, "standby", FakeHardware())
+    standby = Standby(FakeDriver("fake", "standby", {}), "so101", "", tmp_path / "report", watched, lambda _: None)
     trio.run(standby._tell, report)
