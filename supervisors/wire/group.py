@@ -28,7 +28,7 @@ from strands_actors.kernel.processes.child import report_failure
 from strands_actors.kernel.processes.fork import ForkedAhead
 from strands_actors.kernel.processes.identity import be_taken_last, take_name
 from strands_actors.kernel.processes.process import ChildProcess, start
-from strands_actors.kernel.processes.reserve import RESERVE
+from strands_actors.kernel.processes.reserve import RESERVE, how_ended
 from strands_actors.kernel.supervisor import Budget, ChildSpec, Supervisor
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors import permissions as channels
@@ -156,7 +156,7 @@ class WireProcess:
 
     async def ended(self) -> str:
         self._code = code = await self.process.wait()
-        return f"the wire process ended with {'signal' if code < 0 else 'code'} {abs(code)}"
+        return f"the wire process ended with {how_ended(code)}"
 
     def dying(self) -> bool:
         return self._stat.life().dying

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from strands_actors.kernel.processes.reserve import EXIT_SHORT
+from strands_actors.kernel.processes.reserve import EXIT_SHORT, how_ended
 
 BEGIN = """
 import os, resource, socket, sys
@@ -141,3 +141,9 @@ resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
 lock = LifeLock(Path({path!r}), "")
 print(holder(Path({path!r})) is not None)
 """).split() == ["True"]
+
+
+def test_how_a_process_ended_is_told() -> None:
+    assert how_ended(-9) == "signal 9"
+    assert how_ended(4) == "code 4"
+    assert how_ended(EXIT_SHORT).startswith(f"code {EXIT_SHORT}: it had no file")

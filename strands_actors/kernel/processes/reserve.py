@@ -155,6 +155,13 @@ def end(missing: str) -> None:
     os._exit(EXIT_SHORT)
 
 
+def how_ended(code: int) -> str:
+    """Return how a process ended, for people. ``code``: as of ``ChildProcess.wait``."""
+    if code == EXIT_SHORT:
+        return f"code {code}: it had no file, memory or thread for a stop"
+    return f"signal {-code}" if code < 0 else f"code {code}"
+
+
 def lacks_resources(error: BaseException) -> bool:
     """Return whether an exception, or one in its group, says that this process lacks a resource."""
     if isinstance(error, BaseExceptionGroup):
