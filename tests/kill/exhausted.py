@@ -7,6 +7,7 @@ import contextlib
 import enum
 import os
 import resource
+import secrets
 import signal
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,7 +40,7 @@ REPLACED_S = 20.0
 READY_S = 4.0
 """For that one to have its stop channel: a Spot's logs in."""
 GROUPS = Path("/sys/fs/cgroup")
-_GROUP = f"strands-tests-{os.getpid()}"
+_GROUP = f"strands-tests-{secrets.token_hex(4)}"  # the pid of another container may be the same
 
 
 class Roles(enum.StrEnum):
@@ -101,7 +102,9 @@ def take(lacks: Lacks, pid: int) -> None:
         case Lacks.GROUP_MEMORY:
             _join("memory", pid, {"memory.limit_in_bytes": 1 << 16})
         case Lacks.GROUP_CPU:
-            _join("cpu", pid, {"cpu.cfs_period_us": 1_000_000, "cpu.cfs_quota_us": 1_000})
+            # 1 ms a second, for those that run first as well.
+            ordinary = {"cpu.cfs_period_us": 1_000_000, "cpu.cfs_quota_us": 1_000}
+            _join("cpu", pid, {**ordinary, "cpu.rt_period_us": 1_000_000, "cpu.rt_runtime_us": 1_000})
 
 
 def _limit(pid: int, limit: int, value: int) -> None:
