@@ -100,6 +100,7 @@ class Standby(Actor):
         self._leave = leave
         self._channel: StopChannel | None = None
         self._channel_scope = trio.CancelScope()
+        self._channel_ready = False
         self._acts = False
 
     async def started(self) -> None:
@@ -170,6 +171,8 @@ class Standby(Actor):
                     now_ns, process.heartbeat.heard_ns, False, may_be_silent_until_ns
                 )
         self._decide()
+        if not self._acts and self._channel is not None and self._channel_ready and self._channel.lacks:
+            self._leave(NO_CHANNEL)  # the root starts another, and arms nothing until that one is ready
 
     # -- what is done
 
@@ -271,7 +274,7 @@ class Standby(Actor):
             try:
                 async with trio.open_nursery() as nursery:
                     await nursery.start(channel.serve)
-                    ready = True
+                    ready = self._channel_ready = True
                     deferred.send(Guarding())
             except* WireDown as down:
                 if not ready:
@@ -286,6 +289,7 @@ class Standby(Actor):
             self._channel_scope.cancel()
             self._channel.close()
             self._channel = None
+            self._channel_ready = False
 
 
 def _parts_of(told: WatchOver) -> tuple[int, int | None, int | None]:
