@@ -28,6 +28,7 @@ from strands_actors.supervisors.root.guardian import Guardian
 from strands_actors.supervisors.root.messages import Describe, Fence, ProcessInfo, TreeReport
 from strands_actors.supervisors.root.process import Root
 
+from .descendants import complete
 from .nodes import open_node
 from .run_directory import Note, notes
 
@@ -55,7 +56,7 @@ class Directory:
         except (AskTimeout, Unreachable):
             answer = None
         if isinstance(answer, TreeReport):
-            return answer
+            return complete(answer)
         return TreeReport(note.robot, UNREACHABLE, 0, (ProcessInfo("root", note.pid, 0),), ())
 
     async def status(self, note: Note) -> Status | None:

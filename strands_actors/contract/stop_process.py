@@ -91,6 +91,7 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
 
     @property
     def processes(self) -> tuple[int, ...]:
+        """Return the ids of the children that stand ready, the one to ask first in front."""
         return tuple(child.process.pid for child in self._children)
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:

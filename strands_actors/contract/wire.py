@@ -165,12 +165,6 @@ class StopChannel(ABC):
         While the root's lacks something, nothing is armed."""
         return ""
 
-    @property
-    def processes(self) -> Sequence[int]:
-        """Return the ids of its own processes: ``strands-actors tree`` shows them, and the kill matrix
-        breaks them."""
-        return ()
-
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         """What has to be done before the path is needed, and kept up until it is: discovery, a
         session. ``started`` once it could be used at once; the wire does not count as up before.

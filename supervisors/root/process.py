@@ -219,6 +219,7 @@ class Tree:
         self.standby.on_lost = self.guardian.lose_standby
         self.standby.on_begun = self.guardian.begin_standby
         self.wire: WireProcess | None = None
+        self._instrument: InstrumentKeeper | None = None  # of this process, once it runs
         self.supervisor = Supervisor([ChildSpec("wire", self.guardian.keep)], budget=WIRE_BUDGET)
         self.failed = ""
         self._shutdown = trio.Event()
@@ -265,7 +266,8 @@ class Tree:
         at, driver = self.at, self.driver
         names = {address: name_of(address) for address in (at.guardian, at.tasks, at.root)}
         description = without_secrets(self.args["driver"], type(driver))
-        return InstrumentKeeper(names, Attached(description, driver.axes, driver.unit), dull=_DULL)
+        self._instrument = InstrumentKeeper(names, Attached(description, driver.axes, driver.unit), dull=_DULL)
+        return self._instrument
 
     async def run(self, sock: socket.socket) -> None:
         async with trio.open_nursery() as nursery:
@@ -434,7 +436,11 @@ class Tree:
     async def describe(self, asker: str) -> TreeReport:
         state = self.guardian.state
         mode = Mode.FAILED if self.failed else Mode(state.mode)
-        report = [ProcessInfo("caller", self.args["caller_pid"], 0), ProcessInfo("root", os.getpid(), 0)]
+        report = [
+            ProcessInfo("caller", self.args["caller_pid"], 0),
+            ProcessInfo("root", os.getpid(), 0),
+            ProcessInfo("spawner", self.spawner.pid, 0),
+        ]
         if self.wire is not None and self.wire.process.alive:
             report.append(ProcessInfo("wire", self.wire.process.pid, self.supervisor.restarts["wire"]))
         if self.standby.process is not None:
@@ -443,6 +449,8 @@ class Tree:
             report.append(ProcessInfo("policy", self.tasks.process.pid, max(0, self.tasks.starts - 1)))
         for name, camera in self.cameras.processes.items():
             report.append(ProcessInfo(f"camera/{name}", camera.pid, max(0, self.cameras.starts[name] - 1)))
+        if self._instrument is not None and self._instrument.recorder_pid:
+            report.append(ProcessInfo("recorder", self._instrument.recorder_pid, 0))
         if self.args.get("twin_pid"):
             report.append(ProcessInfo("twin", self.args["twin_pid"], 0))
         cameras = [f"camera/{name}" for name in self.cameras.processes]
