@@ -214,12 +214,14 @@ async def stop_after(
     bench: Bench, caller: Caller, expected: Expected, broken_ns: int, queue: Queue, settle_s: float
 ) -> Outcome:
     """See the robot go on after a fault of bystanders alone, then stop it. One that was stopped or held
-    by the fault is not safe: a process that does not move the robot would stop it."""
+    by the fault is not safe: a process that does not move the robot would stop it. ``queue``: since the
+    fault."""
     await trio.sleep(GOES_ON_S)
     require_motion(bench.log, broken_ns)
     ended_by_fault = bench.log.host("safe", broken_ns)
     if ended_by_fault and queue.stood_ms() > DISTURBED_MS:
         raise NotMoving("this computer is busy: the robot was held before it was stopped")
+    queue = bench.queue(caller)
     caller.tell("stop")
     answer = await trio.to_thread.run_sync(caller.line)
     since_ns: int = answer["at_ns"]
