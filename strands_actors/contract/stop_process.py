@@ -60,13 +60,14 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
     clock)``."""
     READY: ClassVar[int] = 2
     """Children that stand ready: one may be dead or frozen when it is needed."""
-    START_S: ClassVar[float] = 4.0
+    START_S: ClassVar[float] = 8.0
     """Within which a child has loaded and connected what it needs. Four of them begin at a time, two
-    of the root's and two of the standby's, on a busy machine."""
+    of the root's and two of the standby's: 0.7 s of computing each, on a busy machine. Less than
+    ``Timing.handover_s`` of its driver."""
     HEARD_S: ClassVar[float] = 0.02
     """Within which a child acknowledges an order, as long as there is another one to ask."""
     ANSWER_S: ClassVar[float] = 0.6
-    """Within which it has made safe. Two answers and a start are to fit into ``Timing.safe_s``."""
+    """Within which it has made safe. Two answers fit into ``Timing.safe_s``."""
     AGAIN_S: ClassVar[float] = 0.2
     """Pause before a child that was lost is replaced."""
     ATTEMPTS: ClassVar[int] = 2

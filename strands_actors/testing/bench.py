@@ -232,6 +232,17 @@ class Bench:
             "cameras": {"eye": SETTINGS} if CAMERA in extras else {},
         }
 
+    def processes(self) -> Iterator[int]:
+        """Return the processes that live and were started in a caller's environment, the caller among
+        them. Linux alone tells."""
+        mark = f"STRANDS_ACTORS_RUN={self._directory / 'run'}".encode()
+        for entry in os.listdir("/proc"):
+            if not entry.isdigit() or int(entry) == self.template.pid:
+                continue
+            with contextlib.suppress(OSError):  # it has just ended, or is another user's
+                if mark in Path("/proc", entry, "environ").read_bytes().split(b"\0"):
+                    yield int(entry)
+
     def queue(self, caller: Caller, victim: int = 0) -> Queue:
         """Who may stand in line for a processor from now on: the tree, its caller, the robot and
         this process."""
@@ -248,12 +259,15 @@ class Bench:
             time.sleep(0.02)
 
 
+def usual_motion(driver: Driver) -> str:
+    """Return the motion by which a robot has most processes: a policy's, where it runs one."""
+    return "rollout" if driver.TASKS else "loop" if driver.ROLLOUTS else "task"
+
+
 def roles_of(bench: Bench) -> tuple[str, ...]:
     """Return the roles of all processes that the robot's tree can have: of the running one, with its
     extras. The robot is no process of ours. Raise ``NotMoving``."""
-    driver = bench.driver
-    motion = "rollout" if driver.TASKS else "loop" if driver.ROLLOUTS else "task"
-    roles = bench.moving(motion, EXTRAS).pids()
+    roles = bench.moving(usual_motion(bench.driver), EXTRAS).pids()
     bench.drop()
     return tuple(dict.fromkeys((Victims.CALLER, Victims.POLICY, *roles)))
 
