@@ -93,6 +93,8 @@ class HalfDuplexBus(Generic[PacketT]):
         dropped."""
         self.sent_ns = 0
         """When the last frame left."""
+        self.sent = 0
+        """Frames that the port has taken."""
         self.late_s = 0.0
         """How much later than it wanted this host gave up the last question. 0: it was answered in
         time."""
@@ -123,6 +125,7 @@ class HalfDuplexBus(Generic[PacketT]):
 
     def _write(self, frame: bytes) -> None:
         self.port.write(frame)
+        self.sent += 1
         self.sent_ns = self.clock.now_ns()
 
     async def transact(

@@ -100,6 +100,11 @@ class SerialGripper(GripperClient):
     def hears_part(self) -> bool:
         return self._hears_part
 
+    @property
+    def sent(self) -> int:
+        """Return how many frames the port has taken."""
+        return self._bus.sent
+
     async def hung_up(self) -> None:
         """Return once the adapter is gone."""
         await self._port.hung_up()

@@ -44,8 +44,12 @@ class RobotiqStopChannel(DuplicateDescriptor[RobotiqConfig, GripperClient]):
         return await self._open()
 
     async def make_safe_on(self, port: GripperClient, safe_state: SafeState) -> tuple[MotorReport, ...]:
+        sent = port.sent if isinstance(port, SerialGripper) else 0
         report = await hold(port, None, self.config)
-        if not report.written:
+        # A serial port that took a question is kept: while the standby has a duplicate of it, it cannot
+        # be opened anew.
+        takes = isinstance(port, SerialGripper) and port.sent > sent
+        if not (report.written or takes):
             raise WireDown(report.detail)
         return (report,)
 

@@ -16,6 +16,7 @@ The pure checks take no time. Those with a twin start processes, a second or two
 from __future__ import annotations
 
 import atexit
+import contextlib
 import json
 import math
 import subprocess
@@ -34,12 +35,14 @@ from strands_actors.contract.loading import load
 from strands_actors.contract.wire import Observation, StopChannel, Wire
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.processes.interpreter import PYTHON, environment
+from strands_actors.kernel.processes.process import exists
 from strands_actors.supervisors.gate.messages import MAX_LIFETIME_S
 from strands_actors.supervisors.loading import describe_driver, load_driver
 
-from .bench import Bench, driver_of
+from .bench import Bench, driver_of, usual_motion
 from .cells import run_cell
 from .faults import Cell, Faults, Victims, cells_of
+from .pairs import pairs_of
 from .registering import where_is
 from .twin import Twin
 
@@ -140,10 +143,11 @@ def conformance(
     ]
     cells = [cell for cell in cells_of(subject.driver) if (cell.victim, cell.fault) in CELLS and not cell.why_not]
     if twin:
-        bench = _SharedBench(subject, far, len(cells))
+        bench = _SharedBench(subject, far, len(cells) + 1)
         checks.append(
             Check("the twin serves, the robot moves, stops and resumes", subject.lives, ("SAF-005", "SAF-011"))
         )
+        checks.append(Check("every process that it runs is a victim", bench.victims, ("SAF-003", "SAF-016")))
         checks += [Check(f"kill cell {cell}", partial(bench.check, cell), cell.proves) for cell in cells]
     return checks
 
@@ -160,7 +164,8 @@ class _SharedBench:
         self._users = users
         self._bench: Bench | None = None
 
-    def check(self, cell: Cell) -> str:
+    @contextlib.contextmanager
+    def _used(self) -> Iterator[Bench]:
         self._users -= 1
         try:
             if self._bench is None:
@@ -168,10 +173,28 @@ class _SharedBench:
                 self._bench = self._new().__enter__()
                 _SharedBench.opened = self
                 atexit.register(self.close)
-            outcome = run_cell(cell, self._bench)
+            yield self._bench
         finally:
             if self._users <= 0:
                 self.close()
+
+    def victims(self) -> str:
+        """The tree, and so the matrix, shows all that was started for the robot, whoever did so and
+        whatever it is. It is found by its environment here, not by who has started it."""
+        with self._used() as bench:
+            caller = bench.moving(usual_motion(bench.driver))
+            roles = caller.pids()
+            strangers = sorted(set(bench.processes()) - set(roles.values()))
+            names = [Path(f"/proc/{pid}/comm").read_text().strip() for pid in strangers if exists(pid)]
+        assert not names, f"the tree does not show {', '.join(names)}"
+        members = {member for pair in pairs_of(bench.driver, roles) for member in pair.members}
+        missing = roles.keys() - members - {Victims.TWIN}
+        assert not missing, f"no pair has {', '.join(missing)}"
+        return ", ".join(roles)
+
+    def check(self, cell: Cell) -> str:
+        with self._used() as bench:
+            outcome = run_cell(cell, bench)
         assert outcome.all_motors, f"no frame that brings all motors to {outcome.safe_state}"
         assert outcome.setpoints_after == 0, f"{outcome.setpoints_after} setpoints after the safe frame"
         limit_ms = outcome.bound_ms + SLACK_MS

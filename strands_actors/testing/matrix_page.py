@@ -107,6 +107,9 @@ it measures that robot, and puts its column in the place of the one before.
     (`jobs`) and disturb each other.
 * Each caller is a process of its own session, forked from one that has imported everything; root,
   wire and policy processes are started as they always are.
+* **Victims** are the roles of the running tree. Of a process of which the wire shows nothing (standby,
+  spawner, camera, recorder, stop process) the robot must go on for half a second; then it is stopped,
+  and time counts from that stop.
 * **proves**: requirements of [safety.md](safety.md).
 """
 
@@ -126,6 +129,8 @@ from the program. This page was made by
 * **bound**: of root and wire together the standby's: after two kills the driver's own, else the
   time after which both count as silent, and one look, before it. Of all others the longer of the
   two alone ([safety.md](safety.md)).
+* **Victims** are the roles of the running tree, every two of them. Two of which the wire shows nothing
+  are followed by a stop, from which time counts.
 * **after**: setpoints behind that frame, over all trials. Anything but 0 is a defect; so is a time
   past the bound.
 * **disturbed**: as in [kill-matrix.md](kill-matrix.md): repeated, since the processes stood in line

@@ -35,7 +35,7 @@ def test_a_running_robot(cli: Command, robot: RobotProcess) -> None:
     assert list(tree) == ["robot", "state", "epoch", "processes", "actors"]
     assert (tree["robot"], tree["state"]) == ("so101", "armed")
     assert tree["epoch"] >= 1
-    assert set(pids(tree)) == {"caller", "root", "wire", "standby", "twin"}
+    assert set(pids(tree)) == {"caller", "root", "spawner", "wire", "standby", "twin"}
     assert pids(tree)["caller"] == robot.process.pid
     for process in tree["processes"]:
         assert list(process) == ["role", "pid", "restarts"]

@@ -112,6 +112,11 @@ class Safing(Generic[PacketT]):
         goal, torque = codec.GOAL_POSITION, codec.TORQUE_ENABLE
         self._state = torque.address, goal.address + goal.size - torque.address
 
+    @property
+    def port_took_a_frame(self) -> bool:
+        """Return whether the port took anything, be it a question: then it is not the port that fails."""
+        return self._bus.sent > 0
+
     def goals(self, counts: Mapping[int, int]) -> dict[int, int]:
         """Return the counts a servo will report as its goal when told to stay at ``counts``."""
         clamped = {}

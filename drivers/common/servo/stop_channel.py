@@ -45,7 +45,9 @@ class ServoStopChannel(DuplicateDescriptor[ServoConfig, BytePort], Generic[Packe
         safing = safing_on(port, self.config, self.CODEC, self.SAFING, self.clock)
         # Where the servos are is not known here: a hold begins with asking them.
         reports = await safing.hold({}) if safe_state == SafeState.HOLD else await safing.limp()
-        if not any(report.written for report in reports):
+        # Of a hold nothing may be written, as where no servo has torque. Then the port is kept: while the
+        # standby has a duplicate of it, it cannot be opened anew.
+        if not safing.port_took_a_frame:
             raise WireDown(reports[0].detail)
         return reports
 

@@ -93,6 +93,32 @@ def test_saf_003_when_the_wire_process_is_killed_another_process_lands_it_by_the
         assert len(set(claimed)) >= 3 and root not in claimed, "wire, stop process, the next wire"
 
 
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize(
+    ("stop_fault", "wire_fault"),
+    [(signal.SIGSTOP, signal.SIGKILL), (signal.SIGKILL, signal.SIGKILL), (signal.SIGSTOP, signal.SIGSTOP)],
+)
+def test_saf_016_a_stop_process_and_the_wire_break_and_the_other_one_lands_it(
+    events: Path, twin: Twin, run_dir: Path, stop_fault: signal.Signals, wire_fault: signal.Signals
+) -> None:
+    """Whichever of the two the root would order first: none waits for another to begin."""
+    with Robot("crazyflie", mode="real", port=RADIO) as robot:
+        fly(robot)
+        processes = pids(robot)
+        ready = {processes["root/stop"], processes["root/stop/2"]}
+        assert {"standby/stop", "standby/stop/2", "spawner"} <= processes.keys()
+        broken, other = sorted(ready)
+        began_ns = time.monotonic_ns()
+        os.kill(broken, stop_fault)
+        os.kill(processes["wire"], wire_fault)
+        until(lambda: any(one.safe_state == "land" for one in twin.log.host("safe", began_ns)), "a landing")
+        claimed = {value for what, value in noted(events) if what == "claimed"}
+        assert claimed == {processes["wire"], other}, "neither a new process nor the broken one"
+        until(lambda: not Path(f"/proc/{broken}").exists(), "a frozen one is ended")
+        until(lambda: state(robot) == "disarmed", "it is back, disarmed")
+        twin.log.no_setpoint_after_safe(began_ns)
+
+
 @pytest.mark.long
 def test_an_unplugged_dongle_is_noticed(events: Path, twin: Twin, run_dir: Path) -> None:
     with Robot("crazyflie", mode="real", port=RADIO) as robot:

@@ -1,0 +1,27 @@
+"""The tree shows what its processes have started, as the system's list of processes tells it."""
+
+from __future__ import annotations
+
+from strands_actors.caller.descendants import Entry, complete
+from strands_actors.supervisors.root.messages import ProcessInfo, TreeReport
+
+LISTED = {"caller": 10, "root": 20, "standby": 30, "twin": 40}
+REPORT = TreeReport("so101", "armed", 1, tuple(ProcessInfo(role, pid, 0) for role, pid in LISTED.items()), ())
+
+
+def added(table: dict[int, Entry]) -> dict[str, int]:
+    shown = complete(REPORT, {pid: Entry(1, "") for pid in LISTED.values()} | table)
+    assert shown.processes[: len(LISTED)] == REPORT.processes
+    return {process.role: process.pid for process in shown.processes[len(LISTED) :]}
+
+
+def test_what_a_process_of_the_tree_has_started_is_shown_by_who_did() -> None:
+    table = {31: Entry(30, "stop"), 32: Entry(30, "stop"), 21: Entry(20, "ssh"), 22: Entry(21, "helper")}
+    assert added(table) == {"root/ssh": 21, "root/helper": 22, "standby/stop": 31, "standby/stop/2": 32}
+
+
+def test_what_a_user_has_started_is_not_the_trees() -> None:
+    assert (
+        added({11: Entry(10, "python3"), 41: Entry(40, "ffmpeg"), 50: Entry(1, "cron"), 60: Entry(99, "x")}) == {}
+    )
+    assert added({20: Entry(10, "root")}) == {}, "the root itself is listed"
