@@ -15,6 +15,7 @@ from strands_actors.kernel.clock import Clock
 from .client import GripperClient, hold
 from .config import RobotiqConfig
 from .connect import OpenPort, OpenStream, open_gripper
+from .protocol import Status
 from .serial_client import SerialGripper
 
 
@@ -28,6 +29,7 @@ class RobotiqStopChannel(DuplicateDescriptor[RobotiqConfig, GripperClient]):
         open_port: OpenPort = open_serial,
     ) -> None:
         super().__init__(config, descriptors, clock)
+        self._lost = False  # a connection, before the gripper answered
         self._open = partial(open_gripper, config, clock, open_stream, open_port)
 
     @property
@@ -49,11 +51,18 @@ class RobotiqStopChannel(DuplicateDescriptor[RobotiqConfig, GripperClient]):
         # A serial port that took a question is kept: while the standby has a duplicate of it, it cannot
         # be opened anew.
         takes = isinstance(port, SerialGripper) and port.sent > sent
-        if not (report.written or takes):
+        if report.written or takes:
+            return (report,)
+        if not self._lost:
+            self._lost = True
             raise WireDown(report.detail)
+        port.close()  # lost again before it answered: a reset needs no answer
+        self.port = await self.open_port()
+        report = await hold(self.port, Status(), self.config)
         return (report,)
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
+        self._lost = False
         try:
             return await super().make_safe(safe_state)
         finally:
