@@ -20,7 +20,8 @@ from strands_actors.contract.wire import WireDown
 CONNECT_S = 0.5
 """Within a local network; the first repetition of a lost packet would come after 1 s."""
 
-_READ_SIZE = 4096
+READ_SIZE = 4096
+"""Bytes that one read takes."""
 
 
 class ByteStream(Protocol):
@@ -36,6 +37,14 @@ class ByteStream(Protocol):
         ...
 
     def close(self) -> None: ...
+
+
+class OrderlyStream(ByteStream, Protocol):
+    """A ``ByteStream`` on which a stop may be the last thing that is written."""
+
+    def close_in_order(self) -> None:
+        """As ``close``, but what was written is still delivered."""
+        ...
 
 
 class TcpPort:
@@ -71,7 +80,7 @@ class TcpPort:
     def read_waiting(self) -> bytes | None:
         """Return bytes that are already there, else None. Never waits. Raise ``WireDown``."""
         try:
-            data = self._sock.recv(_READ_SIZE)
+            data = self._sock.recv(READ_SIZE)
         except BlockingIOError:
             return None
         except OSError as error:
