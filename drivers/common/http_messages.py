@@ -1,32 +1,39 @@
-"""HTTP/1.1 messages as bytes, for robots behind a service: requests, responses, and one decoder for
-either. Pure.
+"""HTTP/1.1 messages as bytes, for robots behind a service, over h11: both ends. Pure.
 
-What such services need and no more: a body has a ``Content-Length`` or comes in chunks, everything
-is bounded, and a message that leaves any doubt where it ends is malformed: its connection cannot be
-used any further.
+Everything is bounded: the head of a message, its body, the number of its chunks, and how much of
+what was received one turn takes in. A client refuses what it has not asked for: an answer to no
+request, a compressed body, a redirect. An end that was fed malformed bytes understands nothing that
+follows.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
+import h11
+
 from .malformed import MalformedFrame
 
-MAX_HEAD = 16_384
-MAX_BODY = 4 << 20
-"""Bytes; the longest is a picture in base64."""
+MAX_HEAD = 65_536
+"""Bytes of a head, or of the head of one chunk."""
+MAX_BODY = 1 << 20
+"""Bytes. A client that expects more, as a picture in base64, says so."""
+MAX_CHUNKS = 2048
+"""Chunks of one body."""
+MAX_INTERIM = 4
+"""Answers such as 100 Continue before the answer itself."""
+EVENTS = 64
+"""Parts of messages that one turn takes in. h11 needs some 0.02 ms for each."""
 
-_END = b"\r\n\r\n"
-_LINE = b"\r\n"
-_MAX_CHUNK_LINE = 1024
 _BODILESS = (204, 304)
 
 REASONS = {200: "OK", 400: "Bad Request", 404: "Not Found", 405: "Method Not Allowed", 500: "Internal Server Error"}
 
 
 class Request(NamedTuple):
-    """As it was heard. ``raw``: its bytes on the wire."""
+    """A request as it was received. ``raw``: its bytes on the wire."""
 
     method: str
     target: str
@@ -34,31 +41,13 @@ class Request(NamedTuple):
     body: bytes
     raw: bytes
 
-    @property
-    def closes(self) -> bool:
-        """Return whether the client wants the connection closed after the response."""
-        return self.headers.get("connection", "").lower() == "close"
-
 
 class Response(NamedTuple):
-    """As it was heard."""
+    """A response as it was received."""
 
     status: int
-    headers: Mapping[str, str]
+    headers: Mapping[str, str]  # names in lower case
     body: bytes
-
-    @property
-    def closes(self) -> bool:
-        """Return whether the server closes the connection after it."""
-        return self.headers.get("connection", "").lower() == "close"
-
-
-def encode_request(method: str, target: str, host: str, body: bytes = b"", kind: str = "application/json") -> bytes:
-    """Return a request that keeps its connection."""
-    head = f"{method} {target} HTTP/1.1\r\nHost: {host}\r\nAccept: */*\r\n"
-    if method != "GET":
-        head += f"Content-Type: {kind}\r\nContent-Length: {len(body)}\r\n"
-    return f"{head}\r\n".encode("ascii") + body
 
 
 def encode_response(status: int, body: bytes, kind: str = "application/json") -> bytes:
@@ -68,128 +57,203 @@ def encode_response(status: int, body: bytes, kind: str = "application/json") ->
     return head.encode("ascii") + body
 
 
-class _Decoder:
-    """Bytes in any pieces."""
+class _Incoming:
+    """One message while it is received."""
 
-    def __init__(self) -> None:
-        self._buffer = b""
+    def __init__(self, http: h11.Connection, max_body: int) -> None:
+        self._http = http
+        self._max_body = max_body
+        self._body = bytearray()
+        self._chunks = self._interim = self._size = 0
+        self.first: h11.Request | h11.Response | None = None
+        self.headers: dict[str, str] = {}
+
+    def receive(self, data: bytes) -> None:
+        self._size += len(data)
+        self._http.receive_data(data)
+
+    def advance(self, parts: int) -> tuple[bool, bool, int]:
+        """Take in at most ``parts`` parts of what was received.
+
+        Returns:
+            Whether the message is whole, whether it needs more bytes, and how many parts are left
+            for this turn.
+
+        Raises:
+            MalformedFrame: It is no HTTP, or exceeds a bound.
+        """
+        while parts > 0:
+            parts -= 1
+            try:
+                event = self._http.next_event()
+            except h11.RemoteProtocolError as error:
+                raise MalformedFrame(f"HTTP: {error}") from None
+            match event:
+                case h11.NEED_DATA:
+                    # Chunks have heads of their own, which are in no other bound.
+                    if self._size > MAX_HEAD + 2 * self._max_body:
+                        raise MalformedFrame(f"HTTP: a message of more than {MAX_HEAD + 2 * self._max_body} bytes")
+                    return False, True, parts
+                case h11.EndOfMessage():
+                    return True, False, parts
+                case h11.InformationalResponse():
+                    self._interim += 1
+                    if self._interim > MAX_INTERIM:
+                        raise MalformedFrame(f"HTTP: more than {MAX_INTERIM} interim answers")
+                case h11.Request() | h11.Response():
+                    self._begin(event)
+                case h11.Data():
+                    self._take(event)
+                case _:
+                    raise MalformedFrame("HTTP: it ends within a message")
+        return False, False, 0
 
     @property
-    def has_part(self) -> bool:
-        """Return whether a message has begun and not ended."""
-        return bool(self._buffer)
+    def body(self) -> bytes:
+        return bytes(self._body)
 
-    def _take(self, data: bytes) -> None:
-        self._buffer += data
-        if len(self._buffer) > MAX_HEAD + 2 * MAX_BODY:
-            raise MalformedFrame(f"message of more than {MAX_HEAD + 2 * MAX_BODY} bytes")
+    @property
+    def rest(self) -> bytes:
+        """Return what was received behind it."""
+        return bytes(self._http.trailing_data[0])
 
-    def _head(self) -> tuple[str, dict[str, str], int] | None:
-        """Return the first line, the headers and where they end; None until they are there."""
-        end = self._buffer.find(_END)
-        if end < 0:
-            if len(self._buffer) > MAX_HEAD:
-                raise MalformedFrame(f"head of more than {MAX_HEAD} bytes")
-            return None
-        if end > MAX_HEAD:
-            raise MalformedFrame(f"head of {end} bytes")
+    def _begin(self, event: h11.Request | h11.Response) -> None:
+        self.first = event
+        for name, value in event.headers:
+            self.headers[name.decode("ascii")] = value.decode("latin-1")
+        length = self.headers.get("content-length")
+        if length is not None and "transfer-encoding" in self.headers:
+            raise MalformedFrame("HTTP: a body with a length and with chunks")
+        if length is not None and int(length) > self._max_body:
+            raise MalformedFrame(f"HTTP: a body of {length} bytes, more than {self._max_body}")
+        if isinstance(event, h11.Response):
+            self._check_response(event)
+
+    def _check_response(self, response: h11.Response) -> None:
+        """Raise ``MalformedFrame`` for what was not asked for."""
+        encoding = self.headers.get("content-encoding", "identity")
+        if encoding.lower() != "identity":
+            raise MalformedFrame(f"HTTP: the answer is compressed ({encoding[:40]}), which was not asked for")
+        if 300 <= response.status_code < 400:
+            place = self.headers.get("location", "nowhere")
+            raise MalformedFrame(f"HTTP: it redirects to {place[:80]!r} (status {response.status_code})")
+        has_end = response.status_code in _BODILESS or {"content-length", "transfer-encoding"} & self.headers.keys()
+        if not has_end:
+            raise MalformedFrame("HTTP: an answer that ends with its connection")
+
+    def _take(self, event: h11.Data) -> None:
+        self._body += event.data
+        self._chunks += event.chunk_start
+        if len(self._body) > self._max_body:
+            raise MalformedFrame(f"HTTP: a body of more than {self._max_body} bytes")
+        if self._chunks > MAX_CHUNKS:
+            raise MalformedFrame(f"HTTP: a body of more than {MAX_CHUNKS} chunks")
+
+
+class ClientEnd:
+    """The end that asks. Requests may be made before the answers to those before have come."""
+
+    def __init__(self, host: str, max_body: int = MAX_BODY) -> None:
+        """Make the end of one connection.
+
+        Args:
+            host: With its port, for the ``Host`` header.
+            max_body: Bytes of an answer's body.
+        """
+        self._host = host
+        self._max_body = max_body
+        self._answers: deque[_Incoming] = deque()
+        self._unread = b""
+        self._has_parts = False  # the first answer holds parts that the last turn did not take in
+        self._failure = ""
+
+    @property
+    def has_unread(self) -> bool:
+        """Return whether ``feed`` has left something for the next turn."""
+        return self._has_parts or bool(self._unread)
+
+    def request(self, method: str, target: str, body: bytes = b"", kind: str = "application/json") -> bytes:
+        """Return a request that keeps its connection. Raise ``ValueError`` for what is no target."""
+        http = h11.Connection(h11.CLIENT, max_incomplete_event_size=MAX_HEAD)
+        headers = [("Host", self._host), ("Accept", "*/*"), ("Accept-Encoding", "identity")]
+        if method != "GET":
+            headers += [("Content-Type", kind), ("Content-Length", str(len(body)))]
         try:
-            first, *lines = self._buffer[:end].decode("ascii").split("\r\n")
-        except UnicodeDecodeError:
-            raise MalformedFrame("head is not ASCII") from None
-        headers: dict[str, str] = {}
-        for line in lines:
-            name, colon, value = line.partition(":")
-            if not colon or not name or name != name.strip():
-                raise MalformedFrame(f"header line {line[:40]!r}")
-            name = name.lower()
-            if name in headers and name in ("content-length", "transfer-encoding"):
-                raise MalformedFrame(f"{name} is given twice")
-            headers[name] = value.strip()
-        return first, headers, end + len(_END)
+            head = http.send(h11.Request(method=method, target=target, headers=headers))
+            http.send(h11.Data(data=body))
+            http.send(h11.EndOfMessage())
+        except (h11.LocalProtocolError, UnicodeEncodeError) as error:
+            raise ValueError(f"{method} {target[:80]!r}: {error}") from None
+        self._answers.append(_Incoming(http, self._max_body))
+        return (head or b"") + body
 
-    def _body(self, headers: Mapping[str, str], start: int) -> tuple[bytes, int] | None:
-        """Return the body and where the message ends; None until all of it is there."""
-        if "transfer-encoding" in headers:
-            if headers["transfer-encoding"].lower() != "chunked" or "content-length" in headers:
-                raise MalformedFrame("transfer-encoding is not chunked alone")
-            return self._chunks(start)
-        length = headers.get("content-length", "0")
-        if not (length.isascii() and length.isdecimal()) or len(length) > 9 or int(length) > MAX_BODY:
-            raise MalformedFrame(f"content-length is {length[:40]!r}")
-        end = start + int(length)
-        return (self._buffer[start:end], end) if len(self._buffer) >= end else None
+    def feed(self, data: bytes) -> list[Response]:
+        """Take in ``data``, as much as one turn may take; while ``has_unread``, feed nothing.
 
-    def _chunks(self, at: int) -> tuple[bytes, int] | None:
-        parts: list[bytes] = []
-        total = 0
-        while True:
-            line_end = self._buffer.find(_LINE, at)
-            if line_end < 0:
-                if len(self._buffer) - at > _MAX_CHUNK_LINE:
-                    raise MalformedFrame("chunk without a size")
-                return None
-            size_text = self._buffer[at:line_end].partition(b";")[0].strip()
-            if not size_text or len(size_text) > 7 or size_text.strip(b"0123456789abcdefABCDEF"):
-                raise MalformedFrame(f"chunk size {size_text[:40]!r}")
-            size, at = int(size_text, 16), line_end + len(_LINE)
-            total += size
-            if total > MAX_BODY:
-                raise MalformedFrame(f"body of more than {MAX_BODY} bytes")
-            if len(self._buffer) < at + size + len(_LINE):
-                return None
-            if self._buffer[at + size : at + size + len(_LINE)] != _LINE:
-                raise MalformedFrame("chunk without an end, or trailers")
-            parts.append(self._buffer[at : at + size])
-            at += size + len(_LINE)
-            if size == 0:
-                return b"".join(parts), at
+        Returns:
+            The responses that are whole now, in the order of the requests.
+
+        Raises:
+            MalformedFrame: What follows on this connection is not understood.
+        """
+        if self._failure:
+            raise MalformedFrame(f"bytes after the end ({self._failure})")
+        try:
+            return list(self._feed(data))
+        except MalformedFrame as malformed:
+            self._failure = str(malformed)
+            raise
+
+    def _feed(self, data: bytes) -> Iterator[Response]:
+        self._unread += data
+        left = EVENTS
+        while left > 0 and self.has_unread:
+            if not self._answers:
+                raise MalformedFrame("HTTP: an answer to no request")
+            answer = self._answers[0]
+            if self._unread:
+                answer.receive(self._unread)
+                self._unread = b""
+            is_whole, needs_more, left = answer.advance(left)
+            self._has_parts = not is_whole and not needs_more
+            if is_whole:
+                self._unread = answer.rest
+                self._answers.popleft()
+                assert isinstance(answer.first, h11.Response)
+                yield Response(answer.first.status_code, answer.headers, answer.body)
 
 
-class RequestDecoder(_Decoder):
-    """What a server hears on one connection."""
+class ServerEnd:
+    """The end that is asked."""
+
+    def __init__(self, max_body: int = MAX_BODY) -> None:
+        self._max_body = max_body
+        self._begin()
 
     def feed(self, data: bytes) -> Iterator[Request]:
         """Yield each request as soon as it is whole. Raise ``MalformedFrame``: nothing after it is
         understood."""
-        self._take(data)
-        while (head := self._head()) is not None:
-            first, headers, start = head
-            words = first.split(" ")
-            if len(words) != 3 or words[2] not in ("HTTP/1.1", "HTTP/1.0") or not words[1].startswith("/"):
-                raise MalformedFrame(f"request line {first[:40]!r}")
-            body = self._body(headers, start)
-            if body is None:
+        while data:
+            self._raw += data
+            self._request.receive(data)
+            is_whole, needs_more = False, False
+            while not is_whole and not needs_more:
+                is_whole, needs_more, _ = self._request.advance(EVENTS)
+            if needs_more:
                 return
-            raw, self._buffer = self._buffer[: body[1]], self._buffer[body[1] :]
-            yield Request(words[0], words[1], headers, body[0], raw)
+            first, data = self._request.first, self._request.rest
+            assert isinstance(first, h11.Request)
+            request = Request(
+                first.method.decode("ascii"),
+                first.target.decode("ascii"),
+                self._request.headers,
+                self._request.body,
+                bytes(self._raw[: len(self._raw) - len(data)]),
+            )
+            self._begin()
+            yield request
 
-
-class ResponseDecoder(_Decoder):
-    """What a client hears on one connection."""
-
-    def feed(self, data: bytes) -> Iterator[Response]:
-        """Yield each response as soon as it is whole. Raise ``MalformedFrame``: what follows is not
-        understood."""
-        self._take(data)
-        while (head := self._head()) is not None:
-            first, headers, start = head
-            version, _, rest = first.partition(" ")
-            code = rest[:3]
-            is_code = code.isascii() and code.isdecimal() and len(code) == 3
-            if version not in ("HTTP/1.1", "HTTP/1.0") or not is_code:
-                raise MalformedFrame(f"status line {first[:40]!r}")
-            status = int(code)
-            if (
-                status not in _BODILESS
-                and status >= 200
-                and not {"content-length", "transfer-encoding"} & headers.keys()
-            ):
-                raise MalformedFrame("response that ends with its connection")
-            bodiless = status in _BODILESS or status < 200
-            body = (b"", start) if bodiless else self._body(headers, start)
-            if body is None:
-                return
-            self._buffer = self._buffer[body[1] :]
-            if status >= 200:  # 100 Continue announces another
-                yield Response(status, headers, body[0])
+    def _begin(self) -> None:
+        http = h11.Connection(h11.SERVER, max_incomplete_event_size=MAX_HEAD)
+        self._request = _Incoming(http, self._max_body)
+        self._raw = bytearray()

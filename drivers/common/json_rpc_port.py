@@ -25,9 +25,9 @@ from .json_rpc import (
 )
 from .malformed import MalformedFrame
 from .shared_stream import SharedStream
-from .tcp_port import ByteStream
+from .tcp_port import OrderlyStream
 
-OpenStream = Callable[[], Awaitable[ByteStream]]
+OpenStream = Callable[[], Awaitable[OrderlyStream]]
 
 _GONE = object()
 

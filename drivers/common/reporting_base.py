@@ -7,6 +7,7 @@ do not wait for them.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 import trio
@@ -38,15 +39,15 @@ class ReportingBase(Protocol):
 
     @property
     def is_open(self) -> bool:
-        """Return whether something can be written."""
+        """Return whether a zero can be written whose answer may come."""
         ...
 
     async def connect(self) -> None:
-        """Connect, if it is not, without asking anything first."""
+        """Connect, if it is not open. Nothing is asked first, and no answer is waited for."""
         ...
 
     def zero(self) -> None:
-        """Tell it to stop, now."""
+        """Tell it to stop, now, on whatever can be written, whatever has come on it."""
         ...
 
     async def taken(self, within_s: float) -> None:
@@ -60,16 +61,32 @@ class ReportingBase(Protocol):
 
 async def stop_until_it_stands(base: ReportingBase, within_s: float) -> Outcome:
     """Send zero, again and again, at least ``TIMES``, until the base is seen to stand. Never
-    raises. Where a connection is open, the first zero leaves before the first wait."""
+    raises. Where something can be written, the first zero leaves before the first wait."""
     stop = _Stop(base)
-    if base.is_open:
-        stop.send()
+    stop.send()
     with trio.move_on_after(within_s):
         async with trio.open_nursery() as nursery:
             nursery.start_soon(stop.repeat)
             await stop.confirm(within_s)
             nursery.cancel_scope.cancel()
     return Outcome(stop.sent > 0, stop.acknowledged, stop.detail)
+
+
+async def stop_by_each(bases: Sequence[ReportingBase], within_s: float) -> Outcome:
+    """Stop one base by several links at once, until it is seen to stand on one of them. Never
+    raises. On each that can be written the first zero leaves before the first wait."""
+    outcomes: list[Outcome] = []
+
+    async def stop(base: ReportingBase, scope: trio.CancelScope) -> None:
+        outcome = await stop_until_it_stands(base, within_s)
+        outcomes.append(outcome)
+        if not outcome.detail:
+            scope.cancel()
+
+    async with trio.open_nursery() as nursery:
+        for base in bases:
+            nursery.start_soon(stop, base, nursery.cancel_scope)
+    return min(outcomes, key=lambda outcome: (bool(outcome.detail), not outcome.acknowledged, not outcome.written))
 
 
 class _Stop:
@@ -89,13 +106,14 @@ class _Stop:
 
     async def repeat(self) -> None:
         """Send zero until cancelled; on a new connection where there is none."""
+        pause_s = AGAIN_S if self._base.is_open else 0.0
         while True:
-            await trio.sleep(AGAIN_S if self._base.is_open else 0.0)
+            await trio.sleep(pause_s)
+            pause_s = AGAIN_S
             try:
                 await self._base.connect()
             except WireDown as down:
                 self.detail = f"not confirmed: {down}"
-                await trio.sleep(AGAIN_S)
             else:
                 self.send()
 

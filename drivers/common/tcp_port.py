@@ -29,7 +29,8 @@ CONNECT_S = 0.5
 UNTAKEN_S = 2.0
 """Longer than any wire here waits for its robot before it gives the link up."""
 
-_READ_SIZE = 4096
+READ_SIZE = 4096
+"""Bytes that one read takes."""
 
 
 class ByteStream(Protocol):
@@ -45,6 +46,14 @@ class ByteStream(Protocol):
         ...
 
     def close(self) -> None: ...
+
+
+class OrderlyStream(ByteStream, Protocol):
+    """A ``ByteStream`` on which a stop may be the last thing that is written."""
+
+    def close_in_order(self) -> None:
+        """As ``close``, but what was written is still delivered."""
+        ...
 
 
 class TcpPort:
@@ -80,7 +89,7 @@ class TcpPort:
     def read_waiting(self) -> bytes | None:
         """Return bytes that are already there, else None. Never waits. Raise ``WireDown``."""
         try:
-            data = self._sock.recv(_READ_SIZE)
+            data = self._sock.recv(READ_SIZE)
         except BlockingIOError:
             return None
         except OSError as error:

@@ -8,6 +8,7 @@ reports afterwards, for as long as an earlier command may still come.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple, Protocol
 
@@ -100,7 +101,7 @@ async def stop_base(
 ) -> Outcome:
     """Send zero, again and again, until newer reports show speed 0, without a break for
     ``zero.steady_s``. Never raises. Where a connection is open, the first zero leaves before the
-    first wait.
+    first wait, whatever has come on it.
 
     ``pending``: whether a command sent earlier, on another connection, has not been answered: it
     may be carried out after a zero, so what is reported before it was answered proves nothing.
@@ -109,6 +110,10 @@ async def stop_base(
     detail = "silent"
     newest_s: float | None = None  # at first that of the report that was asked for after a zero was taken
     rests_s: float | None = None  # since when it has reported speed 0
+    if not port.is_open:
+        with contextlib.suppress(WireDown):  # nothing is open, not even one that is not understood
+            port.send_stop("POST", zero.target, zero.body)
+            written = True
     with trio.move_on_after(within_s):
         while True:
             try:

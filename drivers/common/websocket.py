@@ -5,61 +5,99 @@ One object is one connection. ``send`` hands a message to the system at once or 
 waits to be sent, and nothing is sent again on a later connection. It is closed with a reset, so
 that what has not arrived yet is thrown away; what waits in the other end's own buffer it may still
 take. Check a permit directly before ``send``: there is no wait in it.
+
+A stop needs no answer of the service. ``begin_websocket`` hands it over in one write with the
+upgrade, and ``send_stop`` at any moment: before the upgrade is answered, and after bytes that were no
+WebSocket. So a connection that is not understood any more is kept until it is closed.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Awaitable, Callable
-from typing import Protocol
+from collections.abc import Awaitable, Callable, Sequence
 
 import trio
 
 from strands_actors.contract.wire import WireDown
 
 from .malformed import MalformedFrame
-from .tcp_port import ByteStream, open_tcp
+from .receive_budget import ReceiveBudget
+from .tcp_port import READ_SIZE, OrderlyStream, open_tcp
 from .websocket_messages import MAX_MESSAGE, Accepted, ClientEnd, Closed, Headers, Heard, Ponged, Rejected
 
+OpenStream = Callable[[str, int], Awaitable[OrderlyStream]]
 
-class Stream(ByteStream, Protocol):
-    def close_in_order(self) -> None: ...
-
-
-OpenStream = Callable[[str, int], Awaitable[Stream]]
+BUSY_TURNS = 256
+"""Turns in a row after which more was waiting. A megabyte of honest backlog, of a link that was held
+up, is read by then."""
 
 
 class WebSocket:
-    """An open connection. One task calls ``receive``; whoever has a message calls ``send``."""
+    """A connection whose upgrade was sent. One task calls ``receive``; whoever has a message calls
+    ``send``."""
 
-    def __init__(self, name: str, stream: Stream, end: ClientEnd, heard: deque[Heard]) -> None:
-        """Made by ``open_websocket``. ``heard``: what came with the answer to the upgrade."""
+    def __init__(self, name: str, stream: OrderlyStream, end: ClientEnd, target: str, until_s: float) -> None:
+        """Made by ``begin_websocket`` and ``open_websocket``. ``until_s``: when the upgrade must be
+        answered."""
         self.name = name
         self._stream = stream
         self._end = end
-        self._heard = heard  # of the bytes last read; read again only when it is empty
+        self._target = target
+        self._until_s = until_s
+        self._budget = ReceiveBudget(name, busy_turns=BUSY_TURNS)
+        self._heard: deque[Heard] = deque()  # of the bytes last read; read again only when it is empty
+        self._is_accepted = self._is_stopped = self._is_closed = False
         self._pinged = self._ponged = 0
         self._news = trio.Event()
         self._reader: trio.CancelScope | None = None
-        self._why = ""  # it is closed
+        self._why = ""  # nothing is received any more
 
     @property
     def is_open(self) -> bool:
-        return not self._why
+        """Return whether messages can be sent and received."""
+        return self._is_accepted and not self._why
+
+    @property
+    def is_pending(self) -> bool:
+        """Return whether the upgrade may yet be answered in time."""
+        return not self._is_accepted and not self._why and trio.current_time() < self._until_s
 
     def send(self, message: str | bytes) -> None:
         """Send a text or binary message now. Raise ``WireDown``, and be closed, when it does not
         leave whole. Raise ``ValueError`` for one that is too long."""
         self._check()
+        if not self._is_accepted:
+            raise WireDown(f"{self.name}: {self._target}: the upgrade is not answered yet")
         try:
             frame = self._end.message(message)
         except MalformedFrame as malformed:
             raise ValueError(f"{self.name}: {malformed}") from None
         self._write(frame)
 
+    def begin(self, *stop: str) -> None:
+        """Send the upgrade, and the messages of a stop with it. Raise ``WireDown``."""
+        self._is_stopped = bool(stop)
+        self._write(self._end.request + self._end.stop(stop))
+
+    def send_stop(self, *messages: str) -> None:
+        """Send a stop now, whatever the service has answered, or not. Raise ``WireDown`` where the
+        connection is closed, or it does not leave whole."""
+        if self._is_closed:
+            raise self._closed_error()
+        self._is_stopped = True
+        self._write(self._end.stop(messages))
+
+    async def accepted(self, within_s: float) -> bool:
+        """Wait for the answer to the upgrade; return whether it came in time. Raise ``WireDown``
+        where it is another one."""
+        with trio.move_on_after(within_s):
+            while not self._is_accepted:
+                await self._hear()
+        return self._is_accepted
+
     async def receive(self) -> str | bytes:
-        """Return the next message. Answer pings meanwhile. Raise ``WireDown``, and be closed, when
-        there is none any more. May be cancelled at any time; nothing is lost."""
+        """Return the next message. Answer pings meanwhile. Raise ``WireDown`` when there is none any
+        more. May be cancelled at any time; nothing is lost."""
         while True:
             while self._heard:
                 match self._heard.popleft():
@@ -69,13 +107,8 @@ class WebSocket:
                         self._ponged = max(self._ponged, int(payload))
                         self._wake()
                     case Closed(code, reason):
-                        raise self._gone(f"the service closed it: {code} {reason}".rstrip())
-            try:
-                self._heard.extend(self._end.feed(await self._read()))
-            except MalformedFrame as malformed:
-                raise self._gone(str(malformed)) from None
-            if replies := self._end.replies():
-                self._write(replies)
+                        raise self._deafen(f"the service closed it: {code} {reason}".rstrip())
+            await self._hear()
 
     async def receive_within(self, within_s: float) -> str | bytes:
         """As ``receive``. Raise ``WireDown`` when nothing comes in time; the connection stays
@@ -103,20 +136,54 @@ class WebSocket:
         raise WireDown(f"{self.name}: no pong within {within_s * 1e3:.0f} ms. Check the service and its network")
 
     def close(self) -> None:
-        """Throw the connection away with what has not arrived yet. Harmless when called again."""
-        self._gone("closed by us")
+        """Throw the connection away with what has not arrived yet; but a stop still arrives that was
+        sent on one that was not understood. Harmless when called again."""
+        self._close("closed by us", in_order=self._is_stopped and not self.is_open)
 
     def close_in_order(self) -> None:
         """As ``close``, but what was sent still arrives, and a close frame behind it: for a
         stop."""
-        if not self._why:
+        if self.is_open:
             try:
                 self._stream.write(self._end.close())
             except WireDown as down:
-                self._gone(str(down))
-                return
-            self._stream.close_in_order()
-        self._gone("closed by us")
+                self._close(str(down))
+        self._close("closed by us", in_order=True)
+
+    async def _hear(self) -> None:
+        """Take in what comes next, as much as one turn may take. Raise ``WireDown``."""
+        data = b""
+        if self._end.has_unread:
+            await trio.lowlevel.checkpoint()
+            self._check()
+        else:
+            data = await self._read()
+        try:
+            self._heard.extend(self._end.feed(data))
+        except MalformedFrame as malformed:
+            raise self._deafen(str(malformed)) from None
+        self._keep_up(self._end.has_unread or len(data) == READ_SIZE)
+        if replies := self._end.replies():
+            self._write(replies)
+        if not self._is_accepted and self._heard:
+            match self._heard.popleft():
+                case Accepted():
+                    self._is_accepted = True
+                case Rejected(status):
+                    raise self._deafen(f"it answers status {status}")
+                case _:
+                    raise self._deafen("it answers something else")
+
+    def _keep_up(self, has_more: bool) -> None:
+        """Raise ``WireDown`` where the service has sent more than can be read, for long."""
+        try:
+            if has_more:
+                self._budget.fell_behind()
+            else:
+                self._budget.caught_up()
+        except WireDown:
+            self._deafen("it sends more than can be read")
+            raise
 
     async def _read(self) -> bytes:
         self._check()
@@ -125,7 +192,7 @@ class WebSocket:
             with trio.CancelScope() as self._reader:  # cancelled by ``close``: nothing else ends the wait
                 data = await self._stream.read()
         except WireDown as down:
-            raise self._gone(str(down)) from None
+            raise self._close(str(down)) from None
         finally:
             self._reader = None
         self._check()
@@ -135,25 +202,63 @@ class WebSocket:
         try:
             self._stream.write(data)
         except WireDown as down:
-            raise self._gone(str(down)) from None
+            raise self._close(str(down)) from None
 
     def _check(self) -> None:
         if self._why:
-            raise WireDown(f"{self.name}: the WebSocket is closed ({self._why}). Reconnect")
+            raise self._closed_error()
 
-    def _gone(self, why: str) -> WireDown:
+    def _deafen(self, why: str) -> WireDown:
+        """Receive nothing any more; a stop can still be sent. Return the error to raise."""
         if not self._why:
-            self._why = why
+            self._why = why if self._is_accepted else f"{self._target}: no WebSocket there ({why})"
             self._heard.clear()
+            self._wake()
+        return WireDown(f"{self.name}: {self._why}. Check the service and its network, then reconnect")
+
+    def _close(self, why: str, in_order: bool = False) -> WireDown:
+        """Return the error to raise."""
+        error = self._deafen(why)
+        if not self._is_closed:
+            self._is_closed = True
             if self._reader is not None:
                 self._reader.cancel()
-            self._stream.close()
-            self._wake()
-        return WireDown(f"{self.name}: {why}. Check the service and its network, then reconnect")
+            if in_order:
+                self._stream.close_in_order()
+            else:
+                self._stream.close()
+        return error
+
+    def _closed_error(self) -> WireDown:
+        return WireDown(f"{self.name}: the WebSocket is closed ({self._why}). Reconnect")
 
     def _wake(self) -> None:
         news, self._news = self._news, trio.Event()
         news.set()
+
+
+async def begin_websocket(
+    host: str,
+    port: int,
+    target: str = "/",
+    *,
+    within_s: float,
+    stop: Sequence[str] = (),
+    headers: Headers = (),
+    max_message: int = MAX_MESSAGE,
+    open_stream: OpenStream = open_tcp,
+) -> WebSocket:
+    """Connect, and hand over the upgrade and the messages of ``stop`` in one write, all within
+    ``within_s``. The answer is not waited for (``WebSocket.accepted``). Services may drop a message
+    that comes before their answer, as uvicorn does: send it again. Raise ``WireDown``."""
+    name = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+    end = ClientEnd(name, target, headers, max_message)
+    until_s = trio.current_time() + within_s
+    with trio.move_on_after(within_s):
+        begun = WebSocket(name, await open_stream(host, port), end, target, until_s)
+        begun.begin(*stop)
+        return begun
+    raise _not_there(name, target, within_s)
 
 
 async def open_websocket(
@@ -167,40 +272,25 @@ async def open_websocket(
     open_stream: OpenStream = open_tcp,
 ) -> WebSocket:
     """Connect and upgrade within ``within_s``. Raise ``WireDown``."""
-    name = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
-    end = ClientEnd(name, target, headers, max_message)
-    stream: Stream | None = None
+    until_s = trio.current_time() + within_s
+    opened = await begin_websocket(
+        host,
+        port,
+        target,
+        within_s=within_s,
+        headers=headers,
+        max_message=max_message,
+        open_stream=open_stream,
+    )
     try:
-        with trio.move_on_after(within_s):
-            stream = await open_stream(host, port)
-            stream.write(end.request)
-            opened = WebSocket(name, stream, end, await _upgraded(name, stream, end, target))
-            stream = None
+        if await opened.accepted(until_s - trio.current_time()):
             return opened
-    finally:
-        if stream is not None:
-            stream.close()
-    raise WireDown(f"{name}: {target}: no WebSocket within {within_s * 1e3:.0f} ms. Check the service")
+    except BaseException:
+        opened.close()
+        raise
+    opened.close()
+    raise _not_there(opened.name, target, within_s)
 
 
-async def _upgraded(name: str, stream: Stream, end: ClientEnd, target: str) -> deque[Heard]:
-    """Wait for the answer to the upgrade; return what came behind it."""
-    why = "it ends without an answer"
-    while True:
-        data = await stream.read()
-        try:
-            heard = deque(end.feed(data))
-        except MalformedFrame as malformed:
-            why = str(malformed)
-            break
-        if not heard:
-            continue
-        match heard.popleft():
-            case Accepted():
-                return heard
-            case Rejected(status):
-                why = f"it answers status {status}"
-                break
-            case _:
-                break
-    raise WireDown(f"{name}: {target}: no WebSocket there ({why}). Check what is served there")
+def _not_there(name: str, target: str, within_s: float) -> WireDown:
+    return WireDown(f"{name}: {target}: no WebSocket within {within_s * 1e3:.0f} ms. Check the service")

@@ -1,12 +1,14 @@
 """One end of a WebSocket as bytes in and bytes out, over wsproto. Pure: no socket, no clock.
 
-No extension is offered or accepted, so nothing is compressed. Messages are bounded. An end that was
-fed malformed bytes is of no further use: its connection has to be closed.
+No extension is offered or accepted, so nothing is compressed. Messages are bounded, in bytes and in
+fragments, and so is what one turn takes in. An end that was fed malformed bytes understands nothing
+that follows; a client can still make a stop for it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import islice
 from typing import NamedTuple
 
 from wsproto import ConnectionType, WSConnection
@@ -22,6 +24,7 @@ from wsproto.events import (
     Request,
     TextMessage,
 )
+from wsproto.frame_protocol import FrameProtocol
 from wsproto.utilities import ProtocolError
 
 from .malformed import MalformedFrame
@@ -29,8 +32,22 @@ from .malformed import MalformedFrame
 MAX_MESSAGE = 1 << 20
 """Bytes, or characters of a text. A lidar scan as JSON is 20 kB."""
 
+MAX_FRAGMENTS = 1024
+"""Frames of one message."""
+
+FRAMES = 32
+"""Frames that one turn takes in: 1 ms at most."""
+
 MAX_CONTROL = 125
 """Bytes of a ping, by RFC 6455."""
+
+MAX_HEAD = 16_384
+"""Bytes of an upgrade."""
+
+MAX_EARLY = 65_536
+"""Bytes that a client may send before its upgrade is answered."""
+
+_HEAD_END = b"\r\n\r\n"
 
 NORMAL_CLOSURE = 1000
 
@@ -75,21 +92,31 @@ class _End:
         self._connection = WSConnection(kind)
         self._max_message = max_message
         self._parts: list[str] | list[bytes] = []
-        self._length = 0
-        self._replies = b""
+        self._length = self._fragments = 0
+        self._pong = self._last_reply = b""
         self._ended = False
+        self._has_unread = False
 
-    def feed(self, data: bytes) -> Iterator[Heard]:
-        """Yield what the other end says. Raise ``MalformedFrame``. Afterwards send ``replies``, if
-        any."""
+    @property
+    def has_unread(self) -> bool:
+        """Return whether ``feed`` has left something for the next turn."""
+        return self._has_unread
+
+    def feed(self, data: bytes, frames: int = FRAMES) -> Iterator[Heard]:
+        """Yield what the other end says, as much as one turn may take; while ``has_unread``, feed
+        nothing. Raise ``MalformedFrame``. Afterwards send ``replies``, if any."""
         if self._ended:
             raise MalformedFrame("bytes after the end")
+        count = 0
         try:
-            self._connection.receive_data(data)
-            for event in self._connection.events():
+            if data:
+                self._connection.receive_data(data)
+            for event in islice(self._connection.events(), frames):
+                count += 1
                 heard = self._take(event)
                 if heard is not None:
                     yield heard
+            self._has_unread = count == frames and not self._ended
         except MalformedFrame:
             self._ended = True
             raise
@@ -98,8 +125,9 @@ class _End:
             raise MalformedFrame(str(error) or type(error).__name__) from None
 
     def replies(self) -> bytes:
-        """Return the answers to pings and to a close heard since the last call."""
-        replies, self._replies = self._replies, b""
+        """Return the answers to the newest ping and to a close received since the last call. RFC
+        6455 asks for no answer to the pings before that."""
+        replies, self._pong, self._last_reply = self._pong + self._last_reply, b"", b""
         return replies
 
     def message(self, message: str | bytes) -> bytes:
@@ -133,7 +161,7 @@ class _End:
                 return self._message(event)
             case Ping():
                 if self._connection.state is ConnectionState.OPEN:
-                    self._replies += self._send(event.response())
+                    self._pong = self._send(event.response())
                 return None
             case Pong():
                 return Ponged(bytes(event.payload))
@@ -141,7 +169,7 @@ class _End:
                 if self._connection.state is ConnectionState.OPEN:  # wsproto's way to report a parse error
                     raise MalformedFrame(event.reason or "no WebSocket frame")
                 if self._connection.state is ConnectionState.REMOTE_CLOSING:
-                    self._replies += self._send(event.response())
+                    self._last_reply = self._send(event.response())
                 self._ended = True
                 return Closed(int(event.code), event.reason or "")
             case AcceptConnection():
@@ -157,6 +185,9 @@ class _End:
 
     def _message(self, event: TextMessage | BytesMessage) -> str | bytes | None:
         self._length += len(event.data)
+        self._fragments += event.frame_finished
+        if self._fragments > MAX_FRAGMENTS:
+            raise MalformedFrame(f"message of more than {MAX_FRAGMENTS} fragments")
         if self._length > self._max_message:
             raise MalformedFrame(f"message of more than {self._max_message}")
         part = event.data if isinstance(event.data, str) else bytes(event.data)
@@ -166,7 +197,7 @@ class _End:
             return None
         empty: str | bytes = "" if isinstance(part, str) else b""
         whole = empty.join(self._parts)  # type: ignore[arg-type]
-        self._parts, self._length = [], 0
+        self._parts, self._length, self._fragments = [], 0, 0
         return whole
 
 
@@ -177,17 +208,50 @@ class ClientEnd(_End):
         """``host``: with the port, as in the ``Host`` header."""
         super().__init__(ConnectionType.CLIENT, max_message)
         self.request = self._send(Request(host=host, target=target, extra_headers=list(headers)))
+        self._stops = FrameProtocol(client=True, extensions=[])
+
+    def stop(self, messages: Sequence[str]) -> bytes:
+        """Return the frames of a stop, which depend on nothing that was received: before the answer
+        to the upgrade, too, and after bytes that were malformed."""
+        return b"".join(bytes(self._stops.send_data(message, fin=True)) for message in messages)
 
 
 class ServerEnd(_End):
     """The end that is asked: first it hears ``Opened``."""
 
-    def __init__(self, max_message: int = MAX_MESSAGE) -> None:
+    def __init__(self, max_message: int = MAX_MESSAGE, keeps_early: bool = True) -> None:
+        """``keeps_early``: whether frames that came in one read with the upgrade count: tornado keeps
+        them (rosbridge), uvicorn drops them."""
         super().__init__(ConnectionType.SERVER, max_message)
+        self._head = b""  # of the upgrade, until it is whole
+        self._early: bytes | None = b""  # frames that came before ``accept``; None: it has been called
+        self._keeps_early = keeps_early
+
+    def feed(self, data: bytes, frames: int = FRAMES) -> Iterator[Heard]:
+        if self._early is None:
+            yield from super().feed(data, frames)
+        elif _HEAD_END in self._head:
+            self._early += data
+            if len(self._early) > MAX_EARLY:
+                raise MalformedFrame(f"more than {MAX_EARLY} bytes before the answer to the upgrade")
+        else:
+            self._head += data
+            head, end, early = self._head.partition(_HEAD_END)
+            if len(head) > MAX_HEAD:
+                raise MalformedFrame(f"head of more than {MAX_HEAD} bytes")
+            if end:
+                self._early = early if self._keeps_early else b""
+                yield from super().feed(head + end, frames)
 
     def accept(self) -> bytes:
-        """Return the answer after which messages may go out."""
-        return self._send(AcceptConnection())
+        """Return the answer after which messages may go out. Feed nothing once, then: messages may
+        have come before it."""
+        answer = self._send(AcceptConnection())
+        if self._early:
+            self._connection.receive_data(self._early)
+            self._has_unread = True
+        self._early = None
+        return answer
 
     def reject(self, status: int) -> bytes:
         """Return the answer that there is no WebSocket here."""

@@ -15,7 +15,7 @@ import trio
 from strands_actors.contract import cameras as contract
 from strands_actors.contract.extras import missing
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.http_client import HttpClient
+from strands_actors.drivers.common.http_port import HttpPort
 from strands_actors.drivers.common.malformed import MalformedFrame
 
 from .driver import EarthRover
@@ -29,6 +29,8 @@ __all__ = ["open_camera", "picture", "take_picture"]
 
 PICTURE_S = 2.0
 """Within which a picture must come, and a new one after the last."""
+PICTURE_SIZE = 4 << 20
+"""Bytes of an answer: a JPEG in base64."""
 AGAIN_S = 0.02
 """Before it is asked again for a picture that has not changed."""
 
@@ -42,8 +44,7 @@ async def picture(port: str, view: str = "front") -> Picture:
     try:
         return await _ask(client, view)
     finally:
-        with trio.CancelScope(shield=True):
-            await client.aclose()
+        client.close()
 
 
 def take_picture(port: str, view: str = "front") -> Picture:
@@ -56,7 +57,7 @@ class RoverCamera:
 
     paced = False
 
-    def __init__(self, client: HttpClient, view: str) -> None:
+    def __init__(self, client: HttpPort, view: str) -> None:
         self._client = client
         self._view = view
         self._stamp_s: float | None = None  # None: none was told yet
@@ -76,7 +77,7 @@ class RoverCamera:
         raise WireDown(f"picture: the {self._view} camera gives the same one again. Look at the SDK process")
 
     async def aclose(self) -> None:
-        await self._client.aclose()
+        self._client.close()
 
 
 async def open_camera(settings: contract.CameraSettings) -> RoverCamera:
@@ -86,20 +87,19 @@ async def open_camera(settings: contract.CameraSettings) -> RoverCamera:
     return RoverCamera(_client(settings.port), settings.view)
 
 
-def _client(port: str) -> HttpClient:
-    host, number = EarthRover("earthrover", port, {}).config.address()
-    return HttpClient(f"http://{host}:{number}")
+def _client(port: str) -> HttpPort:
+    return HttpPort(*EarthRover("earthrover", port, {}).config.address(), max_body=PICTURE_SIZE)
 
 
-async def _ask(client: HttpClient, view: str) -> Picture:
+async def _ask(client: HttpPort, view: str) -> Picture:
     """Raise ``WireDown``."""
-    answer = await client.get(PICTURES[view], PICTURE_S)
-    if answer.status_code == NOT_FOUND:
+    answer = await client.ask("GET", PICTURES[view], within_s=PICTURE_S)
+    if answer.status == NOT_FOUND:
         raise WireDown(f"picture: this rover has no {view} camera")
-    if answer.status_code != OK:
-        raise WireDown(f"picture: status {answer.status_code}. Look at the SDK process")
+    if answer.status != OK:
+        raise WireDown(f"picture: status {answer.status}. Look at the SDK process")
     try:
-        return decode_picture(answer.content, view)
+        return decode_picture(answer.body, view)
     except MalformedFrame as malformed:
         raise WireDown(f"picture: {malformed}. Look at the SDK process") from None
 

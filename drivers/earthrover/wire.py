@@ -9,7 +9,6 @@ goes out on a new one.
 
 from __future__ import annotations
 
-import contextlib
 import math
 from collections.abc import Mapping
 from typing import Any, ClassVar
@@ -19,7 +18,6 @@ import trio
 
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
-from strands_actors.drivers.common.http_client import HttpClient
 from strands_actors.drivers.common.http_port import HttpPort
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.outcome import Outcome, names_of
@@ -100,8 +98,7 @@ class EarthRoverWire(Wire):
             raise WireDown(f"{port.name}: GET {p.DATA}: {malformed}. Check what is served there") from None
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        url = f"http://{self._port().name}"
-        reports = HttpClient(url)
+        reports = self._config.open_port()
         commands = self._commands = self._config.open_port()
         try:
             async with trio.open_nursery() as nursery:
@@ -113,8 +110,7 @@ class EarthRoverWire(Wire):
                     await self._hear(reports)
         finally:
             self._nursery = None
-            with trio.CancelScope(shield=True):
-                await reports.aclose()
+            reports.close()
 
     async def arm(self, permit: Permit) -> Observation:
         port = self._port()
@@ -150,41 +146,50 @@ class EarthRoverWire(Wire):
         nursery.start_soon(self._take_answer, port, number, self._owed)
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
+        zero = self._zero()
+        is_open = self._stop is not None and self._stop.is_open
+        written = (self._owed is not None or not is_open) and self._follow(zero)
+        return await self._stop_base(zero, written)
+
+    async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
+        """As ``make_safe``, on a new connection. The answer that is owed is waited for no longer;
+        zero follows its command all the same. It leaves on both connections before they are given
+        up, whatever has come on them."""
+        zero = self._zero()
+        written = self._follow(zero)
+        self._owed = None
+        if self._stop is not None:
+            written = _send_zero(self._stop, zero) or written
+            self._stop.close_in_order()
+        return await self._stop_base(zero, written)
+
+    def _zero(self) -> RoverZero:
         lamp = self._told[2]
         self._told = (0.0, 0.0, lamp)
-        zero = RoverZero(lamp)
+        return RoverZero(lamp)
+
+    async def _stop_base(self, zero: RoverZero, written: bool) -> tuple[MotorReport, ...]:
+        """``written``: whether zero has left on a connection that is not used any more."""
         try:
-            if self._owed is not None:
-                self._follow(zero)
-                if not await self._answered(OWED_S):
-                    self._port().close()  # a new connection is heard after those that wait
+            if self._owed is not None and not await self._answered(OWED_S):
+                self._port().close_in_order()  # a new connection is heard after those that wait
             outcome = await stop_base(
                 self._port(), zero, STOP_S, lambda: self._owed is not None and not self._given_up
             )
         except WireDown as down:
             outcome = Outcome(False, False, str(down))
+        outcome = outcome._replace(written=outcome.written or written)
         return outcome.reports(*names_of(self._config.axes), self._told)
 
-    async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """As ``make_safe``, on a new connection. The answer that is owed is waited for no longer;
-        zero follows its command all the same."""
-        if self._owed is not None:
-            self._follow(RoverZero(self._told[2]))
-            self._owed = None
-        if self._stop is not None:
-            self._stop.close()
-        return await self.make_safe(safe_state)
-
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
-        client = HttpClient(f"http://{self._port().name}")
+        client = self._config.open_port()
         try:
             body = msgspec.json.encode({"text": arguments["text"]})
-            answer = await client.post(p.SPEAK, body, p.SPEAK_S, permit)
+            answer = await client.ask("POST", p.SPEAK, body, within_s=p.SPEAK_S, permit=permit)
         finally:
-            with trio.CancelScope(shield=True):
-                await client.aclose()
-        if answer.status_code != p.OK:
-            return Refused("service", f"{service}: the SDK process answers status {answer.status_code}")
+            client.close()
+        if answer.status != p.OK:
+            return Refused("service", f"{service}: the SDK process answers status {answer.status}")
         return {"spoken": arguments["text"]}
 
     def close(self) -> None:
@@ -222,18 +227,15 @@ class EarthRoverWire(Wire):
                 await self._owed.wait()
         return self._owed is None
 
-    def _follow(self, zero: RoverZero) -> None:
-        """Send zero behind the command that is owed an answer, on its connection, if that still is
-        one."""
-        if self._commands is not None:
-            with contextlib.suppress(WireDown):
-                self._commands.send("POST", zero.target, zero.body)
+    def _follow(self, zero: RoverZero) -> bool:
+        """Send zero on the connection of the commands, behind the one that is owed an answer.
+        Return whether it has left."""
+        return self._commands is not None and _send_zero(self._commands, zero)
 
-    async def _hear(self, reports: HttpClient) -> None:
+    async def _hear(self, reports: HttpPort) -> None:
         try:
-            answer = await reports.get(p.DATA, REPORT_S)
-            self._observe(self._data(answer.status_code, answer.content))
-        except (WireDown, MalformedFrame) as problem:
+            self._observe(await self._ask(reports, REPORT_S))
+        except WireDown as problem:
             self._problem = str(problem)  # ``read`` tells when it lasts
 
     def _data(self, status: int, body: bytes) -> p.Data:
@@ -274,3 +276,11 @@ class EarthRoverWire(Wire):
     def _port(self) -> HttpPort:
         self._stop = self._stop or self._config.open_port()
         return self._stop
+
+
+def _send_zero(port: HttpPort, zero: RoverZero) -> bool:
+    try:
+        port.send_stop("POST", zero.target, zero.body)
+    except WireDown:
+        return False  # it is closed: the stop goes out on another
+    return True

@@ -13,7 +13,7 @@ from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.reporting_base import Report
 from strands_actors.drivers.common.ssh_forward import SshForward
 from strands_actors.drivers.common.stamps import Stamps
-from strands_actors.drivers.common.tcp_port import ByteStream
+from strands_actors.drivers.common.tcp_port import OrderlyStream
 from strands_actors.drivers.common.unix_port import open_unix
 from strands_actors.kernel.clock import NS, Clock
 
@@ -38,7 +38,7 @@ class Way:
     def endpoint(self) -> Endpoint:
         return self._config.endpoint()
 
-    async def open(self, remote: str = "") -> ByteStream:
+    async def open(self, remote: str = "") -> OrderlyStream:
         """Connect to robotd, or to another daemon's socket ``remote``. Raise ``WireDown``."""
         endpoint = self.endpoint
         if not endpoint.host:

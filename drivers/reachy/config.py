@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from urllib.parse import urlsplit
 
 import msgspec
 
@@ -22,6 +23,18 @@ def tell_place(host: str, number: int) -> int:
     told = os.memfd_create("reachy")
     os.pwrite(told, f"[{host}]:{number}".encode(), 0)
     return told
+
+
+def parse_speech_url(url: str) -> tuple[str, int, str]:
+    """Return host, port and target of ``tts_url``. Raise ``ValueError`` for what is no http
+    address."""
+    parts = urlsplit(url)
+    if parts.scheme != "http" or not parts.hostname or parts.username is not None:
+        raise ValueError(f"tts_url is {url!r}. Give an address that begins with http://, without a user")
+    target = (parts.path or "/") + (f"?{parts.query}" if parts.query else "")
+    if not target.isascii() or " " in target:
+        raise ValueError(f"tts_url is {url!r}. Write what is not ASCII, and spaces, with percent signs")
+    return parts.hostname, parts.port or 80, target
 
 
 class ReachyConfig(msgspec.Struct, frozen=True):

@@ -22,7 +22,7 @@ from strands_actors.contract.tool_verbs import ToolVerb
 from strands_actors.kernel.messages import Refused
 
 from . import verbs
-from .config import ReachyConfig
+from .config import ReachyConfig, parse_speech_url
 from .gates import CONDITIONS, LOOK, all_gates, parse
 from .protocol import API_PORT, BODY, MEDIA_PORT
 from .robots import TABLES, axes_of
@@ -95,8 +95,11 @@ class Reachy(Driver):
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
         given = {name: value for name, value in options.items() if name != "places"}
         read = read_options(robot, ReachyOptions, given)
-        if read.tts_url is not None and not read.tts_url.startswith("http://"):
-            raise ValueError(f"{robot}: tts_url is {read.tts_url!r}. Give an address that begins with http://")
+        if read.tts_url is not None:
+            try:
+                parse_speech_url(read.tts_url)
+            except ValueError as error:
+                raise ValueError(f"{robot}: {error}") from None
         host, number = os.environ.get("REACHY_HOST", ""), os.environ.get("REACHY_PORT", "")
         if number and not number.isdecimal():
             raise ValueError(f"{robot}: REACHY_PORT is {number!r}. Give a port number")

@@ -7,17 +7,17 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import httpx
 import msgspec
 import trio
 
 from strands_actors.contract.wire import Observation, Permit, WireDown
-from strands_actors.drivers.common.http_client import HttpClient
+from strands_actors.drivers.common.http_messages import Response
+from strands_actors.drivers.common.http_port import HttpPort
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.kernel.messages import Refused
 
 from . import protocol as p
-from .config import ReachyConfig
+from .config import ReachyConfig, parse_speech_url
 from .gates import EASE, SHORTEST_S, ignored
 
 ASK_S = 4.0
@@ -34,6 +34,9 @@ FETCH_S = 25.0
 
 SPEECH_S = 20.0
 """How long a text may take to become speech [assumed]."""
+
+SPEECH_SIZE = 4 << 20
+"""Bytes of a WAV file: 40 s at 48 kHz."""
 
 SPEECH = "strands-speech.wav"
 """Under which name speech is handed to the robot."""
@@ -94,20 +97,17 @@ class Moves:
         return self._ended[uuid]
 
 
-class _HeadPermit:
-    """A permit for a request that is whole with its head: denied before that, or never. ``left``:
-    whether anything may have."""
+class _NotedPermit:
+    """A permit. ``passed``: whether it was given, so that the request may have left."""
 
-    def __init__(self, permit: Permit, whole: bool) -> None:
+    def __init__(self, permit: Permit) -> None:
         self._permit = permit
-        self._whole = whole
-        self.left = False
+        self.passed = False
 
     def check(self) -> None:
         """Raise ``PermitDenied``."""
-        if not (self.left and self._whole):
-            self._permit.check()
-        self.left = True
+        self._permit.check()
+        self.passed = True
 
 
 class Services:
@@ -115,9 +115,9 @@ class Services:
     None: none was. ``given_up``: why an answer is not waited for any more, which may yet come: the
     link has to end."""
 
-    def __init__(self, config: ReachyConfig, url: str, moves: Moves) -> None:
+    def __init__(self, config: ReachyConfig, host: str, number: int, moves: Moves) -> None:
         self._config = config
-        self._url = url
+        self._where = host, number
         self._moves = moves
         self.owed: trio.Event | None = None
         self.given_up = ""
@@ -126,7 +126,7 @@ class Services:
         self, service: str, arguments: Mapping[str, Any], permit: Permit, seen: Observation
     ) -> dict[str, Any] | Refused:
         """Raise ``WireDown``, ``PermitDenied``."""
-        client = HttpClient(self._url)
+        client = HttpPort(*self._where)
         try:
             answer = await self._perform(client, service, arguments, permit, seen)
             await trio.lowlevel.checkpoint_if_cancelled()  # what a stop undoes is not told as done
@@ -134,11 +134,10 @@ class Services:
         except MalformedFrame as malformed:
             raise WireDown(f"{service}: {malformed}. Look at the daemon") from None
         finally:
-            with trio.CancelScope(shield=True):
-                await client.aclose()
+            client.close()
 
     async def _perform(
-        self, client: HttpClient, service: str, given: Mapping[str, Any], permit: Permit, seen: Observation
+        self, client: HttpPort, service: str, given: Mapping[str, Any], permit: Permit, seen: Observation
     ) -> dict[str, Any] | Refused:
         match service:
             case "wake":
@@ -169,7 +168,8 @@ class Services:
                 return await self._track(client, given, permit)
             case "camera":
                 found = await self._get(client, p.CAMERA)
-                host = self._url.rpartition(":")[0].removeprefix("http://")
+                host = self._where[0]
+                host = f"[{host}]" if ":" in host else host
                 stream = f"ws://{host}:{self._config.media_port}"
                 return found if isinstance(found, Refused) else {**p.decode_object(found), "webrtc": stream}
         target = {"volume": p.VOLUME, "tracking_status": p.TRACKED_FACE}[service]
@@ -177,21 +177,22 @@ class Services:
         return found if isinstance(found, Refused) else p.decode_object(found)
 
     async def _move(
-        self, client: HttpClient, service: str, target: str, body: bytes, permit: Permit
+        self, client: HttpPort, service: str, target: str, body: bytes, permit: Permit
     ) -> dict[str, Any] | Refused:
         """Begin a move, in the place of ours that runs, and wait for its end. The daemon ignores it
         while another client's runs."""
-        running = await client.get(p.RUNNING, BEGIN_S)
-        if running.status_code != p.OK:
-            return _said_no(service, running.status_code, running.content)
-        if self._moves.others(p.decode_running(running.content)):
+        running = await client.ask("GET", p.RUNNING, within_s=BEGIN_S)
+        if running.status != p.OK:
+            return _said_no(service, running.status, running.body)
+        if self._moves.others(p.decode_running(running.body)):
             return ignored(service)
         if self._moves.running:
-            await client.post(p.STOP, p.encode_uuid(self._moves.running), ASK_S, permit)
+            stop = p.encode_uuid(self._moves.running)
+            await client.ask("POST", p.STOP, stop, within_s=ASK_S, permit=permit)
         answer = await self._energise(client, target, body, permit, BEGIN_S)
-        if answer.status_code != p.OK:
-            return _said_no(service, answer.status_code, answer.content)
-        uuid = p.decode_move(answer.content)
+        if answer.status != p.OK:
+            return _said_no(service, answer.status, answer.body)
+        uuid = p.decode_move(answer.body)
         self._moves.begin(uuid)
         if await self._moves.ignored(uuid):
             return ignored(service)
@@ -203,17 +204,17 @@ class Services:
         return {"move": uuid}
 
     async def _energise(
-        self, client: HttpClient, target: str, body: bytes, permit: Permit, within_s: float
-    ) -> httpx.Response:
+        self, client: HttpPort, target: str, body: bytes, permit: Permit, within_s: float
+    ) -> Response:
         """Ask for motion, or for torque. A stop does not cut this short: it has to know whether
         there is anything to be ended, and whether that may still come."""
-        owed, head = trio.Event(), _HeadPermit(permit, whole=not body)
+        owed, noted = trio.Event(), _NotedPermit(permit)
         self.owed = owed
         try:
             with trio.CancelScope(shield=True):
-                answer = await client.post(target, body, within_s, head)
+                answer = await client.ask("POST", target, body, within_s=within_s, permit=noted)
         except WireDown as down:
-            if head.left:
+            if noted.passed:
                 self.given_up = str(down)
             raise
         finally:
@@ -221,15 +222,13 @@ class Services:
             owed.set()
         return answer
 
-    async def _switch(self, client: HttpClient, mode: str, permit: Permit) -> dict[str, Any] | Refused:
+    async def _switch(self, client: HttpPort, mode: str, permit: Permit) -> dict[str, Any] | Refused:
         answer = await self._energise(client, f"{p.SET_MODE}{mode}", b"", permit, SWITCH_S)
-        if answer.status_code != p.OK:
-            return _said_no("motors", answer.status_code, answer.content)
+        if answer.status != p.OK:
+            return _said_no("motors", answer.status, answer.body)
         return {"mode": mode}
 
-    async def _express(
-        self, client: HttpClient, move: str, dataset: str, permit: Permit
-    ) -> dict[str, Any] | Refused:
+    async def _express(self, client: HttpPort, move: str, dataset: str, permit: Permit) -> dict[str, Any] | Refused:
         """The list first: the daemon fetches the data set for it, and a move that is fetched would
         begin late."""
         names = await self._names(client, dataset)
@@ -240,15 +239,13 @@ class Services:
             return Refused("no_move", f"express: {dataset} has no move {move}", f"it has {there}", move, there)
         return await self._move(client, "express", f"{p.PLAY}{dataset}/{move}", b"", permit)
 
-    async def _names(self, client: HttpClient, dataset: str) -> list[str] | Refused:
-        answer = await client.get(f"{p.LIST_MOVES}{dataset}", FETCH_S)
-        if answer.status_code != p.OK:
-            return _said_no("list_moves", answer.status_code, answer.content)
-        return p.decode_names(answer.content)
+    async def _names(self, client: HttpPort, dataset: str) -> list[str] | Refused:
+        answer = await client.ask("GET", f"{p.LIST_MOVES}{dataset}", within_s=FETCH_S)
+        if answer.status != p.OK:
+            return _said_no("list_moves", answer.status, answer.body)
+        return p.decode_names(answer.body)
 
-    async def _turn_to_sound(
-        self, client: HttpClient, permit: Permit, seen: Observation
-    ) -> dict[str, Any] | Refused:
+    async def _turn_to_sound(self, client: HttpPort, permit: Permit, seen: Observation) -> dict[str, Any] | Refused:
         heard = await self._sound(client)
         if isinstance(heard, Refused):
             return heard
@@ -264,7 +261,7 @@ class Services:
         moved = await self._move(client, "turn_to_sound", p.GOTO, p.encode_goto(row, duration_s), permit)
         return moved if isinstance(moved, Refused) else {**heard, "head_yaw": row[p.YAW]}
 
-    async def _sound(self, client: HttpClient) -> dict[str, Any] | Refused:
+    async def _sound(self, client: HttpPort) -> dict[str, Any] | Refused:
         body = await self._get(client, p.DIRECTION_OF_SOUND)
         if isinstance(body, Refused):
             return body
@@ -275,52 +272,50 @@ class Services:
             )
         return {"left_deg": heard[0], "speech": heard[1]}
 
-    async def _track(
-        self, client: HttpClient, given: Mapping[str, Any], permit: Permit
-    ) -> dict[str, Any] | Refused:
+    async def _track(self, client: HttpPort, given: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
         if not given.get("enabled", True):
             return await self._post(client, "track_face", p.TRACKING_OFF, b"", permit, {"tracking": False})
         body = msgspec.json.encode({"weight": float(given.get("weight", 1.0))})
         answer = await self._energise(client, p.TRACKING_ON, body, permit, BEGIN_S)
-        if answer.status_code != p.OK:
-            return _said_no("track_face", answer.status_code, answer.content)
-        if p.decode_object(answer.content).get("enabled") is not True:
+        if answer.status != p.OK:
+            return _said_no("track_face", answer.status, answer.body)
+        if p.decode_object(answer.body).get("enabled") is not True:
             return Refused("no_camera", "track_face: the daemon has no camera to track with", "connect one")
         return {"tracking": True}
 
-    async def _say(self, client: HttpClient, text: str, permit: Permit) -> dict[str, Any] | Refused:
-        speech = HttpClient(self._config.tts_url)
+    async def _say(self, client: HttpPort, text: str, permit: Permit) -> dict[str, Any] | Refused:
+        host, number, target = parse_speech_url(self._config.tts_url)
+        speech = HttpPort(host, number, max_body=SPEECH_SIZE)
         try:
-            made = await speech.post("", msgspec.json.encode({"text": text}), SPEECH_S)
+            made = await speech.ask("POST", target, msgspec.json.encode({"text": text}), within_s=SPEECH_S)
         finally:
-            with trio.CancelScope(shield=True):
-                await speech.aclose()
-        if made.status_code != p.OK or not made.content.startswith(b"RIFF"):
-            why = f"say: tts_url answers status {made.status_code}, no WAV file"
+            speech.close()
+        if made.status != p.OK or not made.body.startswith(b"RIFF"):
+            why = f"say: tts_url answers status {made.status}, no WAV file"
             return Refused("no_speech", why, 'it is asked by POST with {"text": ...} and answers with a WAV file')
         form = (
             f'--{BOUNDARY}\r\nContent-Disposition: form-data; name="file"; filename="{SPEECH}"\r\n'
             "Content-Type: audio/wav\r\n\r\n"
         )
-        body = form.encode() + made.content + f"\r\n--{BOUNDARY}--\r\n".encode()
+        body = form.encode() + made.body + f"\r\n--{BOUNDARY}--\r\n".encode()
         kind = f"multipart/form-data; boundary={BOUNDARY}"
-        taken = await client.post(p.UPLOAD_SOUND, body, ASK_S, permit, kind=kind)
-        if taken.status_code != p.OK:
-            return _said_no("say", taken.status_code, taken.content)
+        taken = await client.ask("POST", p.UPLOAD_SOUND, body, within_s=ASK_S, permit=permit, kind=kind)
+        if taken.status != p.OK:
+            return _said_no("say", taken.status, taken.body)
         play = msgspec.json.encode({"file": SPEECH})
         return await self._post(client, "say", p.PLAY_SOUND, play, permit, {"said": text})
 
-    async def _get(self, client: HttpClient, target: str) -> bytes | Refused:
-        answer = await client.get(target, ASK_S)
-        if answer.status_code == p.OK:
-            return answer.content
-        return _said_no(target, answer.status_code, answer.content)
+    async def _get(self, client: HttpPort, target: str) -> bytes | Refused:
+        answer = await client.ask("GET", target, within_s=ASK_S)
+        if answer.status == p.OK:
+            return answer.body
+        return _said_no(target, answer.status, answer.body)
 
     async def _post(
-        self, client: HttpClient, service: str, target: str, body: bytes, permit: Permit, done: dict[str, Any]
+        self, client: HttpPort, service: str, target: str, body: bytes, permit: Permit, done: dict[str, Any]
     ) -> dict[str, Any] | Refused:
-        answer = await client.post(target, body, ASK_S, permit)
-        return done if answer.status_code == p.OK else _said_no(service, answer.status_code, answer.content)
+        answer = await client.ask("POST", target, body, within_s=ASK_S, permit=permit)
+        return done if answer.status == p.OK else _said_no(service, answer.status, answer.body)
 
 
 def _said_no(what: str, status: int, body: bytes) -> Refused:

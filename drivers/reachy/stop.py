@@ -1,10 +1,13 @@
 """How a Reachy Mini is brought to a safe state, by the wire and by the root's stop channel alike.
 
-The first frame goes over the daemon's WebSocket, on a connection that is open or made for it: only
-there a move can be ended whoever began it. A ping behind the frames is answered once they were
-read: no list has the moves that were begun over a WebSocket. What confirms the rest is asked over
-HTTP: face tracking is off, no move is listed any more, at two looks, and the motors are in the mode
-that was ordered.
+The first frames need no answer: they leave at once on every connection that is open, whatever has
+come on it, and where none is, with the upgrade of a WebSocket that is made for them. Only on a
+WebSocket a move can be ended whoever began it. Beside it, at the same time, HTTP takes the torque
+away, ends face tracking, and ends the move that is known by its id.
+
+A stop is confirmed by answers alone. A ping behind the frames is answered once they were read: no
+list has the moves that were begun over a WebSocket. The rest is asked over HTTP: face tracking is
+off, no move is listed any more, at two looks, and the motors are in the mode that was ordered.
 """
 
 from __future__ import annotations
@@ -15,13 +18,14 @@ from collections.abc import Callable, Sequence
 import trio
 
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.contract.wire import MotorReport, StopChannel, WireDown
+from strands_actors.contract.stop_channels import KeptSession
+from strands_actors.contract.wire import MotorReport, WireDown
 from strands_actors.drivers.common.http_port import HttpPort
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.outcome import Outcome
 from strands_actors.drivers.common.tcp_port import NobodyListens
 from strands_actors.drivers.common.velocity_base import nothing_pending
-from strands_actors.drivers.common.websocket import WebSocket, open_websocket
+from strands_actors.drivers.common.websocket import WebSocket, begin_websocket, open_websocket
 from strands_actors.kernel.clock import Clock
 
 from . import protocol as p
@@ -33,6 +37,10 @@ is reached."""
 
 CONNECT_S = 0.4
 """Within which a WebSocket must be there."""
+
+REPEAT_S = 0.03
+"""How often the frames are sent again while the upgrade is not answered: uvicorn, in the daemon,
+drops what it reads together with the upgrade."""
 
 ANSWER_S = 0.3
 """How long one question waits for its answer."""
@@ -47,19 +55,53 @@ def frames(safe_state: SafeState) -> tuple[str, ...]:
     return (p.MOTORS_OFF, *ends) if safe_state == SafeState.LIMP else ends
 
 
+def requests(safe_state: SafeState, running: str = "") -> tuple[tuple[str, bytes], ...]:
+    """Return the same as requests over HTTP: target and body. ``running``: the move that is known to
+    run, which is the only one that can be ended so."""
+    ends = [(p.STOP, p.encode_uuid(running))] if running else []
+    ends.append((p.TRACKING_OFF, b""))
+    return ((f"{p.SET_MODE}disabled", b""), *ends) if safe_state == SafeState.LIMP else tuple(ends)
+
+
+def send_at_once(
+    safe_state: SafeState, sockets: Sequence[WebSocket | None], ports: Sequence[HttpPort | None], running: str = ""
+) -> bool:
+    """Send the frames on each connection that can be written, whatever has come on it. Return
+    whether any has left. Never waits, never raises."""
+    left = False
+    for socket in sockets:
+        if socket is not None:
+            with contextlib.suppress(WireDown):  # it is closed
+                socket.send_stop(*frames(safe_state))
+                left = True
+    for port in ports:
+        if port is not None:
+            with contextlib.suppress(WireDown):
+                for target, body in requests(safe_state, running):
+                    port.send_stop("POST", target, body)
+                    left = True
+    return left
+
+
 class Stopper:
     """For one daemon. ``socket``: an open connection to ``/ws/sdk``, if there is one; it stays
     open. ``heard``: whether another task receives on it. ``detail``: why it is not known to be
     safe; empty: it is."""
 
     def __init__(
-        self, host: str, number: int, socket: WebSocket | None = None, heard: Callable[[], bool] = lambda: False
+        self,
+        host: str,
+        number: int,
+        socket: WebSocket | None = None,
+        heard: Callable[[], bool] = lambda: False,
+        running: Callable[[], str] = lambda: "",
     ) -> None:
         self._where = host, number
         self._socket = socket
         self._heard = heard
+        self._running_move = running
         self._own: WebSocket | None = None
-        self._pinged = 0  # behind the frames that were sent last
+        self._pinged = 0  # behind the frames that were sent last; 0: no ping was sent
         self._port = HttpPort(host, number)
         self.written = self.acknowledged = False
         self._is_refused = False  # the newest attempt
@@ -69,13 +111,16 @@ class Stopper:
         self, safe_state: SafeState, within_s: float, pending: Callable[[], bool] = nothing_pending
     ) -> str:
         """Bring the robot to ``safe_state``; return why that is not confirmed, empty: it is. Never
-        raises. Where a WebSocket is open the first frame leaves before the first wait. ``pending``:
+        raises. Where a connection is open the first frame leaves before the first wait. ``pending``:
         whether an earlier command has not been answered, which may be carried out later."""
+        self.written = send_at_once(safe_state, [self._socket], []) or self.written
         with trio.move_on_after(within_s):
             while True:
                 owed = pending()  # what is answered while we look may have been carried out after that
                 try:
-                    await self._order(safe_state)
+                    async with trio.open_nursery() as nursery:
+                        nursery.start_soon(self._order, safe_state)
+                        nursery.start_soon(self._order_by_http, safe_state)
                     detail = await self._look(safe_state)
                     if not detail and owed:
                         detail = "not confirmed: an earlier command has not been answered"
@@ -97,17 +142,39 @@ class Stopper:
         return not self.written and self._is_refused
 
     def close(self) -> None:
-        self._port.close()
+        self._port.close_in_order()  # what was sent still arrives
         if self._own is not None:
-            self._own.close_in_order()  # what was sent still arrives
+            self._own.close_in_order()
 
     async def _order(self, safe_state: SafeState) -> None:
-        if self._socket is None or not self._socket.is_open:
-            self._socket = self._own = await open_websocket(*self._where, p.SDK, within_s=CONNECT_S)
-        for frame in frames(safe_state):
-            self._socket.send(frame)
+        """Send the frames on the WebSocket, and a ping behind them where it is open. Never
+        raises: ``_look`` finds what is missing."""
+        self._pinged = 0
+        with contextlib.suppress(WireDown):
+            if self._socket is None or not self._socket.is_open:
+                self._socket = await self._begin(safe_state)
+            self._socket.send_stop(*frames(safe_state))
+            self.written = True
+            self._pinged = self._socket.ping()
+
+    async def _begin(self, safe_state: SafeState) -> WebSocket:
+        """Return a WebSocket made for the stop, once its upgrade is answered. The frames leave with
+        the upgrade, and again until then. Raise ``WireDown``."""
+        stop = frames(safe_state)
+        begun = await begin_websocket(*self._where, p.SDK, within_s=CONNECT_S, stop=stop)
         self.written = True
-        self._pinged = self._socket.ping()
+        before, self._own = self._own, begun
+        if before is not None:
+            before.close_in_order()
+        while begun.is_pending and not await begun.accepted(REPEAT_S):
+            begun.send_stop(*stop)
+        return begun
+
+    async def _order_by_http(self, safe_state: SafeState) -> None:
+        """Send the same over HTTP. Never raises."""
+        with contextlib.suppress(WireDown):
+            await self._port.ready()
+            self.written = send_at_once(safe_state, [], [self._port], self._running_move()) or self.written
 
     async def _look(self, safe_state: SafeState) -> str:
         """End the moves that are listed, and face tracking; return why the robot is not known to be
@@ -139,8 +206,8 @@ class Stopper:
         """Wait until it has read the frames: what is asked before that says nothing of what they
         end. Raise ``WireDown``."""
         socket, why = self._socket, ""
-        if socket is None:
-            return
+        if socket is None or not self._pinged:
+            raise WireDown(f"{self._port.name}: {p.SDK}: no WebSocket that can end a move. Check the daemon")
         async with trio.open_nursery() as nursery:
             if socket is self._own or not self._heard():
                 nursery.start_soon(_drain, socket)
@@ -168,29 +235,43 @@ async def _drain(socket: WebSocket) -> None:
             await socket.receive()
 
 
-class ReachyStopChannel(StopChannel):
-    """The root's way to the robot: connections made when they are needed. ``descriptors``: the place
-    where the wire found it (``config.tell_place``), or none."""
+class ReachyStopChannel(KeptSession[ReachyConfig, WebSocket]):
+    """The root's way to the robot: a WebSocket that is kept open where the wire found the daemon, and
+    others that are made when they are needed. ``descriptors``: that place (``config.tell_place``), or
+    none."""
 
     def __init__(self, config: ReachyConfig, descriptors: Sequence[int], clock: Clock) -> None:
-        self._config = config.at_told(descriptors[0]) if descriptors else config
+        super().__init__(config.at_told(descriptors[0]) if descriptors else config, (), clock)
 
     @property
     def hosts(self) -> Sequence[str]:
-        return tuple(host for host, _ in self._config.addresses())
+        return tuple(host for host, _ in self.config.addresses())
 
-    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        return await stop_everywhere(self._config, safe_state)
+    async def connect(self) -> WebSocket:
+        try:
+            (host, number), *others = self.config.addresses()
+        except ValueError as error:
+            raise WireDown(str(error)) from None
+        if others:
+            raise WireDown("the daemon has not been found yet")
+        return await open_websocket(host, number, p.SDK, within_s=CONNECT_S)
 
-    def close(self) -> None:
-        pass
+    async def keep_up(self, session: WebSocket) -> None:
+        while True:
+            await session.receive()  # the state of the robot: dropped, but taken off the daemon
+
+    async def make_safe_by(self, session: WebSocket | None, safe_state: SafeState) -> tuple[MotorReport, ...]:
+        return await stop_everywhere(self.config, safe_state, session)
 
 
-async def stop_everywhere(config: ReachyConfig, safe_state: SafeState) -> tuple[MotorReport, ...]:
+async def stop_everywhere(
+    config: ReachyConfig, safe_state: SafeState, session: WebSocket | None = None
+) -> tuple[MotorReport, ...]:
     """Stop the robot at each address where it may be. Where no daemon runs there is none; each of the
-    others has to confirm, since nobody knows which is the robot's. Never raises."""
+    others has to confirm, since nobody knows which is the robot's. ``session``: a connection to the
+    only address. Never raises."""
     try:
-        stoppers = [Stopper(host, number) for host, number in config.addresses()]
+        stoppers = [Stopper(host, number, session) for host, number in config.addresses()]
     except ValueError as error:
         return Outcome(False, False, str(error)).reports(config.axes, config.ids)
 

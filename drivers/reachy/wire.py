@@ -20,7 +20,6 @@ import trio
 from strands_actors.contract.rotations import roll_pitch_yaw
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
-from strands_actors.drivers.common.http_client import HttpClient
 from strands_actors.drivers.common.http_port import HttpPort
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.outcome import Outcome
@@ -31,7 +30,7 @@ from strands_actors.kernel.messages import Refused
 from . import protocol as p
 from .config import ReachyConfig, tell_place
 from .services import Moves, Services
-from .stop import STOP_S, Stopper, stop_everywhere
+from .stop import STOP_S, Stopper, send_at_once, stop_everywhere
 
 STATUS_S = 10.0
 """Within which the daemon must tell its status."""
@@ -109,8 +108,8 @@ class ReachyWire(Wire):
         sdk, updates = self._sdk, self._updates
         if sdk is None or updates is None:
             raise WireDown("serve: not connected. Open it first")
-        self._services = Services(self._config, self._url, self._moves)
-        modes = HttpClient(self._url)
+        self._services = Services(self._config, *self._where, self._moves)
+        modes = HttpPort(*self._where)
         commands = self._commands = HttpPort(*self._where)
         try:
             await self._look(modes)
@@ -125,8 +124,7 @@ class ReachyWire(Wire):
                         await self._look(modes)
         finally:
             self._nursery = None
-            with trio.CancelScope(shield=True):
-                await modes.aclose()
+            modes.close()
 
     async def arm(self, permit: Permit) -> Observation:
         """Give no torque and move nothing: the robot is as it was found."""
@@ -179,15 +177,22 @@ class ReachyWire(Wire):
         nursery.start_soon(self._take_answer, port, number, self._owed, bool(duration_s))
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
+        self._send_at_once(safe_state)
         with trio.move_on_after(OWED_S):
             while (owed := self._pending()) is not None:
                 await owed.wait()
         return await self._stop(safe_state)
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """As ``make_safe``, on what is still open unless a command may wait there, then on new
+        """As ``make_safe``; then on what is still open unless a command may wait there, or on new
         connections."""
+        self._send_at_once(safe_state)
         return await self._stop(safe_state)
+
+    def _send_at_once(self, safe_state: SafeState) -> None:
+        """Send the first frames on everything that is open, before anything is waited for. A command
+        that waits somewhere may be carried out after them: ``_stop`` sends them again behind it."""
+        send_at_once(safe_state, (self._sdk,), (self._commands,), self._moves.running)
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
         services = self._services
@@ -255,17 +260,17 @@ class ReachyWire(Wire):
             except MalformedFrame as malformed:
                 self._problem = str(malformed)
 
-    async def _look(self, modes: HttpClient) -> None:
+    async def _look(self, modes: HttpPort) -> None:
         """See the motors' mode, and whether another client's move runs."""
         try:
-            answer = await modes.get(p.MOTORS, COMMAND_S)
-            if answer.status_code != p.OK:
-                raise MalformedFrame(f"{p.MOTORS}: status {answer.status_code}")
-            self._mode, self._mode_ns = float(p.decode_mode(answer.content)), self._clock.now_ns()
-            answer = await modes.get(p.RUNNING, COMMAND_S)
-            if answer.status_code != p.OK:
-                raise MalformedFrame(f"{p.RUNNING}: status {answer.status_code}")
-            running = p.decode_running(answer.content)
+            answer = await modes.ask("GET", p.MOTORS, within_s=COMMAND_S)
+            if answer.status != p.OK:
+                raise MalformedFrame(f"{p.MOTORS}: status {answer.status}")
+            self._mode, self._mode_ns = float(p.decode_mode(answer.body)), self._clock.now_ns()
+            answer = await modes.ask("GET", p.RUNNING, within_s=COMMAND_S)
+            if answer.status != p.OK:
+                raise MalformedFrame(f"{p.RUNNING}: status {answer.status}")
+            running = p.decode_running(answer.body)
             # one that is listed before our command is answered may be ours
             if self._pending() is None:
                 self._others = self._moves.others(running)
@@ -325,7 +330,7 @@ class ReachyWire(Wire):
         if not self._where[0]:
             return await stop_everywhere(self._config, safe_state)
         socket = self._sdk if self._pending() is None and not self._given_up else None
-        stopper = Stopper(*self._where, socket, lambda: self._nursery is not None)
+        stopper = Stopper(*self._where, socket, lambda: self._nursery is not None, lambda: self._moves.running)
         try:
             detail = await stopper.run(safe_state, STOP_S, lambda: self._pending() is not None)
         finally:

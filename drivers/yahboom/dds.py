@@ -56,6 +56,9 @@ class DdsLink:
     def is_open(self) -> bool:
         return self._participant is not None
 
+    async def listen(self) -> None:
+        await self.connect()
+
     async def connect(self) -> None:
         """Join the domain and wait until the base listens."""
         if self._participant is None:

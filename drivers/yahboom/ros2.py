@@ -85,6 +85,7 @@ class Ros2Link:
             self._spinning = False
 
     def zero(self) -> None:
+        self._publisher(m.CMD_VEL)  # raises where it is not connected, before anything is imported
         self.drive(m.REST)
 
     @property

@@ -6,7 +6,7 @@ with nothing.
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from typing import Any, Protocol
 
 import trio
@@ -14,7 +14,7 @@ import trio
 from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.reporting_base import Report
-from strands_actors.drivers.common.websocket import open_websocket
+from strands_actors.drivers.common.websocket import begin_websocket
 from strands_actors.kernel.clock import Clock
 
 from . import messages as m
@@ -44,6 +44,10 @@ SCAN_MS = 200.0
 IMU_MS = 50.0
 
 
+ZERO = p.publish(m.CMD_VEL, m.twist_message(m.REST, stop=True))
+"""What stops the base."""
+
+
 class Socket(Protocol):
     """What is needed of a WebSocket; ``common.websocket.WebSocket`` is one."""
 
@@ -51,17 +55,23 @@ class Socket(Protocol):
 
     @property
     def is_open(self) -> bool: ...
+    @property
+    def is_pending(self) -> bool: ...
     def send(self, message: str) -> None: ...
+    def send_stop(self, *messages: str) -> None: ...
+    async def accepted(self, within_s: float) -> bool: ...
     async def receive(self) -> str | bytes: ...
     def close(self) -> None: ...
 
 
 class OpenSocket(Protocol):
-    def __call__(self, host: str, port: int, /, *, within_s: float) -> Awaitable[Socket]: ...
+    def __call__(
+        self, host: str, port: int, /, *, within_s: float, stop: Sequence[str] = ()
+    ) -> Awaitable[Socket]: ...
 
 
 class RosbridgeLink:
-    def __init__(self, config: YahboomConfig, clock: Clock, open_socket: OpenSocket = open_websocket) -> None:
+    def __init__(self, config: YahboomConfig, clock: Clock, open_socket: OpenSocket = begin_websocket) -> None:
         self.news = News()
         self._config = config
         self._clock = clock
@@ -78,7 +88,7 @@ class RosbridgeLink:
 
     @property
     def is_open(self) -> bool:
-        return self._socket is not None and self._socket.is_open
+        return self._socket is not None and (self._socket.is_open or self._socket.is_pending)
 
     async def open(self) -> dict[str, Any]:
         name, missing = "rosbridge", "no answer"
@@ -100,18 +110,27 @@ class RosbridgeLink:
             f"{name}: {missing} within {self._config.timeout_s:g} s. Check that rosbridge and the base run"
         )
 
+    async def listen(self) -> None:
+        """Connect, and listen to odometry, before a stop is needed. Raise ``WireDown``."""
+        async with self._connecting:
+            await self._connect(CONNECT_S)
+            self._listen((m.ODOMETRY,), WATCH_MS)
+
     async def connect(self) -> None:
+        """Connect for a stop: zero leaves in one write with the upgrade, and ``taken`` does the
+        rest of the handshake."""
         async with self._connecting:
             if not self.is_open:
-                await self._connect(CONNECT_S)
-                self._listen((m.ODOMETRY,), WATCH_MS)
+                await self._begin(CONNECT_S, _advertised(m.CMD_VEL), ZERO)
 
     async def hear(self) -> None:
         while True:
             await self._hear()
 
     def zero(self) -> None:
-        self._send(p.publish(m.CMD_VEL, m.twist_message(m.REST, stop=True)))
+        if self._socket is None:
+            raise WireDown("rosbridge: not connected. Reconnect")
+        self._socket.send_stop(ZERO)
 
     @property
     def is_behind(self) -> bool:
@@ -127,6 +146,9 @@ class RosbridgeLink:
         """The bridge takes operations one after the other: it answers a call once it has taken
         what came before."""
         with trio.move_on_after(within_s):
+            if self._socket is not None and self._socket.is_pending:
+                await self._accept(self._socket, within_s)
+                self._listen((m.ODOMETRY,), WATCH_MS)
             await self._call(p.TIME_SERVICE)
             return
         raise WireDown(f"{self._name}: no answer within {within_s * 1e3:.0f} ms. Check rosbridge and its network")
@@ -153,15 +175,31 @@ class RosbridgeLink:
         return "rosbridge" if self._socket is None else self._socket.name
 
     async def _connect(self, within_s: float) -> None:
+        await self._accept(await self._begin(within_s), within_s)
+
+    async def _begin(self, within_s: float, *stop: str) -> Socket:
+        """Connect anew, and send ``stop`` with the upgrade. The connection before is kept until
+        then: it may be all that a stop can be written on."""
         try:
             host, port = self._config.address()
         except ValueError as error:
             raise WireDown(str(error)) from None
-        self._socket = await self._open_socket(host, port, within_s=within_s)
+        before = self._socket
+        self._socket = await self._open_socket(host, port, within_s=within_s, stop=stop)
+        if before is not None:
+            before.close()
         self._objection = ""
         self._asked.clear()
         self._owed.clear()
         self._responses.clear()
+        return self._socket
+
+    async def _accept(self, socket: Socket, within_s: float) -> None:
+        """Wait for the answer to the upgrade. Raise ``WireDown``."""
+        if not await socket.accepted(within_s):
+            raise WireDown(
+                f"{socket.name}: no WebSocket within {within_s * 1e3:.0f} ms. Check rosbridge and its network"
+            )
         self._advertise()
 
     async def _shake_hands(self) -> dict[str, Any]:
@@ -182,8 +220,8 @@ class RosbridgeLink:
         return {"rosbridge": f"ws://{self._name}", "topics": sorted((*m.COMMANDED, *m.REPORTED, *heard))}
 
     def _advertise(self) -> None:
-        for topic, kind in m.COMMANDED.items():
-            self._send(p.encode(p.Advertise(topic, kind)))
+        for topic in m.COMMANDED:
+            self._send(_advertised(topic))
 
     def _listen(self, topics: tuple[str, ...], at_least_ms: float = 0.0) -> None:
         for topic in topics:
@@ -260,6 +298,10 @@ class RosbridgeLink:
     def _wake(self) -> None:
         heard, self._heard = self._heard, trio.Event()
         heard.set()
+
+
+def _advertised(topic: str) -> str:
+    return p.encode(p.Advertise(topic, m.COMMANDED[topic]))
 
 
 def _types(values: Any) -> dict[str, str]:

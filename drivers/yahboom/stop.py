@@ -27,6 +27,10 @@ link is reached."""
 class StopLink(ReportingBase, Protocol):
     """A way to the base that is kept open for a stop."""
 
+    async def listen(self) -> None:
+        """Connect, and listen to odometry, before a stop is needed."""
+        ...
+
     async def hear(self) -> None:
         """Keep what it reports new, until cancelled."""
         ...
@@ -68,7 +72,7 @@ class YahboomStopChannel(KeptSession[YahboomConfig, StopLink]):
     async def connect(self) -> StopLink:
         link = self.new_link()
         try:
-            await link.connect()
+            await link.listen()
         except BaseException:
             link.close()
             raise

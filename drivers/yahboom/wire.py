@@ -5,6 +5,7 @@ zero of the stop behind it; and no more than a few ever wait.
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Sequence
 from typing import Any, ClassVar
@@ -15,7 +16,7 @@ from strands_actors.contract.rotations import roll_pitch_yaw
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
 from strands_actors.drivers.common.outcome import Outcome
-from strands_actors.drivers.common.reporting_base import stop_until_it_stands
+from strands_actors.drivers.common.reporting_base import stop_by_each, stop_until_it_stands
 from strands_actors.kernel.clock import NS, Clock
 
 from .config import ROS2, YahboomConfig
@@ -31,10 +32,6 @@ SILENT_S = 0.6
 QUIET_S = 0.2
 """No command is written to a robot whose odometry has been silent for so long: it would be carried
 out late."""
-
-OLD_S = 0.3
-"""How long a stop is tried on the connection that counts as lost, before it goes out on a new
-one."""
 
 NAN = math.nan
 
@@ -115,14 +112,13 @@ class YahboomWire(Wire):
         return self._reports(await stop_until_it_stands(self._link, STOP_S))
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """As ``make_safe``, and on a connection made for it: the old one may be dead, and nobody
-        has told."""
-        if self._link.is_open:
-            outcome = await stop_until_it_stands(self._link, OLD_S)
-            if not outcome.detail:
-                return self._reports(outcome)
+        """As ``make_safe``, and on a connection made for it at the same time: the old one may be
+        dead, or not understood, and zero is written on it all the same."""
+        with contextlib.suppress(WireDown):  # it is closed
+            self._link.zero()
         self._anew = self._anew or stop_link(self._config, self._clock)
-        return self._reports(await stop_until_it_stands(self._anew, STOP_S))
+        links = [self._link, self._anew] if self._link.is_open else [self._anew]
+        return self._reports(await stop_by_each(links, STOP_S))
 
     def close(self) -> None:
         for link in (self._link, self._anew):

@@ -6,12 +6,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import NamedTuple, Protocol
 
-from strands_actors.drivers.common.http_messages import Request, RequestDecoder, encode_response
+from strands_actors.drivers.common.http_messages import Request, ServerEnd, encode_response
 from strands_actors.drivers.common.malformed import MalformedFrame
 
 from .faults import Fault, Faults, Reply
 from .server import Exchange
 from .tcp import ClientGone, Handler, answering
+
+MAX_REQUEST = 4 << 20
+"""Bytes of a body: speech is uploaded as a WAV file."""
 
 
 class Answer(NamedTuple):
@@ -40,11 +43,11 @@ class HttpSession:
 
     def __init__(self, service: Service) -> None:
         self._service = service
-        self._decoder = RequestDecoder()
+        self._end = ServerEnd(MAX_REQUEST)
 
     def receive(self, data: bytes, bits_per_s: int | None) -> Iterator[Exchange]:
         try:
-            for request in self._decoder.feed(data):
+            for request in self._end.feed(data):
                 yield self._exchange(request)
         except MalformedFrame:
             raise ClientGone from None  # as a server does with what it cannot follow

@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Awaitable, Callable
 
 from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.websocket_messages import MAX_MESSAGE, Closed, Heard, Opened, ServerEnd
+from strands_actors.drivers.common.websocket_messages import MAX_HEAD, MAX_MESSAGE, Closed, Heard, Opened, ServerEnd
 
 from .line import Channel
 from .server import Conversation, TwinSession
@@ -17,7 +17,6 @@ from .tcp import ClientGone, Connection, Handler
 NOT_FOUND = 404
 
 _HEAD_END = b"\r\n\r\n"
-_MAX_HEAD = 16_384
 
 
 class WebSocketClient:
@@ -26,7 +25,7 @@ class WebSocketClient:
     def __init__(self, connection: Connection, end: ServerEnd, opened: Opened) -> None:
         self._end = end
         self._heard: deque[Heard] = deque()
-        self._read_ns = 0
+        self._read_ns = time.monotonic_ns()
         self.connection = connection
         self.target = opened.target
         self.headers = opened.headers
@@ -41,7 +40,9 @@ class WebSocketClient:
                         return self._read_ns, message
                     case Closed():
                         raise ClientGone
-            self._read_ns, data = await self.connection.receive()
+            data = b""
+            if not self._end.has_unread:
+                self._read_ns, data = await self.connection.receive()
             await self.connection.frost.thawed()
             try:
                 self._heard.extend(self._end.feed(data))
@@ -77,26 +78,28 @@ Choose = Callable[[str], WebSocketHandler | None]
 
 
 def serving_websocket(choose: Choose, max_message: int = MAX_MESSAGE) -> Handler:
-    """Return the handler of a port on which there are WebSockets only."""
+    """Return the handler of a port on which there are WebSockets only. Frames that come with the
+    upgrade count, as in tornado."""
 
     async def handle(connection: Connection) -> None:
-        await _serve(connection, b"", choose, max_message)
+        await _serve(connection, b"", choose, ServerEnd(max_message))
 
     return handle
 
 
 def serving_both(new_session: Callable[[], TwinSession], choose: Choose, max_message: int = MAX_MESSAGE) -> Handler:
     """Return the handler of a port with an HTTP service and WebSockets: the first request of a
-    connection says which it is. ``new_session``: makes what hears one that is no WebSocket."""
+    connection says which it is. Frames that come with the upgrade are dropped, as by uvicorn.
+    ``new_session``: makes what hears one that is no WebSocket."""
 
     async def handle(connection: Connection) -> None:
         first, t_ns = b"", 0
-        while _HEAD_END not in first and len(first) <= _MAX_HEAD:
+        while _HEAD_END not in first and len(first) <= MAX_HEAD:
             t_ns, data = await connection.receive()
             first += data
         head = first.partition(_HEAD_END)[0].lower()
         if b"\r\nupgrade: websocket" in head:
-            await _serve(connection, first, choose, max_message)
+            await _serve(connection, first, choose, ServerEnd(max_message, keeps_early=False))
         else:
             begun = _Begun(connection, t_ns, first)
             await Conversation(new_session(), begun, connection.log, connection.frost).serve()
@@ -104,8 +107,7 @@ def serving_both(new_session: Callable[[], TwinSession], choose: Choose, max_mes
     return handle
 
 
-async def _serve(connection: Connection, data: bytes, choose: Choose, max_message: int) -> None:
-    end = ServerEnd(max_message)
+async def _serve(connection: Connection, data: bytes, choose: Choose, end: ServerEnd) -> None:
     while True:
         try:
             heard = list(end.feed(data)) if data else []

@@ -33,6 +33,8 @@ class Line:
 
     def close(self) -> None: ...
 
+    def close_in_order(self) -> None: ...
+
 
 def test_whoever_comes_first_reads_for_all() -> None:
     async def main() -> None:

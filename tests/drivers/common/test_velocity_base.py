@@ -3,7 +3,6 @@ memory."""
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import math
 from collections import deque
@@ -14,9 +13,8 @@ import pytest
 import trio
 import trio.testing
 
-from strands_actors.contract.wire import PermitDenied, WireDown
-from strands_actors.drivers.common.http_client import HttpClient
-from strands_actors.drivers.common.http_messages import Request, RequestDecoder, encode_response
+from strands_actors.contract.wire import WireDown
+from strands_actors.drivers.common.http_messages import Request, ServerEnd, encode_response
 from strands_actors.drivers.common.http_port import HttpPort
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.velocity_base import Outcome, Standing, stop_base
@@ -60,7 +58,7 @@ class Service:
 class Stream:
     def __init__(self, service: Service) -> None:
         self._service = service
-        self._decoder = RequestDecoder()
+        self._end = ServerEnd()
         self._coming: deque[tuple[float, bytes]] = deque()
         self._news = trio.Event()
         self._closed = False
@@ -68,7 +66,7 @@ class Stream:
     def write(self, data: bytes) -> None:
         if self._closed or self._service.down:
             raise WireDown("the connection is gone")
-        for request in self._decoder.feed(data):
+        for request in self._end.feed(data):
             answer = self._service.answer(request)
             if not self._service.mute:
                 self._coming.append((trio.current_time() + ANSWER_S, answer))
@@ -82,6 +80,9 @@ class Stream:
         return b"".join(data for _, data in [self._coming.popleft() for _ in range(len(self._coming))])
 
     def close(self) -> None:
+        self._closed = True
+
+    def close_in_order(self) -> None:
         self._closed = True
 
 
@@ -208,59 +209,6 @@ def test_responses_that_come_together_are_told_apart() -> None:
         assert not port.waits
 
     run_virtual(run)
-
-
-class Denied:
-    """A permit that holds for so many checks."""
-
-    def __init__(self, checks: int) -> None:
-        self.left = checks
-
-    def check(self) -> None:
-        self.left -= 1
-        if self.left < 0:
-            raise PermitDenied("a stop is waiting")
-
-
-@pytest.mark.parametrize("checks", [0, 1])
-def test_saf_002_the_client_sends_no_whole_request_without_its_permit(checks: int) -> None:
-    heard: list[bytes] = []
-
-    async def serve(stream: trio.SocketStream) -> None:
-        with contextlib.suppress(trio.BrokenResourceError):  # the client closes with a reset
-            async for data in stream:
-                heard.append(bytes(data))
-
-    async def run() -> None:
-        async with trio.open_nursery() as nursery:
-            listeners = await nursery.start(trio.serve_tcp, serve, 0)
-            client = HttpClient(f"http://127.0.0.1:{listeners[0].socket.getsockname()[1]}")
-            with pytest.raises(PermitDenied):
-                await client.post("/control", b'{"a":1}', 1.0, Denied(checks))
-            await client.aclose()
-            await trio.sleep(0.1)
-            nursery.cancel_scope.cancel()
-
-    trio.run(run)
-    assert b"{" not in b"".join(heard)
-    assert bool(heard) == bool(checks)
-
-
-async def mute(stream: trio.SocketStream) -> None:
-    await trio.sleep_forever()
-
-
-def test_the_client_gives_up_in_time_and_says_where() -> None:
-    async def run() -> None:
-        async with trio.open_nursery() as nursery:
-            listeners = await nursery.start(trio.serve_tcp, mute, 0)
-            client = HttpClient(f"http://127.0.0.1:{listeners[0].socket.getsockname()[1]}")
-            with trio.fail_after(5.0), pytest.raises(WireDown, match=r"^http://127\.0\.0\.1:"):
-                await client.get("/data", 0.1)
-            await client.aclose()
-            nursery.cancel_scope.cancel()
-
-    trio.run(run)
 
 
 def test_a_connection_that_was_idle_takes_no_command() -> None:

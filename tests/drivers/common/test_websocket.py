@@ -20,8 +20,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.http_client import HttpClient
 from strands_actors.drivers.common.http_messages import Request
+from strands_actors.drivers.common.http_port import HttpPort
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.twin import Fault, Faults, TcpServer, WireLog
 from strands_actors.drivers.common.twin.http import Answer, HttpSession
@@ -174,9 +174,10 @@ def test_text_and_binary_at_our_server_and_http_on_the_same_port() -> None:
             for message in ("text", b"bytes", "", b"", "ü" * 5000):
                 socket_.send(message)
                 assert await socket_.receive() == message
-            http = HttpClient(f"http://{server.address}")
-            assert (await http.get("/word", 5.0)).content == b"/word"
-            await http.aclose()
+            host, _, port = server.address.partition(":")
+            http = HttpPort(host, int(port))
+            assert (await http.ask("GET", "/word", within_s=5.0)).body == b"/word"
+            http.close()
             socket_.close()
 
     trio.run(main)

@@ -13,8 +13,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from strands_actors.drivers.common import http_messages as http
-from strands_actors.drivers.common.http_messages import RequestDecoder, ResponseDecoder
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.earthrover import protocol as p
 from tests.drivers.disturbed import DISTURBED
@@ -108,62 +106,3 @@ def disturbed(chance: random.Random, data: bytes) -> bytes:
             case _:
                 bytes_[at:at] = bytes_[: chance.randint(0, 12)]
     return bytes(bytes_) or b"x"
-
-
-# -- the HTTP around it
-
-
-RESPONSE = http.encode_response(200, b'{"a":1}')
-CHUNKED = b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n3\r\nabc\r\n4;x=y\r\ndefg\r\n0\r\n\r\n"
-REQUEST = http.encode_request("POST", "/control", "192.0.2.1:8000", b'{"command":{}}')
-
-
-@pytest.mark.parametrize("size", [1, 2, 7, 1000])
-def test_messages_are_whole_however_they_are_cut(size: int) -> None:
-    stream = RESPONSE + CHUNKED + b"HTTP/1.1 204 No Content\r\n\r\n" + RESPONSE
-    decoder = ResponseDecoder()
-    heard = [one for at in range(0, len(stream), size) for one in decoder.feed(stream[at : at + size])]
-    assert [(one.status, one.body) for one in heard] == [
-        (200, b'{"a":1}'), (200, b"abcdefg"), (204, b""), (200, b'{"a":1}'),
-    ]  # fmt: skip
-    assert not decoder.has_part
-    requests = RequestDecoder()
-    both = REQUEST + http.encode_request("GET", "/data", "h")
-    asked = [one for at in range(0, len(both), size) for one in requests.feed(both[at : at + size])]
-    assert [(one.method, one.target, one.body) for one in asked] == [
-        ("POST", "/control", b'{"command":{}}'), ("GET", "/data", b""),
-    ]  # fmt: skip
-    assert b"".join(one.raw for one in asked) == both
-
-
-@pytest.mark.parametrize("head", [
-    b"HTTP/1.1 200 OK\r\nContent-Length: -1",
-    b"HTTP/1.1 200 OK\r\nContent-Length: 1\r\nContent-Length: 2",
-    b"HTTP/1.1 200 OK\r\nContent-Length: 99999999999",
-    b"HTTP/1.1 200 OK\r\nContent-Length: 5\r\nTransfer-Encoding: chunked",
-    b"HTTP/1.1 200 OK\r\nTransfer-Encoding: gzip",
-    b"HTTP/1.1 200 OK",  # ends with its connection
-    b"HTTP/2 200 OK\r\nContent-Length: 0",
-    b"HTTP/1.1 2x0 OK\r\nContent-Length: 0",
-    b"HTTP/1.1 200 OK\r\nNo colon",
-    b"\xff\xff",
-])  # fmt: skip
-def test_a_message_that_leaves_a_doubt_is_malformed(head: bytes) -> None:
-    with pytest.raises(MalformedFrame):
-        list(ResponseDecoder().feed(head + b"\r\n\r\n"))
-
-
-def test_what_never_ends_is_bounded() -> None:
-    for endless in (b"x" * 1000, b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n" + b"x" * 1000):
-        decoder = ResponseDecoder()
-        with pytest.raises(MalformedFrame):
-            for _ in range(10_000):
-                list(decoder.feed(endless))
-
-
-def test_disturbed_messages_raise_nothing_but_the_codecs_own() -> None:
-    chance = random.Random(2)
-    for _ in range(DISTURBED):
-        for decoder, good in ((ResponseDecoder(), chance.choice([RESPONSE, CHUNKED])), (RequestDecoder(), REQUEST)):
-            with contextlib.suppress(MalformedFrame):
-                list(decoder.feed(disturbed(chance, good)))

@@ -50,11 +50,14 @@ class ServicePort(HttpPort):
     async def ready(self) -> None:
         await trio.lowlevel.checkpoint()
 
-    def send(self, method: str, target: str, body: bytes = b"") -> int:
+    def send(self, method: str, target: str, body: bytes = b"", **_: Any) -> int:
         answer = self._twin.answer(Request(method, target, {}, body, b""))
         self.log.append(answer.kind)
         self._answers[len(self.log)] = Response(answer.status, {}, answer.body)
         return len(self.log)
+
+    def send_stop(self, method: str, target: str, body: bytes = b"") -> int:
+        return self.send(method, target, body)
 
     async def answer(self, number: int, within_s: float) -> Response:
         await trio.sleep(0.002)
@@ -74,7 +77,7 @@ class LatePort(ServicePort):
         self._coming: deque[tuple[float, bytes]] = deque()
         self.loses_until_s = 0.0
 
-    def send(self, method: str, target: str, body: bytes = b"") -> int:
+    def send(self, method: str, target: str, body: bytes = b"", **_: Any) -> int:
         self.pass_time()
         if method != "POST":
             return super().send(method, target, body)

@@ -10,14 +10,13 @@ from contextlib import asynccontextmanager
 from itertools import count
 from typing import Any
 
-import httpx
 import msgspec
 import pytest
 import trio
 
-from strands_actors.contract.wire import PermitDenied, WireDown
-from strands_actors.drivers.common.http_client import HttpClient
-from strands_actors.drivers.common.http_messages import Request
+from strands_actors.contract.wire import Permit, PermitDenied, WireDown
+from strands_actors.drivers.common.http_messages import Request, Response
+from strands_actors.drivers.common.http_port import HttpPort
 from strands_actors.drivers.common.twin import Fault, TcpServer, WireLog
 from strands_actors.drivers.common.twin.http import Answer
 from strands_actors.drivers.common.twin.websocket import WebSocketClient
@@ -336,7 +335,7 @@ def test_saf_002_a_stop_does_not_overtake_a_command_that_waits_in_a_frozen_daemo
     trio.run(main)
 
 
-class Slow(HttpClient):
+class Slow(HttpPort):
     """To a daemon that takes what energises, and is at something else for a while."""
 
     daemon: ReachyTwin
@@ -344,21 +343,24 @@ class Slow(HttpClient):
     taken: trio.Event
     done: trio.Event
 
-    async def post(self, target: str, body: bytes, *given: Any, **more: Any) -> httpx.Response:
-        if target == p.STOP:
-            return await super().post(target, body, *given, **more)
-        given[1].check()  # the permit
-        answers: list[httpx.Response] = []
+    async def ask(
+        self, method: str, target: str, body: bytes = b"", *, permit: Permit | None = None, **more: Any
+    ) -> Response:
+        if method == "GET" or target == p.STOP:
+            return await super().ask(method, target, body, permit=permit, **more)
+        assert permit is not None
+        permit.check()
+        answers: list[Response] = []
         self.nursery.start_soon(self.carry_out, Request("POST", target, {}, body, b""), answers)
         self.taken.set()
         await self.done.wait()
         return answers[0]
 
-    async def carry_out(self, request: Request, answers: list[httpx.Response]) -> None:
+    async def carry_out(self, request: Request, answers: list[Response]) -> None:
         """Whoever waits for it."""
         await trio.sleep(0.3)
         answer = self.daemon.answer(request)
-        answers.append(httpx.Response(answer.status, content=answer.body))
+        answers.append(Response(answer.status, {}, answer.body))
         self.done.set()
 
 
@@ -376,7 +378,7 @@ class Slow(HttpClient):
 def test_saf_010_no_stop_is_confirmed_before_what_a_service_asked_for_is_carried_out(
     monkeypatch: pytest.MonkeyPatch, service: str, given: dict[str, object]
 ) -> None:
-    monkeypatch.setattr(services, "HttpClient", Slow)
+    monkeypatch.setattr(services, "HttpPort", Slow)
 
     async def main() -> None:
         async with daemon() as (twin, server), wired(server.address) as wire, trio.open_nursery() as nursery:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 import math
 from collections import deque
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from typing import Any, NamedTuple
 
@@ -63,12 +63,15 @@ class World:
     def stop_channel(self) -> YahboomStopChannel:
         return ChannelTo(self.link, self.driver.config, VirtualClock())
 
-    async def open_socket(self, host: str, port: int, /, *, within_s: float) -> MemorySocket:
+    async def open_socket(
+        self, host: str, port: int, /, *, within_s: float, stop: Sequence[str] = ()
+    ) -> MemorySocket:
         assert (host, port) == ("192.0.2.1", 9090)
         await trio.sleep(0.001)
         if self.gone:
             raise WireDown("192.0.2.1:9090: cannot connect")
         self.sockets.append(MemorySocket(self, len(self.sockets)))
+        self.sockets[-1].send_stop(*stop)
         return self.sockets[-1]
 
     def thaw(self) -> None:
@@ -101,7 +104,24 @@ class MemorySocket:
         self._waiting: list[str] = []
         self._told: deque[tuple[float, str]] = deque()
         self._lost = False
-        self.is_open = True
+        self.is_pending = True
+        self._is_closed = False
+
+    @property
+    def is_open(self) -> bool:
+        return not self.is_pending and not self._is_closed
+
+    async def accepted(self, within_s: float) -> bool:
+        with trio.move_on_after(within_s):
+            while self.is_pending:
+                self._check()
+                await trio.sleep(0.001)
+                self.is_pending = self.is_pending and self._world.frozen
+        return not self.is_pending
+
+    def send_stop(self, *messages: str) -> None:
+        for message in messages:
+            self.send(message)
 
     def send(self, message: str) -> None:
         self._check()
@@ -125,7 +145,7 @@ class MemorySocket:
                     return self._told.popleft()[1]
 
     def close(self) -> None:
-        self.is_open = False
+        self.is_pending, self._is_closed = False, True
 
     def _say(self, text: str) -> None:
         if not any(f'"publish","topic":"{topic}"' in text for topic in self._world.mute):
@@ -139,8 +159,8 @@ class MemorySocket:
 
     def _check(self) -> None:
         if self._world.gone:
-            self.is_open = False
-        if not self.is_open:
+            self.close()
+        if self._is_closed:
             raise WireDown("192.0.2.1:9090: the WebSocket is closed")
 
 
