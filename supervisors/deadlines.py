@@ -1,5 +1,6 @@
 """How long those who order a stop wait: what the driver says that one may take (``Timing.safe_s``),
-and some room.
+and some room; and, where something that was asked for before may still take effect, what they wait
+for that (``settle_s``).
 
 A wire that takes long because its robot does (a drone that lands) must not be fenced for it: the
 stop channel would begin anew what the wire has begun.
@@ -36,15 +37,29 @@ class StopDeadlines(NamedTuple):
     """Who asked the root to end."""
 
     @classmethod
-    def of(cls, safe_s: float) -> StopDeadlines:
+    def of(cls, safe_s: float, late_s: float = 0.0) -> StopDeadlines:
+        """Return the deadlines of a robot.
+
+        Args:
+            safe_s: ``Timing.safe_s``.
+            late_s: ``Driver.late_s``. ``attempt_s`` and ``own_stop_s`` are without it.
+        """
+        settled_s = settle_s(safe_s, late_s)
         attempt_s = safe_s + ROOM_S
         longer_s = max(0.0, safe_s - USUAL_SAFE_S)
         own_stop_s = OWN_STOP_S + longer_s
         return cls(
             longer_s=longer_s,
-            gate_s=safe_s + ROOM_S,
+            gate_s=safe_s + settled_s + ROOM_S,
             attempt_s=attempt_s,
-            root_s=attempt_s + FENCE_ROOM_S,
+            root_s=attempt_s + settled_s + FENCE_ROOM_S,
             own_stop_s=own_stop_s,
-            end_s=own_stop_s + attempt_s + FENCE_ROOM_S,
+            # Once for the gate's own stop, and once more from the fence on.
+            end_s=own_stop_s + attempt_s + 2 * settled_s + FENCE_ROOM_S,
         )
+
+
+def settle_s(safe_s: float, late_s: float) -> float:
+    """Return how much longer a stop takes when something may take effect for ``late_s`` more: until
+    that time has passed, and one more attempt."""
+    return late_s + safe_s if late_s else 0.0

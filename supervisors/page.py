@@ -4,17 +4,19 @@ it.
 Whether something may be energised stands here because the standby can ask nobody: a wire that is
 killed while it makes safe leaves a standby that acts; one that has made safe, a standby that ends.
 Which safe state was ordered stands here because another process may have to bring it about than the
-one that was asked.
+one that was asked. So does what the wire has asked of the robot and the robot has not yet answered:
+it may take effect after the wire's death, and after a safe frame that another process wrote.
 """
 
 from __future__ import annotations
 
 from strands_actors.contract.safe_state import SafeState
+from strands_actors.kernel.clock import NS
 from strands_actors.kernel.health.heartbeat import Word, private_page
 
 ROOT, WIRE, STANDBY = range(3)
 """Places of heartbeats."""
-_OWED, _SILENT, _ORDERED, _STOPPED, _WIRE_PID = 3, 4, 5, 6, 7
+_OWED, _SILENT, _ORDERED, _STOPPED, _WIRE_PID, _LATE = 3, 4, 5, 6, 7, 8
 _BY_SEVERITY = tuple(SafeState)
 
 
@@ -29,6 +31,9 @@ class Owed:
         self._ordered = Word(page, _ORDERED)  # a severity; 0: nothing, or the mildest
         self._stopped = Word(page, _STOPPED)
         self._wire_pid = Word(page, _WIRE_PID)
+        # Negative: a request is under way that may take effect so long after it is cut off.
+        # Positive: one was cut off, and may take effect until then. 0: neither.
+        self._late = Word(page, _LATE)
 
     @property
     def safe_state(self) -> bool:
@@ -68,6 +73,41 @@ class Owed:
     @wire_pid.setter
     def wire_pid(self, pid: int) -> None:
         self._wire_pid.set(pid)
+
+    # -- requests that may take effect after a stop
+
+    @property
+    def is_asking(self) -> bool:
+        """Return whether the wire process has a request under way that may take effect later."""
+        return self._late.get() < 0
+
+    def ask(self, late_ns: int) -> None:
+        """Note that a request is under way.
+
+        Args:
+            late_ns: How long it may still take effect after it is cut off.
+        """
+        self._late.set(-late_ns)
+
+    def settle_at(self, until_ns: int) -> None:
+        """Note that no request is under way, and until when an earlier one may take effect."""
+        self._late.set(until_ns)
+
+    def cut_off(self, now_ns: int) -> None:
+        """Note that the wire process has ended, and with it a request that was under way."""
+        late = self._late.get()
+        if late < 0:
+            self._late.set(now_ns - late)
+
+    def unsettled_s(self, now_ns: int) -> float:
+        """Return for how long something that was asked for may still take effect.
+
+        A safe state counts as confirmed only if the attempt that confirms it began when this was 0.
+        """
+        late = self._late.get()
+        return -late / NS if late < 0 else max(0.0, (late - now_ns) / NS)
+
+    # -- what was ordered
 
     def order(self, safe_state: SafeState, lasts: bool = True) -> SafeState:
         """Note an order to make safe, if it ``lasts`` until it is confirmed. Return where to bring the

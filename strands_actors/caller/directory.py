@@ -68,7 +68,7 @@ class Directory:
 
     async def stop(self, note: Note, reason: Reason, by: str, lock: bool = False) -> StopReport | Refused:
         """Make a robot safe: by its gate, or when that does not answer by the root's own path."""
-        at, deadlines = addresses.of(note.robot), StopDeadlines.of(note.safe_s)
+        at, deadlines = addresses.of(note.robot), StopDeadlines.of(note.safe_s, note.late_s)
         try:
             answer = await self._ask(at.gate, Gate, Stop(reason, by, lock), deadlines.gate_s)
         except (AskTimeout, Unreachable):

@@ -63,7 +63,7 @@ class Processes(ABC):
 
     def __init__(self, node: Node, nursery: trio.Nursery, plan: Plan, driver: Driver) -> None:
         self.driver = driver
-        self.deadlines = StopDeadlines.of(driver.timing.safe_s)
+        self.deadlines = StopDeadlines.of(driver.timing.safe_s, driver.late_s)
         longer_s = self.deadlines.gate_s - Patience().stop_s
         self.patience = self.PATIENCE._replace(stop_s=self.PATIENCE.stop_s + max(0.0, longer_s))
         self.node = node

@@ -49,6 +49,7 @@ class Note(msgspec.Struct):
     problem: str = ""
     unconfirmed: list[str] = []  # motors that its root could not confirm safe so far, and goes on trying
     safe_s: float = 1.5  # what its driver says that a stop may take
+    late_s: float = 0.0  # and how much later something that was asked for before may take effect
     arm_s: float = 10.0  # and that energising it may
     port: str = ""  # where it is, as its script said; empty: a twin, or none was given
 

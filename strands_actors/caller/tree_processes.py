@@ -145,6 +145,7 @@ class TreeProcesses(Processes):
                 [listen, wire_listen],
                 [mesh],
                 safe_s=self.driver.timing.safe_s,
+                late_s=self.driver.late_s,
                 arm_s=self.driver.timing.arm_s,
                 port=own,
             )

@@ -81,6 +81,11 @@ class Timing(msgspec.Struct, frozen=True):
     open_s: float = 5.0  # longest time that ``Wire.open`` and the first reading may take, and the stop channel's
     handover_s: float = 3.0  # of these: what the root may take to have its stop channel ready
     safe_s: float = 1.5  # longest time that ``make_safe`` may take: the wire's, and the stop channel's
+    # Longest time for which an arming that was cut off (a stop cancelled it, its process was killed)
+    # may still take effect on the robot: the request is in a buffer, in the network, or the robot
+    # has taken it and acts on it later. No stop is confirmed before this time has passed. 0: the
+    # robot carries out what arrives at once and in order, so the safe frame is always the last.
+    late_s: float = 0.0
 
 
 class Service(msgspec.Struct, frozen=True):
@@ -103,6 +108,8 @@ class Service(msgspec.Struct, frozen=True):
     # Refused to a robot that is not armed, as a setpoint is: after a stop only ``resume`` lets it go
     # on, also where a stopped robot keeps its power. For what ``moves`` this is so anyway.
     needs_armed: bool = False
+    # As ``Timing.late_s``, of this service: it powers or moves the robot, and may do so later.
+    late_s: float = 0.0
     # No service of the wire's, but a command: its arguments are an action, with the lifetime and the
     # gates of one.
     acts: bool = False
@@ -254,6 +261,11 @@ class Driver(ABC):
 
     @abstractmethod
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None: ...
+
+    @property
+    def late_s(self) -> float:
+        """Return the longest time for which anything that was cut off may still take effect."""
+        return max((self.timing.late_s, *(service.late_s for service in self.SERVICES.values())))
 
     def declare(self, *parts: Part) -> None:
         """Take the axes of the parts: names, ids, parsing and the first target follow from them."""

@@ -38,10 +38,16 @@ class MotorReport(Message, frozen=True):
 
 
 class Permit(Protocol):
-    """The transport's word that a setpoint may still go out."""
+    """The transport's word that a setpoint may still go out, or a motor be energised."""
 
     def check(self) -> None:
-        """Raise ``PermitDenied`` once the setpoint's deadline or epoch has passed."""
+        """Raise ``PermitDenied`` once the setpoint's deadline or epoch has passed.
+
+        In ``Wire.arm`` and ``Wire.perform`` a check that passes also notes that the robot is now
+        asked for something. If the call is then cut off, no stop is confirmed for ``late_s``
+        (``Timing``, ``Service``). So call it as the last thing before a request that energises or
+        moves, and not before requests that only read or connect.
+        """
         ...
 
 

@@ -69,7 +69,7 @@ class Motion:
         self._tasks: Ref = context.node.ref(at.tasks)
         self._task = task
         self._shared = shared
-        self._stop_s = StopDeadlines.of(driver.timing.safe_s).gate_s
+        self._stop_s = StopDeadlines.of(driver.timing.safe_s, driver.late_s).gate_s
         self._turn = trio.Lock()
         self._kept: messages.Lease | None = None
         self._keeper = ""

@@ -91,7 +91,7 @@ class Safety(Actor):
     def __init__(self, robot: str, driver: Driver, pubsub: PubSub, answers: Answers, shared: Shared) -> None:
         self._robot = robot
         self._arm_s = driver.timing.arm_s + 2.0
-        self._deadlines = StopDeadlines.of(driver.timing.safe_s)
+        self._deadlines = StopDeadlines.of(driver.timing.safe_s, driver.late_s)
         self._pubsub = pubsub
         self._answers = answers
         self._shared = shared

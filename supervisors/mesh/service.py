@@ -109,7 +109,7 @@ class MeshService:
         robot, driver, at, node = self._robot, self._driver, self._at, self._node
         answers, shared = Answers(pubsub, robot), Shared()
         shared.audit = self._audit
-        deadlines = StopDeadlines.of(driver.timing.safe_s)
+        deadlines = StopDeadlines.of(driver.timing.safe_s, driver.late_s)
 
         def counts() -> dict[str, int]:
             return {"commands": shared.taken, "commands_refused": answers.refused}

@@ -12,7 +12,8 @@ there is no next one, because the tree ends, for ``LINGER_S``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Awaitable, Callable, Iterable
+from functools import partial
 
 import msgspec
 import trio
@@ -47,7 +48,7 @@ from strands_actors.supervisors.wire.watchdog import Tick
 from .channel_keeper import ChannelKeeper
 from .guarded import GuardedStandby, GuardedWire
 from .lock_keeper import Kept, LockKeeper
-from .stop_channel import INSIST_S, LINGER_S, all_safe, attempt, attempt_anew, pauses_s
+from .stop_channel import INSIST_S, LINGER_S, all_safe, attempt, attempt_anew, pauses_s, settled
 from .stopped_detector import LOOK_EVERY, LOOKS, StoppedDetector
 
 START_DEADLINE_S = 5.0
@@ -418,9 +419,10 @@ class Guardian(Actor):
         if fenced and self._why[1] == DYING:
             self._why = self._why[0], await guarded.ended()
         self._guarded = None
+        self._look_for_requests(fenced)
         self.context.note(Happened("the wire has ended", self._why[1]))
         self._failure_detector = self._listen()
-        if self._released and guarded.left_safe and not self._waiting:
+        if self._released and guarded.left_safe and not self._waiting and not self._unsettled_s:
             self._confirmed = True
             self._owed.safe_state = False
             self.last_report = None  # it was safe by the wire's word, which is no answer to an e-stop
@@ -432,10 +434,23 @@ class Guardian(Actor):
             if self._leaving and trio.current_time() > began_s + LINGER_S:
                 break  # there will be no other
             fenced = await self._fenced(guarded)
+            if fenced and self._look_for_requests(fenced):
+                await self._insist(epoch, INSIST_S)
         while self._waiting:  # who asked meanwhile
             await self._make_safe(epoch)
         self.reported.set()
         self.idle.set()
+
+    def _look_for_requests(self, fenced: bool) -> bool:
+        """Note that what the wire asked for is cut off now. Return whether that may still take effect:
+        then the robot is not safe, whatever the wire said last."""
+        now_ns = self.context.clock.now_ns()
+        if fenced:
+            self._owed.cut_off(now_ns)
+        unsettled = self._owed.unsettled_s(now_ns) > 0
+        if unsettled:
+            self._confirmed = False
+        return unsettled
 
     async def _fence_guarded(self, guarded: GuardedWire) -> bool:
         """Write, then fence. A root that dies in between leaves a wire that acts by itself, or a
@@ -478,6 +493,15 @@ class Guardian(Actor):
             with trio.move_on_after(pause_s):
                 await self._again.wait()
 
+    async def _settled(
+        self, make_safe: Callable[[], Awaitable[tuple[MotorReport, ...]]]
+    ) -> tuple[MotorReport, ...]:
+        return await settled(self._owed, self.context.clock, make_safe)
+
+    @property
+    def _unsettled_s(self) -> float:
+        return self._owed.unsettled_s(self.context.clock.now_ns())
+
     def _wanted(self) -> SafeState:
         """Return where to bring the robot: what was ordered stands on the page, and here, since a wire
         that is about to end may still confirm it, and clear the page."""
@@ -491,11 +515,11 @@ class Guardian(Actor):
         self._attempting_state = safe_state
         with trio.CancelScope() as self._attempting:
             if self.channels.own is not None:
-                motors = await attempt(self.channels.own, self._driver, safe_state)
+                motors = await self._settled(partial(attempt, self.channels.own, self._driver, safe_state))
             elif not self._confirmed or safe_state.severity > self._usual.severity:
                 # This wire had not come so far as to energise anything, and what the one before left is
                 # as it was.
-                motors = await attempt_anew(self._driver, self.context.clock, safe_state)
+                motors = await self._settled(partial(attempt_anew, self._driver, self.context.clock, safe_state))
         self._attempting = None
         if not safe_state.at_least(self._wanted()):
             self._confirmed = False

@@ -39,7 +39,7 @@ from strands_actors.kernel.processes.spawner import Spawner
 from strands_actors.kernel.supervisor import Budget, BudgetSpent, ChildSpec, Supervisor
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors import permissions as channels
-from strands_actors.supervisors.deadlines import StopDeadlines
+from strands_actors.supervisors.deadlines import StopDeadlines, settle_s
 from strands_actors.supervisors.gate.failsafe import LINKED, Mode, State
 from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.gate.messages import Stop, StopReport
@@ -190,12 +190,13 @@ class Tree:
             self.node, self.robot, self.driver, lambda: self.tasks.status, rings, self.audit.note
         )
         self.keeper = LockKeeper(Locks(Path(args["locks"]), self.robot, args["lock_port"]))
+        self.owed = Owed(words)
         self.standby = StandbyKeeper(
             self.node,
             self.robot,
             {name: args[name] for name in ("robot", "driver", "label")} | args["standby"],
             ahead.page,
-            Owed(words),
+            self.owed,
             Heartbeat(words, ROOT, STANDBY),
             self.driver.timing,
             ahead.standby,
@@ -213,7 +214,7 @@ class Tree:
             self._see_dying,
             self.standby,
             self.at.transport,
-            Owed(words),
+            self.owed,
             lambda told: self.audit.note(told.who, told.what, told.how, told.over),
         )
         self.standby.on_lost = self.guardian.lose_standby
@@ -389,7 +390,7 @@ class Tree:
         self.cameras.end()
         if self.tasks.process is not None:
             self.tasks.process.kill()
-        with trio.move_on_after(StopDeadlines.of(self.driver.timing.safe_s).attempt_s):
+        with trio.move_on_after(StopDeadlines.of(self.driver.timing.safe_s).attempt_s + self._settle_s()):
             await self.guardian.end(reason, by, report is not None)
         if not self.guardian.confirmed or report is None:
             report = self._report_of_guardian(reason)
@@ -411,7 +412,7 @@ class Tree:
 
     async def _stop_by_gate(self, reason: Reason, by: str) -> StopReport | None:
         """Return its report, if every motor is confirmed. From then on it obeys nobody."""
-        within_s = StopDeadlines.of(self.driver.timing.safe_s).own_stop_s
+        within_s = StopDeadlines.of(self.driver.timing.safe_s).own_stop_s + self._settle_s()
         try:
             answer = await self.node.ref(self.at.gate, Gate).ask(Stop(reason, by), within_s)
         except (AskTimeout, Unreachable):
@@ -420,6 +421,12 @@ class Tree:
             return None
         await trio.sleep(LAST_WORDS_S)
         return answer
+
+    def _settle_s(self) -> float:
+        """Return how much longer this stop takes because something that was asked for before may still
+        take effect."""
+        timing = self.driver.timing
+        return settle_s(timing.safe_s, self.owed.unsettled_s(self.node.clock.now_ns()))
 
     def _report_of_guardian(self, reason: Reason) -> StopReport:
         report = self.guardian.last_report

@@ -7,8 +7,9 @@ hears the next frame.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Awaitable, Callable, Iterator, Sequence
 
+import msgspec
 import trio
 
 from strands_actors.contract.driver import Driver
@@ -17,6 +18,7 @@ from strands_actors.contract.wire import MotorReport, StopChannel
 from strands_actors.kernel.actor import describe
 from strands_actors.kernel.clock import Clock
 from strands_actors.supervisors.deadlines import StopDeadlines
+from strands_actors.supervisors.page import Owed
 
 AGAIN_S = (0.1, 0.5, 1.0, 2.0)
 """Pauses between attempts; the last one goes on."""
@@ -26,6 +28,7 @@ it. A serial port is open in one process only, and it is the wire that can tell 
 is missing."""
 LINGER_S = 60.0
 """How long a process without a caller or root stays for a robot that is not confirmed safe."""
+UNSETTLED = "an arming or service that was cut off may still take effect"
 
 
 async def attempt(path: StopChannel, driver: Driver, safe_state: SafeState) -> tuple[MotorReport, ...]:
@@ -62,6 +65,38 @@ async def attempt_anew(
         if not any(motor.written for motor in motors):
             motors = not_reached(driver, describe(error))
     return motors
+
+
+async def settled(
+    owed: Owed, clock: Clock, make_safe: Callable[[], Awaitable[tuple[MotorReport, ...]]]
+) -> tuple[MotorReport, ...]:
+    """Make safe, and again until nothing that was asked for before can take effect any more.
+
+    An arming that was cut off may energise a robot after the frame that made it safe. So the safe
+    state is written at once, and written and read back again after ``Owed.unsettled_s`` has passed.
+    Only that last report says that the robot is safe.
+
+    Args:
+        owed: The page on which the wire noted what it asked for.
+        make_safe: One attempt.
+
+    Returns:
+        The report of the last attempt. One that is not safe ends it early: the caller tries again
+        anyway. Without a fence of the wire that asks, no motor is reported as safe.
+    """
+    while True:
+        unsettled_s = owed.unsettled_s(clock.now_ns())
+        motors = await make_safe()
+        if not unsettled_s or not all_safe(motors):
+            return motors
+        if owed.is_asking:
+            return not_settled(motors)
+        await trio.sleep(min(unsettled_s, AGAIN_S[0]))
+
+
+def not_settled(motors: Sequence[MotorReport]) -> tuple[MotorReport, ...]:
+    """Return the reports as not confirmed: what was asked for before may still take effect."""
+    return tuple(msgspec.structs.replace(motor, safe=False, detail=UNSETTLED) for motor in motors)
 
 
 def pauses_s() -> Iterator[float]:

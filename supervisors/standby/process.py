@@ -44,7 +44,14 @@ from strands_actors.supervisors import permissions as channels
 from strands_actors.supervisors.introspection import Introspector
 from strands_actors.supervisors.loading import load_driver
 from strands_actors.supervisors.page import ROOT, STANDBY, WIRE, Owed
-from strands_actors.supervisors.root.stop_channel import LINGER_S, all_safe, attempt, attempt_anew, pauses_s
+from strands_actors.supervisors.root.stop_channel import (
+    LINGER_S,
+    all_safe,
+    attempt,
+    attempt_anew,
+    pauses_s,
+    settled,
+)
 from strands_actors.supervisors.standby.messages import Guard, Guarding, LetGo, LetGone, WatchOver
 from strands_actors.supervisors.wire.watchdog import Tick
 
@@ -206,6 +213,7 @@ class Standby(Actor):
         """Again and again until every motor confirms it, the port is gone, or ``LINGER_S`` are
         over."""
         safe_state = self._owed.order(self._driver.fallbacks[Reason.WIRE])
+        self._owed.cut_off(self.context.clock.now_ns())
         why = "; ".join(_told(process) for process in (root, wire))
         attempts, motors = 0, tuple[MotorReport, ...]()
         until_s = trio.current_time() + LINGER_S
@@ -241,10 +249,14 @@ class Standby(Actor):
         )
 
     async def _attempt(self, safe_state: SafeState, results: list[tuple[MotorReport, ...]]) -> None:
-        if self._channel is not None:
-            results.append(await attempt(self._channel, self._driver, safe_state))
-        else:
-            results.append(await attempt_anew(self._driver, self.context.clock, safe_state))
+        clock = self.context.clock
+
+        async def once() -> tuple[MotorReport, ...]:
+            if self._channel is not None:
+                return await attempt(self._channel, self._driver, safe_state)
+            return await attempt_anew(self._driver, clock, safe_state)
+
+        results.append(await settled(self._owed, clock, once))
 
     async def _tell(self, report: StandbyReport) -> None:
         """In a thread: nothing waits for a disk."""

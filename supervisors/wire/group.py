@@ -10,6 +10,7 @@ import contextlib
 import os
 import socket
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import Any
 
 import trio
@@ -38,7 +39,7 @@ from strands_actors.supervisors.introspection import Introspector
 from strands_actors.supervisors.loading import load_driver, without_secrets
 from strands_actors.supervisors.mesh import policy_access
 from strands_actors.supervisors.page import ROOT, WIRE, Owed
-from strands_actors.supervisors.root.stop_channel import LINGER_S, all_safe, attempt_anew, pauses_s
+from strands_actors.supervisors.root.stop_channel import LINGER_S, all_safe, attempt_anew, pauses_s, settled
 from strands_actors.supervisors.wire.messages import RootGone
 
 from .transport import Transport
@@ -96,7 +97,9 @@ async def run_group(
         ),
         node.cell(
             at.path("watchdog"),
-            lambda: Watchdog(driver.timing, at.gate, at.transport, orphaned, heartbeat, root, missed),
+            lambda: Watchdog(
+                driver.timing, at.gate, at.transport, orphaned, heartbeat, root, missed, driver.late_s
+            ),
         ),
     ]
     try:
@@ -340,8 +343,11 @@ async def make_safe_alone(driver: Driver, clock: Clock, transports: Sequence[Tra
         descriptors = transports[-1].descriptors() if transports else ()
     with trio.move_on_after(LINGER_S):
         for pause_s in pauses_s():
-            if all_safe(await attempt_anew(driver, clock, safe_state, descriptors)):
+            make_safe = partial(attempt_anew, driver, clock, safe_state, descriptors)
+            if all_safe(await settled(owed, clock, make_safe)):
                 return True
+            if owed.is_asking:
+                return False  # an SDK's thread goes on until this process ends: the standby waits for what it did
             if descriptors:
                 transports[-1].close()  # a port can be opened anew once nobody has it
                 descriptors = ()

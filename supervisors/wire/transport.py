@@ -8,13 +8,16 @@ backoff, when it was lost; it never arms by itself.
 A link that was lost while something was energised is made safe before anything else is done with
 it: at the loss, before each attempt to open it again, and at every stop, on whatever can still be
 written (``Wire.reach``). None of that waits for a handshake, and a stop cuts a handshake short.
+
+A safe state is confirmed only when nothing that was asked for before the stop can take effect after
+it (``asks.py``). Until then the transport makes safe again and again.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import trio
@@ -27,6 +30,7 @@ from strands_actors.kernel.clock import NS
 from strands_actors.kernel.health.realtime import memory, scheduling
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Ref, Unreachable
+from strands_actors.supervisors.deadlines import settle_s
 from strands_actors.supervisors.gate.messages import (
     ArmDone,
     CarriedOut,
@@ -38,9 +42,10 @@ from strands_actors.supervisors.gate.messages import (
 )
 from strands_actors.supervisors.page import Owed
 from strands_actors.supervisors.root.messages import Handover, Renew, SilentUntil
-from strands_actors.supervisors.root.stop_channel import attempt_anew, not_reached
+from strands_actors.supervisors.root.stop_channel import AGAIN_S, attempt_anew, not_reached, not_settled
 from strands_actors.supervisors.wire.messages import Arm, CarryOut, Cycle, Cycled, HandOverAgain, MakeSafe, Write
 
+from .asks import Asks
 from .serving import Serving
 
 ROOT_AGAIN_S = 0.01
@@ -59,12 +64,15 @@ class _Permit:
     """A setpoint may leave while its epoch is the present one, its deadline ahead, no stop waits,
     and the robot is not stopped because it could not hold."""
 
-    __slots__ = ("_deadline_ns", "_epoch", "_transport")
+    __slots__ = ("_ask", "_deadline_ns", "_epoch", "_transport")
 
-    def __init__(self, transport: Transport, epoch: int, deadline_ns: int) -> None:
+    def __init__(
+        self, transport: Transport, epoch: int, deadline_ns: int, ask: Callable[[], None] | None = None
+    ) -> None:
         self._transport = transport
         self._epoch = epoch
         self._deadline_ns = deadline_ns
+        self._ask = ask  # notes that something is asked for that may take effect later
 
     def check(self) -> None:
         transport = self._transport
@@ -76,6 +84,8 @@ class _Permit:
             raise PermitDenied("past its deadline")
         if transport.context.urgent_waiting:
             raise PermitDenied("a stop is waiting")
+        if self._ask is not None:
+            self._ask()
 
 
 class Transport(Actor):
@@ -123,6 +133,7 @@ class Transport(Actor):
         self._gate: Ref = self.context.ref(gate)
         self._watchdog: Ref = self.context.ref(watchdog)
         self._guardian: Ref = self.context.ref(guardian)
+        self._asks = Asks(self._owed, self.context.clock)
 
     def is_prompt(self, message: Message) -> bool:
         kind = type(message)
@@ -240,24 +251,9 @@ class Transport(Actor):
         safe_state = self._owed.order(message.safe_state, lasts)
         holds = message.reason in HOLDING_REASONS and self._driver.energised(safe_state)
         began_ns = self.context.clock.now_ns()
-        motors: tuple[MotorReport, ...] | None = ()
-        with self._busy(self._driver.timing.safe_s):
-            if self._wire is not None:
-                motors = None
-                with self._cut_by_a_stop((holds or safe_state in SLOW) and self._wire.interruptible):
-                    motors = await self._wire.make_safe(safe_state)
-            if motors is None:
-                return  # a stop came: its report is the answer to this, too
-            if not holds and not any(motor.written or motor.safe for motor in motors):
-                if self._wire is not None:
-                    self._lose(WireDown(next((motor.detail for motor in motors), "nothing can be written")))
-                if lasts:  # an order is written to a robot that has never been connected, too
-                    reached: list[tuple[MotorReport, ...]] = []
-                    with self._cut_by_a_stop(safe_state in SLOW):
-                        reached.append(await self._reach(safe_state, began_ns))
-                    if not reached:
-                        return
-                    motors = reached[0] or motors
+        motors = await self._bring_for_good(safe_state, holds, lasts)
+        if motors is None:
+            return  # a stop came: its report is the answer to this, too
         hold_failed = self.hold_failed if holds else ""
         seen = await self._look_where_held(motors) if holds and not hold_failed else None
         self._report_safe(message.reason, safe_state, message.epoch, began_ns, motors, hold_failed, seen)
@@ -266,6 +262,48 @@ class Transport(Actor):
         self._owed.confirm(safe_state)
         if not holds and self._wire is not None:
             self._owed.safe_state = False
+
+    async def _bring_for_good(
+        self, safe_state: SafeState, holds: bool, lasts: bool
+    ) -> tuple[MotorReport, ...] | None:
+        """Bring the robot there, and again until nothing that was asked for before can take effect
+        any more (as ``stop_channel.settled``). None: a stop cut this short."""
+        clock, began_ns = self.context.clock, self.context.clock.now_ns()
+        longest_s = settle_s(self._driver.timing.safe_s, self._driver.late_s)
+        while True:
+            unsettled_s = self._owed.unsettled_s(clock.now_ns())
+            with self._busy(self._driver.timing.safe_s):
+                motors = await self._bring(safe_state, holds, lasts)
+            if motors is None or not unsettled_s or not _all_safe(motors) or (holds and self.hold_failed):
+                return motors
+            if self._spent or clock.now_ns() - began_ns > longest_s * NS:
+                return not_settled(motors)  # only the end of this process cuts its SDK off
+            rested = False
+            with self._busy(AGAIN_S[0]), self._cut_by_a_stop():
+                await trio.sleep(min(unsettled_s, AGAIN_S[0]))
+                rested = True
+            if not rested:
+                return None
+
+    async def _bring(self, safe_state: SafeState, holds: bool, lasts: bool) -> tuple[MotorReport, ...] | None:
+        """Bring the robot there once. None: a stop cut this short."""
+        began_ns = self.context.clock.now_ns()
+        motors: tuple[MotorReport, ...] | None = ()
+        if self._wire is not None:
+            motors = None
+            with self._cut_by_a_stop((holds or safe_state in SLOW) and self._wire.interruptible):
+                motors = await self._wire.make_safe(safe_state)
+        if motors is None or holds or any(motor.written or motor.safe for motor in motors):
+            return motors
+        if self._wire is not None:
+            self._lose(WireDown(next((motor.detail for motor in motors), "nothing can be written")))
+        if not lasts:
+            return motors
+        # An order is written to a robot that has never been connected, too.
+        reached: tuple[MotorReport, ...] | None = None
+        with self._cut_by_a_stop(safe_state in SLOW):
+            reached = await self._reach(safe_state, began_ns)
+        return None if reached is None else reached or motors
 
     async def _look_where_held(self, motors: tuple[MotorReport, ...]) -> Observation | None:
         """Read anew where a wire does not say at which targets it holds. What was read before the
@@ -322,8 +360,10 @@ class Transport(Actor):
                     self._owed.begin_anew()
                     error = "a stop came before the robot was armed"
                     self._wire.hold_failed = ""
-                    with self._cut_by_a_stop(self._wire.interruptible):
-                        observation = await self._wire.arm(_Permit(self, epoch, 0))
+                    late_s = self._driver.timing.late_s
+                    with self._cut_by_a_stop(self._wire.interruptible), self._asks.asking(late_s) as request:
+                        observation = await self._wire.arm(_Permit(self, epoch, 0, request.begin))
+                        request.answered = True
         except (WireDown, PermitDenied, trio.TooSlowError) as failure:
             error = str(failure) or f"arming took longer than {arm_s:g} s"
         self._gate.tell(ArmDone(epoch, observation, error))
@@ -347,11 +387,14 @@ class Transport(Actor):
         answer: dict[str, Any] | Refused = Refused(
             "stopped", f"{service}: stopped meanwhile", "ask again after that"
         )
-        within_s = self._driver.SERVICES[service].within_s
+        known = self._driver.SERVICES[service]
+        within_s = known.within_s
         scope.deadline = trio.current_time() + within_s
         try:
-            with scope:
-                answer = await wire.perform(service, message.arguments, _Permit(self, message.epoch, 0))
+            with scope, self._asks.asking(known.late_s, known.powers) as request:
+                permit = _Permit(self, message.epoch, 0, request.begin)
+                answer = await wire.perform(service, message.arguments, permit)
+                request.answered = not isinstance(answer, Refused)
         except PermitDenied:
             pass
         except WireDown as down:
@@ -361,7 +404,7 @@ class Transport(Actor):
             answer = Refused("timeout", why, "look at the robot")
         self._performing = None
         result, refusal = ({}, answer) if isinstance(answer, Refused) else (answer, None)
-        moved = self._driver.SERVICES[service].moves
+        moved = known.moves
         self._gate.tell(CarriedOut(message.number, result, refusal, moved))
 
     # -- the link
@@ -433,6 +476,8 @@ class Transport(Actor):
         with self._cut_by_a_stop(), self._busy(self._driver.timing.safe_s, number):
             motors = await self._reach(safe_state, began_ns)
             if any(motor.written for motor in motors):
+                if self._owed.unsettled_s(began_ns):
+                    motors = not_settled(motors)  # the stop that follows the new link waits for it
                 self._report_safe(Reason.LINK, safe_state, self.epoch, began_ns, motors)
 
     def _cut_by_a_stop(self, may_be: bool = True) -> contextlib.AbstractContextManager[None]:

@@ -83,11 +83,12 @@ class Watchdog(Actor):
         heartbeat: Heartbeat,
         root: Callable[[], Standing | None] = lambda: None,
         missed: Callable[[], None] = lambda: None,
+        late_s: float = 0.0,
     ) -> None:
         self._addresses = gate, transport
         self._heartbeat = heartbeat
         self._tick_s = timing.tick_s
-        self._leave_s = StopDeadlines.of(timing.safe_s).attempt_s
+        self._leave_s = StopDeadlines.of(timing.safe_s, late_s).gate_s
         self._tick_ns = round(timing.tick_s * NS)
         self._heartbeat_ttl_ns = round(timing.heartbeat_ttl_s * NS)
         self._cycle_ns = round(NS / timing.control_hz)

@@ -14,7 +14,7 @@ import os
 import sys
 import tempfile
 
-PLACES = 8
+PLACES = 9
 _ROOM = 8
 """Words of 8 bytes between two places: a cache line each. An aligned word is stored as a whole."""
 _BYTES = PLACES * _ROOM * 8
