@@ -38,11 +38,13 @@ from strands_actors.supervisors.gate.messages import (
     Acquire,
     Beat,
     GetObservation,
+    GetSafety,
     GetStatus,
     Lease,
     Perform,
     Performed,
     Release,
+    Released,
     Resume,
     Resumed,
     Setpoint,
@@ -159,12 +161,14 @@ class Gateway(Actor):
                 self._busy_until_ns = now_ns + round(BUSY_FOR_S * NS)
 
     def receive(
-        self, message: Sync | Dated | GetObservation | GetStatus | Describe
+        self, message: Sync | Dated | GetObservation | GetSafety | GetStatus | Describe
     ) -> (
         Synced
         | Accepted
         | Lease
         | Resumed
+        | Released
+        | StopReport
         | Observation
         | Status
         | Performed
@@ -263,11 +267,11 @@ class Gateway(Actor):
 
     async def _release(self, message: Release) -> Message | None:
         """The hold with which a rollout ends is its writer's own wish: no loss, from which one has
-        to resume. Only a release that has made the hold is answered with a report: one of a lease
-        that has lapsed, or of a robot that held already, changes nothing."""
+        to resume. Only a release that has made the hold counts: one of a lease that has lapsed, or
+        of a robot that held already, changes nothing."""
         answer = await self._gate.ask(message, ASK_S)
-        if isinstance(answer, StopReport) and answer.reason is Reason.POLICY:
-            self._shared.resumed_epoch = answer.epoch
+        if isinstance(answer, Released) and answer.holds and answer.report.reason is Reason.POLICY:
+            self._shared.resumed_epoch = answer.report.epoch
         return answer
 
     async def _resume(self, message: Resume) -> Message | None:

@@ -28,7 +28,7 @@ from strands_actors.kernel.health.processor import Life, Standing, life_of
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import Ref
 from strands_actors.kernel.processes.child import report_failure
-from strands_actors.supervisors.gate.failsafe import Mode, State
+from strands_actors.supervisors.gate.failsafe import SAFE, Mode, State
 from strands_actors.supervisors.gate.messages import LockKept, StandbyIs, Stopped, StoppedAt, StopReport
 from strands_actors.supervisors.page import Owed
 from strands_actors.supervisors.root.messages import (
@@ -59,8 +59,6 @@ RENEW_PAUSE_S = 0.05
 FENCE_AGAIN_S = 0.1
 END_S = 0.5
 """For a wire that has confirmed its stop to end by itself: it is fenced then."""
-SAFE_MODES = frozenset({Mode.DOWN, Mode.DISARMED, Mode.ENDED})
-"""In which nothing of ours is energised, by the gate's word."""
 DYING = "the wire process dies"
 """Why a wire is broken, until its end says how."""
 
@@ -162,7 +160,7 @@ class Guardian(Actor):
                     if not self._was_told:  # a gate is there, and its link is not up yet
                         self._was_told = True
                         self._tell_stopped()
-                    self._confirmed = message.mode in SAFE_MODES
+                    self._confirmed = message.mode in SAFE
                     self._keep_lock()
                     if self._on_state is not None:
                         self._on_state(message)

@@ -232,7 +232,9 @@ class Transport(Actor):
                     motors = await self._wire.make_safe(safe_state)
             if motors is None:
                 return  # a stop came: its report is the answer to this, too
-            if not holds and not any(motor.written or motor.safe for motor in motors):
+            # A hold that cannot be kept on an open link is the wire's to report (``hold_failed``).
+            tries_all = not holds or self._wire is None
+            if tries_all and not any(motor.written or motor.safe for motor in motors):
                 if self._wire is not None:
                     self._lose(WireDown(next((motor.detail for motor in motors), "nothing can be written")))
                 if lasts:  # an order is written to a robot that has never been connected, too
