@@ -16,8 +16,9 @@ from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import ActorRef, AskTimeout, Node, Unreachable
 from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate.failsafe import LINKED, Mode
-from strands_actors.supervisors.gate.messages import GetStatus, Lease, Status, StopReport
+from strands_actors.supervisors.gate.messages import GetStatus, Lease, Status
 from strands_actors.supervisors.root.messages import TreeReport
+from strands_actors.supervisors.stop_result import StopResult
 from strands_actors.surfaces.cameras.handle import Cameras
 
 from .plan import Plan
@@ -90,11 +91,11 @@ class Processes(ABC):
         does not let us."""
 
     @abstractmethod
-    async def end(self, lease: Lease | None) -> StopReport | Refused | None:
-        """Make safe and end. ``lease``: ours, if we have it. None when nothing was running."""
+    async def end(self, lease: Lease | None) -> StopResult:
+        """Make safe and end. ``lease``: ours, if we have it."""
 
     @abstractmethod
-    async def make_safe(self, reason: Reason, by: str, lock: bool) -> StopReport | Refused:
+    async def make_safe(self, reason: Reason, by: str, lock: bool) -> StopResult:
         """What follows a stop that the gate has not answered."""
 
     @abstractmethod

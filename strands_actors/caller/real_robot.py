@@ -17,6 +17,7 @@ from strands_actors.contract.driver import Driver
 from strands_actors.contract.wire import Observation, WireDown
 from strands_actors.kernel.messages import Refused
 from strands_actors.policies.registry import DEFAULT_PROVIDER
+from strands_actors.supervisors import stop_result
 from strands_actors.supervisors.gate.messages import Status
 from strands_actors.supervisors.loading import build_driver
 from strands_actors.supervisors.root.messages import TaskStatus
@@ -213,11 +214,8 @@ class RealRobot(RobotTool):
         self._closed = True  # before anything is looked at: see ``_connect``
         tree, self._opened = self._tree, None
         if tree is None:
-            return answers.success({"stopped": True, "reason": "nothing was running"})
-        report = self._call(tree.cleanup)
-        if isinstance(report, Refused):
-            return answers.refused(report)
-        return answers.success({"stopped": True}) if report is None else answers.stopped(report)
+            return answers.stop_result("cleanup", stop_result.Confirmed(stop_result.NothingRan()))
+        return answers.stop_result("cleanup", self._call(tree.cleanup))
 
     def __enter__(self) -> RealRobot:
         try:

@@ -48,6 +48,7 @@ class Note(msgspec.Struct):
     unconfirmed: list[str] = []  # motors that its root could not confirm safe so far, and goes on trying
     safe_s: float = 1.5  # what its driver says that a stop may take
     arm_s: float = 10.0  # and that energising it may
+    motors: list[str] = []  # all that may be energised: its axes
     port: str = ""  # where it is, as its script said; empty: a twin, or none was given
 
 

@@ -122,7 +122,7 @@ def test_saf_023_what_arming_mends_is_mended_by_resume_alone() -> None:
             before_ns = tree.node.clock.now_ns()
             answer = await resume(tree)
             assert isinstance(answer, Resumed)
-            assert [entry.kind for entry in tree.hardware.written if entry.t_ns >= before_ns][0] == "safe"
+            assert next(entry.kind for entry in tree.hardware.written if entry.t_ns >= before_ns) == "safe"
             assert (await tree.status()).mode == "armed"
             await writer.acquire()
             assert isinstance(await writer.send(a=1.0), Accepted)
