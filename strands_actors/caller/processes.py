@@ -12,6 +12,7 @@ from typing import Any, ClassVar, NamedTuple
 import trio
 
 from strands_actors.contract.driver import Driver, Reason
+from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import ActorRef, AskTimeout, Node, Unreachable
 from strands_actors.supervisors.deadlines import StopDeadlines
@@ -39,7 +40,8 @@ class NotConnected(Exception):
 
 
 def unreachable(verb: str, failure: Exception) -> Refused:
-    return Refused("unreachable", f"{verb}: {failure}", "resume() when the robot is back")
+    why = busy.explained(f"{verb}: {failure}") if isinstance(failure, AskTimeout) else f"{verb}: {failure}"
+    return Refused("unreachable", why, "resume() when the robot is back")
 
 
 class Patience(NamedTuple):
@@ -162,8 +164,8 @@ class Processes(ABC):
                 raise NotConnected(status.connect_error)
             await trio.sleep(LOOK_S)
         if status is None:
-            raise NotConnected(f"no answer within {within_s:g} s")
-        raise NotConnected(status.connect_error or f"the robot is {status.mode}")
+            raise NotConnected(busy.explained(f"no answer within {within_s:g} s"))
+        raise NotConnected(status.connect_error or busy.explained(f"the robot is {status.mode}"))
 
     async def ask_status(self, verb: str) -> Status | Refused:
         """For a verb that depends on it: wait as long as for a command, and say when nothing was
@@ -171,7 +173,7 @@ class Processes(ABC):
         try:
             answer = await self.gate.ask(GetStatus(), self.patience.ask_s)
         except AskTimeout:
-            why = f"{verb}: the wire has not answered for {self.patience.ask_s * 1e3:g} ms"
+            why = busy.explained(f"{verb}: the wire has not answered for {self.patience.ask_s * 1e3:g} ms")
             return Refused("no_answer", why, "try again: the host may be busy")
         except Unreachable as failure:
             return unreachable(verb, failure)

@@ -34,6 +34,7 @@ from strands_actors.supervisors.root.messages import TreeReport
 from strands_actors.supervisors.stop_result import StopResult
 from strands_actors.surfaces.cameras.handle import Cameras
 
+from . import envelopes as answers
 from .commanding import Commanding, Order, Orders
 from .nodes import Entrance
 from .plan import Plan
@@ -321,8 +322,12 @@ class RobotTree:
         return await self._processes.status()
 
     async def describe(self) -> TreeReport | None:
-        """Processes and actors of the tree; None when the root does not answer."""
-        return await self._processes.describe()
+        """Processes and actors of the tree. Its state is ``unreachable`` when it does not answer. None:
+        nothing was started."""
+        report = await self._processes.describe()
+        if report is None and self._processes.started:
+            return TreeReport(self.robot, answers.UNREACHABLE, 0, (), ())
+        return report
 
 
 def processes_of(node: Node, nursery: trio.Nursery, entrance: Entrance, plan: Plan, driver: Driver) -> Processes:

@@ -18,7 +18,7 @@ from strands_actors.contract.plain_numbers import as_python
 from strands_actors.contract.positions import Positions
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers import canonical_name
-from strands_actors.kernel.health.processor import pressure
+from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import AskTimeout, Unreachable
 from strands_actors.policies.registry import choose_provider, robot_facts
@@ -44,7 +44,9 @@ async def answered(name: str, verb: Verb, tree: RobotTree, *args: Any) -> Answer
     """Run a verb. A tree that is gone or silent is an error envelope."""
     try:
         return await verb(tree, *args)
-    except (NotConnected, AskTimeout, Unreachable) as failure:
+    except AskTimeout as failure:
+        return answers.error(busy.explained(f"{name}: {failure}"))
+    except (NotConnected, Unreachable) as failure:
         return answers.error(f"{name}: {failure}")
 
 
@@ -144,7 +146,7 @@ async def get_sensors(tree: RobotTree) -> Answer:
 async def _measured(tree: RobotTree, name: str, more: Callable[[Observation], dict[str, Any]]) -> Answer:
     status = await tree.status()
     if status is None or status.observation is None:
-        why = "the wire does not answer" if status is None else "nothing was read yet"
+        why = busy.explained("the wire does not answer") if status is None else "nothing was read yet"
         return answers.refused(Refused("no_observation", f"{name}: {why}", "try again in a moment"))
     seen = status.observation
     return answers.success(
@@ -230,7 +232,7 @@ async def get_status(tree: RobotTree) -> Answer:
 
 
 def describe(tree: RobotTree, status: Status | None) -> dict[str, Any]:
-    problem = tree.problem or "the wire does not answer"
+    problem = tree.problem or busy.explained("the wire does not answer")
     told = answers.status(
         tree.plan.tool_name, tree.plan.robot, tree.driver, problem, status, tree.facts, tree.standby_report
     )
@@ -238,8 +240,10 @@ def describe(tree: RobotTree, status: Status | None) -> dict[str, Any]:
         told["cameras"] = tree.cameras.status()
     if tree.caveats:
         told["caveats"] = list(tree.caveats)
-    if (busy := pressure()) is not None:
-        told["machine_busy_pct"] = round(100 * busy)  # whoever looks for a loose cable may find it here
+    seen = busy.machine()  # whoever looks for a loose cable may find it here
+    if seen.pressure is not None:
+        told["machine_busy_pct"] = round(100 * seen.pressure)
+    told["machine"] = seen.text
     return told
 
 

@@ -24,6 +24,7 @@ from strands_actors.kernel.channels.permissions import Channel
 from strands_actors.kernel.channels.pubsub import PubSub, Received, Reply
 from strands_actors.kernel.channels.zenoh_mesh import asked_key
 from strands_actors.kernel.clock import NS
+from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import PREFIX, AskTimeout, Ref, Unreachable
 from strands_actors.kernel.processes.guard import not_approved, unapproved
@@ -287,7 +288,8 @@ class Gateway(Actor):
             try:
                 deferred.send(await ask())
             except (AskTimeout, Unreachable) as failure:
-                deferred.send(Refused("unreachable", f"the wire does not answer: {failure}", "resume it"))
+                why = busy.explained(f"the wire does not answer: {failure}")
+                deferred.send(Refused("unreachable", why, "resume it"))
 
         self.context.start_soon(run)
         return deferred

@@ -22,6 +22,7 @@ from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport
 from strands_actors.kernel.actor import Actor, Deferred
 from strands_actors.kernel.clock import NS
+from strands_actors.kernel.health import busy
 from strands_actors.kernel.health.failure_detector import FailureDetector
 from strands_actors.kernel.health.heartbeat import Heartbeat
 from strands_actors.kernel.health.processor import Life, Standing, life_of
@@ -188,7 +189,8 @@ class Guardian(Actor):
             self._look_at_writers()
             self._look_at_start()
         if now_ns >= self._silent_until_ns and self._failure_detector.tick(now_ns):
-            self._break(Reason.WIRE, f"the wire process stopped answering ({self._failure_detector.told(now_ns)})")
+            silent = self._failure_detector.told(now_ns)
+            self._break(Reason.WIRE, busy.explained(f"the wire process stopped answering ({silent})"))
 
     def _look_at_wire(self) -> None:
         """One that dies is not waited for: its end is told after its memory was taken."""
@@ -404,7 +406,8 @@ class Guardian(Actor):
             async def watch_start() -> None:
                 await trio.sleep(START_DEADLINE_S)
                 if not self._failure_detector.heard_ns:
-                    self._break(Reason.WIRE, f"the wire did not start within {START_DEADLINE_S:g} s")
+                    late = f"the wire did not start within {START_DEADLINE_S:g} s"
+                    self._break(Reason.WIRE, busy.explained(late))
 
             nursery.start_soon(watch)
             nursery.start_soon(watch_start)

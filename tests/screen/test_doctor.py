@@ -30,14 +30,15 @@ def test_a_machine_on_which_the_tests_run_is_healthy(cli: Command) -> None:
     done = cli.json("doctor")
     assert done["ok"] is True
     names = {check["name"] for check in done["checks"]}
-    assert {"python", "timerfd", "pidfd", "scheduling", "directory", "zenoh", "gl", "drivers", "robots"} <= names
+    needed = {"python", "timerfd", "pidfd", "scheduling", "directory", "zenoh", "gl", "drivers", "robots"}
+    assert needed | {"load"} <= names
     for check in done["checks"]:
         assert list(check) == ["name", "state", "found", "remedy"]
         assert check["state"] in (OK, WEAK), check
         assert bool(check["remedy"]) == (check["state"] != OK), check
     printed = cli.run("doctor")
     assert printed.returncode == 0
-    assert "everything a robot needs is here" in printed.stdout
+    assert "everything a robot needs is here" in printed.stdout or "this computer is busy" in printed.stdout
 
 
 def test_a_directory_open_to_others_is_broken_and_the_exit_code_says_so(cli: Command, tmp_path: Path) -> None:

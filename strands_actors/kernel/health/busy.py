@@ -6,7 +6,9 @@ reads that a deadline was missed must be told of the second, or looks for a loos
 
 from __future__ import annotations
 
+import contextlib
 import os
+from collections.abc import Iterator
 
 import msgspec
 
@@ -40,8 +42,25 @@ class Machine(msgspec.Struct, frozen=True):
         return f"load {self.load:.0f} on {self.cores} core{'s' * (self.cores != 1)}{waited}"
 
 
+_assumed: Machine | None = None
+
+
+@contextlib.contextmanager
+def assumed(seen: Machine) -> Iterator[None]:
+    """Within the block this computer is as busy as ``seen``: for tests, and for virtual time, in which
+    no computer is busy."""
+    global _assumed
+    before, _assumed = _assumed, seen
+    try:
+        yield
+    finally:
+        _assumed = before
+
+
 def machine() -> Machine:
     """Look at this computer, which takes some 20 us."""
+    if _assumed is not None:
+        return _assumed
     try:
         load = os.getloadavg()[0]
     except OSError:  # the system does not tell
@@ -55,7 +74,15 @@ def _cores() -> int:
     return len(affinity(0)) if affinity is not None else os.cpu_count() or 1
 
 
+IDLE = Machine(0.0, 2)
+_SAID = "this computer is busy"
+
+
 def explained(why: str) -> str:
-    """Return why a deadline was missed. A computer that is too busy is named behind it."""
+    """Return why a deadline was missed. A computer that is too busy is named behind what happened,
+    before what to do."""
     seen = machine()
-    return f"{why} (this computer is busy: {seen.text})" if seen.busy else why
+    if not seen.busy or _SAID in why:
+        return why
+    happened, stop, remedy = why.partition(". ")
+    return f"{happened} ({_SAID}: {seen.text}){stop}{remedy}"
