@@ -146,7 +146,7 @@ class TreeProcesses(Processes):
         entry = "strands_actors.supervisors.root.process:main"
         page = new_page()
         try:
-            process = start(entry, args | {"page": page}, [name.lock_fd, page, *hold], label_of(self.robot))
+            process = start(entry, args, [name.lock_fd, *hold], label_of(self.robot), [page])
             self._owed = Owed(words_of(page))
         finally:
             os.close(page)

@@ -479,9 +479,11 @@ def main(args: dict[str, Any], sock: socket.socket) -> None:
     import_ours(args["driver"])
     read_protocols()  # what is forked from here need not
     spawner = Spawner(  # now: this process has one thread, and nothing is open yet
-        close=(sock.fileno(), args["page"]), name=(args["robot"], "spawner", args["label"]), forget=args.clear
+        close=(sock.fileno(), *args["descriptors"]),
+        name=(args["robot"], "spawner", args["label"]),
+        forget=args.clear,
     )
-    page = args["page"]
+    (page,) = args["descriptors"]
     ahead = Ahead(spawner, ForkedAhead((page,)), ForkedAhead(session=True), page)
     be_taken_last()  # not the spawner: policies are its children
     trio.run(_main, args, sock, ahead)
