@@ -18,6 +18,7 @@ from strands_actors.supervisors.gate.messages import (
     Acquire,
     Beat,
     GetObservation,
+    GetSafety,
     GetStatus,
     Perform,
     Release,
@@ -30,10 +31,11 @@ from strands_actors.supervisors.root.messages import Describe, EpisodeKey, Episo
 from . import addresses
 from .mesh.gateway_messages import Dated, Sync
 
-WRITES: frozenset[type[Message]] = frozenset({Setpoint, Acquire, Release, GetObservation, GetStatus, Stop})
+READS: frozenset[type[Message]] = frozenset({GetObservation, GetSafety, GetStatus})
+WRITES: frozenset[type[Message]] = READS | {Setpoint, Acquire, Release, Stop}
 """What a rollout tells the gate. A stop is refused to nobody."""
 COMMANDS: frozenset[type[Message]] = WRITES | {Beat, Perform, Resume}
-ORDERS: frozenset[type[Message]] = frozenset({GetObservation, GetStatus, Stop, Resume})
+ORDERS: frozenset[type[Message]] = READS | {Stop, Resume}
 """What who writes nothing tells the gate."""
 
 
@@ -125,7 +127,7 @@ def _inside(robot: str) -> dict[str, Told]:
 @functools.lru_cache(maxsize=64)  # asked for with each setpoint
 def of_elsewhere(robot: str, who: str) -> Channel:
     """Return the channel of questions to the gateway, asked by the node ``who``."""
-    asks: frozenset[type[Message]] = frozenset({Sync, Dated, GetObservation, GetStatus, Describe})
+    asks: frozenset[type[Message]] = READS | {Sync, Dated, Describe}
     return Channel(who, frozenset(), f"{PREFIX}/node/{who}", {addresses.of(robot).gateway: asks})
 
 

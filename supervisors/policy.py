@@ -24,7 +24,7 @@ from strands_actors.contract.positions import Positions
 from strands_actors.contract.wire import Observation
 from strands_actors.kernel.actor import Actor, describe
 from strands_actors.kernel.clock import NS
-from strands_actors.kernel.health import gc_freeze
+from strands_actors.kernel.health import busy, gc_freeze
 from strands_actors.kernel.mailbox import SUPERSEDED
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import ActorRef, AskTimeout, Unreachable
@@ -206,7 +206,7 @@ class Policy(Actor):
         elif self._buffer and self._lease is not None:
             await self._send(self._buffer.next(), now_ns)
         elif self._steps and now_ns - self._last_ns > rollout.ttl_s * NS:
-            await self._end("policy", f"no action for {rollout.ttl_s * 1e3:g} ms")
+            await self._end("policy", busy.explained(f"no action for {rollout.ttl_s * 1e3:g} ms"))
         if self._buffer.low:
             self._wanted.set()
 
@@ -263,7 +263,7 @@ class Policy(Actor):
         try:
             answer = await self._gate.ask(setpoint, self._ask_s)
         except (AskTimeout, Unreachable) as failure:
-            await self._end("publish", f"the gate does not answer: {failure}")
+            await self._end("publish", busy.explained(f"the gate does not answer: {failure}"))
             return False
         if isinstance(answer, Refused) and answer.code == SUPERSEDED.code:
             return True  # the next one of ours was there before the gate had read this one: that one is judged
@@ -321,7 +321,7 @@ class Policy(Actor):
         try:
             observation = await self._gate.ask(GetObservation(), self._ask_s)
         except (AskTimeout, Unreachable) as failure:
-            await self._end("publish", f"the gate does not answer: {failure}")
+            await self._end("publish", busy.explained(f"the gate does not answer: {failure}"))
             return None
         if not isinstance(observation, Observation):
             await self._end("gate", getattr(observation, "text", "no observation"))
@@ -343,7 +343,7 @@ class Policy(Actor):
             try:
                 lease = await self._gate.ask(wanted, self._ask_s + GRANT_S)
             except (AskTimeout, Unreachable) as failure:
-                lease = Refused("publish", f"the gate does not answer: {failure}")
+                lease = Refused("publish", busy.explained(f"the gate does not answer: {failure}"))
             if isinstance(lease, Lease):
                 self._lease = lease
                 return True

@@ -20,7 +20,13 @@ ROOT = "strands_actors.supervisors.root.process:main"
 ROOTS = (ROOT.partition(":")[0], "strands_actors.testing.every_driver")
 
 
-def start(entry: str, args: Mapping[str, Any], pass_fds: Sequence[int] = (), label: str = "") -> ChildProcess:
+def start(
+    entry: str,
+    args: Mapping[str, Any],
+    pass_fds: Sequence[int] = (),
+    label: str = "",
+    descriptors: Sequence[int] = (),
+) -> ChildProcess:
     """As ``process.start``. Its ``label`` is what it calls itself."""
     # Apart: a root that was forked beside numpy and MuJoCo would have both.
     forks = server("roots", ROOTS) if entry == ROOT else twin_server()
@@ -28,7 +34,7 @@ def start(entry: str, args: Mapping[str, Any], pass_fds: Sequence[int] = (), lab
     with theirs, open(os.devnull, "rb") as nothing:
         call = "strands_actors.testing.fork_server:be_child"
         pid = forks.fork(call, {}, (nothing.fileno(), 2), parent=theirs.fileno(), keep=pass_fds)
-    specify(ours, entry, args)
+    specify(ours, entry, args, descriptors)
     return OwnChild(Forked(forks, pid), ours)
 
 

@@ -7,7 +7,15 @@ from collections.abc import Mapping, Sequence
 
 from strands_actors.contract.axis import Axis
 from strands_actors.contract.axis_gates import axis_gates
-from strands_actors.contract.driver import Candidate, Condition, ConditionCheck, GateCheck, GateState, Reason
+from strands_actors.contract.driver import (
+    Candidate,
+    Condition,
+    ConditionCheck,
+    GateCheck,
+    GateState,
+    OnResume,
+    Reason,
+)
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import Observation
 from strands_actors.kernel.messages import Refused
@@ -54,7 +62,7 @@ def conditions_of(battery_v: float, hover_s: float) -> tuple[Condition, ...]:
         Condition(_upset, Reason.FAULT, SafeState.LIMP, always=True),
         Condition(_battery(battery_v), Reason.FAULT, SafeState.LAND, always=True),
         Condition(_hovering(hover_s), Reason.FAULT, SafeState.LAND, always=True),
-        Condition(_flying, Reason.FAULT, SafeState.LAND),
+        Condition(_flying, Reason.FAULT, SafeState.LAND, on_resume=OnResume.STAY_ARMED),
     )
 
 

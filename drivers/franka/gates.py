@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from strands_actors.contract.axis import Axis
 from strands_actors.contract.axis_gates import past_range, stale
-from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState
+from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, OnResume
 from strands_actors.contract.sensors import number_of
 from strands_actors.contract.wire import Observation
 from strands_actors.kernel.messages import Refused
@@ -59,10 +59,10 @@ def not_lost(observation: Observation, now_ns: int) -> Refused | None:
     why = observation.faults.get(LOST)
     if why is None:
         return None
-    return Refused("motion_ended", f"move: the controller ended the motion ({why})", "stop(), then resume()", why)
+    return Refused("motion_ended", f"move: the controller ended the motion ({why})", "call resume()", why)
 
 
-CONDITIONS = (Condition(movable), Condition(not_lost))
+CONDITIONS = (Condition(movable), Condition(not_lost, on_resume=OnResume.ARM_ANEW))
 
 
 # -- of one target

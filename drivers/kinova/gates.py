@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from strands_actors.contract.axis import Axis
 from strands_actors.contract.axis_gates import past_range, stale
-from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState
+from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, OnResume
 from strands_actors.contract.sensors import number_of
 from strands_actors.contract.wire import Observation
 from strands_actors.kernel.clock import NS
@@ -77,7 +77,10 @@ def commanded(observation: Observation, now_ns: int) -> Refused | None:
     """Refuse when the wire has stopped the arm by itself, or the base takes its speeds no more:
     motion does not go on by itself after that."""
     why = observation.faults.get(BASE)
-    return None if why is None else Refused("stopped", f"move: {why}", "stop(), then resume()", why)
+    return None if why is None else Refused("stopped", f"move: {why}", "call resume()", why)
 
 
-CONDITIONS = (Condition(base_ready, always=True), Condition(commanded, always=True))
+CONDITIONS = (
+    Condition(base_ready, always=True),
+    Condition(commanded, always=True, on_resume=OnResume.ARM_ANEW),
+)

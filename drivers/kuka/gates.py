@@ -46,7 +46,8 @@ def last_target(state: GateState) -> tuple[float, ...]:
 def conditions(axes: Sequence[Axis], state_ttl_s: float) -> tuple[Condition, ...]:
     """Return them in the order in which they are asked: the first that refuses answers."""
     of_the_session = (session, client_mode, control_mode, overlay, quality)
-    return tuple(map(Condition, (stale(state_ttl_s), safety, drives(axes), *of_the_session)))
+    checks = map(Condition, (safety, drives(axes), *of_the_session))
+    return Condition(stale(state_ttl_s), is_silence=True), *checks
 
 
 def stale(ttl_s: float) -> ConditionCheck:

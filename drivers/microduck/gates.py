@@ -10,7 +10,7 @@ import msgspec
 
 from strands_actors.contract.axis import SHOWN, Axis, finite
 from strands_actors.contract.axis_gates import past_range
-from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState
+from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, OnResume
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.velocity_base import parse_twist
 from strands_actors.kernel.clock import NS
@@ -206,4 +206,4 @@ def driven(observation: Observation, now_ns: int) -> Refused | None:
     )
 
 
-CONDITIONS = (Condition(on_its_feet), Condition(driven))
+CONDITIONS = (Condition(on_its_feet), Condition(driven, on_resume=OnResume.STAY_ARMED))

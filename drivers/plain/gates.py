@@ -10,7 +10,7 @@ import msgspec
 
 from strands_actors.contract.axis import Axis
 from strands_actors.contract.axis_gates import past_range, too_fast
-from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, Reason
+from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, OnResume, Reason
 from strands_actors.contract.wire import Observation
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
@@ -58,10 +58,10 @@ def _refused_by_the_class(observation: Observation, now_ns: int) -> Refused | No
     for axis, fault in observation.faults.items():
         if fault.startswith(REFUSED):
             why = fault.removeprefix(REFUSED)
-            return Refused("refused_by_driver", f"move: {axis}: {why}", "call stop(), then resume()", why)
+            return Refused("refused_by_driver", f"move: {axis}: {why}", "call resume()", why)
     return None
 
 
-CONDITIONS = (Condition(_refused_by_the_class, Reason.FAULT),)
+CONDITIONS = (Condition(_refused_by_the_class, Reason.FAULT, on_resume=OnResume.ARM_ANEW),)
 """A class that refuses an action is not sent the next one: the robot is stopped, and its status
 says why."""

@@ -8,7 +8,7 @@ import msgspec
 
 from strands_actors.contract.axis import Axis
 from strands_actors.contract.axis_gates import past_range, stale
-from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState
+from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, OnResume
 from strands_actors.contract.sensors import number_of
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.step_gates import refuse_lead, refuse_step
@@ -25,7 +25,7 @@ LEAD_S = 0.2
 [assumed: no joint lags so far behind]."""
 
 _FAULTS = (Manager.MINOR_FAULT, Manager.MAJOR_FAULT)
-_RESUME = "see to its cause, then stop() and resume()"
+_RESUME = "see to its cause, then call resume()"
 
 
 def all_gates(axes: Sequence[Axis], state_ttl_s: float, period_s: float) -> tuple[GateCheck, ...]:
@@ -82,7 +82,11 @@ def obeying(observation: Observation, now_ns: int) -> Refused | None:
     return None if why is None else Refused("dropped", f"move: {why}", _RESUME, why, "RUNNING")
 
 
-CONDITIONS = tuple(Condition(check, always=True) for check in (released, faultless, powered, enabled, obeying))
+CONDITIONS = (
+    Condition(released, always=True),
+    Condition(faultless, always=True),
+    *(Condition(check, always=True, on_resume=OnResume.ARM_ANEW) for check in (powered, enabled, obeying)),
+)
 
 
 # -- of one setpoint

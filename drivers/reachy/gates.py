@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 
 from strands_actors.contract.axis import SHOWN, Axis, finite, parse_action
 from strands_actors.contract.axis_gates import past_range, show, stale
-from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState
+from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, OnResume
 from strands_actors.contract.wire import Observation
 from strands_actors.kernel.messages import Refused
 
@@ -163,7 +163,7 @@ def ignored(what: str) -> Refused:
     return Refused("ignored", why, "wait until it is over, or call stop(), which ends it", "a move", "none")
 
 
-CONDITIONS = (Condition(motors_on), Condition(heeded))
+CONDITIONS = (Condition(motors_on, on_resume=OnResume.STAY_ARMED), Condition(heeded))
 
 
 def direction(x: float, y: float, z: float) -> tuple[float, float]:

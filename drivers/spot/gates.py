@@ -8,7 +8,7 @@ from typing import Any
 
 from strands_actors.contract.axis import SHOWN, Axis, finite
 from strands_actors.contract.axis_gates import past_range, stale, too_fast
-from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, Reason
+from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, OnResume, Reason
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import Observation
 from strands_actors.kernel.clock import NS
@@ -28,10 +28,10 @@ def conditions_of() -> tuple[Condition, ...]:
     """Return them in the order in which they are asked. Whoever takes the lease has the robot: it
     is left standing for him."""
     return (
-        Condition(_lease, Reason.FAULT, SafeState.HOLD),
-        Condition(_estop_of_ours, Reason.FAULT, SafeState.SETTLE, always=True),
+        Condition(_lease, Reason.FAULT, SafeState.HOLD, on_resume=OnResume.ARM_ANEW),
+        Condition(_estop_of_ours, Reason.FAULT, SafeState.SETTLE, always=True, on_resume=OnResume.ARM_ANEW),
         Condition(_estopped, Reason.FAULT, SafeState.SETTLE, always=True),
-        Condition(_motors, Reason.FAULT, SafeState.HOLD),
+        Condition(_motors, Reason.FAULT, SafeState.HOLD, on_resume=OnResume.STAY_ARMED),
     )
 
 
@@ -39,7 +39,7 @@ def _lease(observation: Observation, now_ns: int) -> Refused | None:
     owner = observation.faults.get(LEASE)
     if owner is None:
         return None
-    return Refused("lease_lost", f"move: {owner}", "let its owner return it, then call stop() and resume()", owner)
+    return Refused("lease_lost", f"move: {owner}", "let its owner return it, then call resume()", owner)
 
 
 def _estop_of_ours(observation: Observation, now_ns: int) -> Refused | None:

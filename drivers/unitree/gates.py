@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from strands_actors.contract.driver import Condition, ConditionCheck
+from strands_actors.contract.driver import Condition, ConditionCheck, OnResume
 from strands_actors.contract.wire import Observation
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
@@ -31,10 +31,12 @@ def conditions(
     """In the order in which they are asked: the first that refuses answers. ``simulator``: it has
     nothing that could be asked but its states."""
     if simulator:
-        return (Condition(stale(state_ttl_s)),)
-    handshake = fsm if model.handshake == "fsm" else sport_mode
-    checks = (stale(state_ttl_s), handshake, battery_known, battery_above(floor_pct))
-    return tuple(Condition(check) for check in checks)
+        return (Condition(stale(state_ttl_s), is_silence=True),)
+    # The others have a service that lets go of the robot.
+    others = Condition(sport_mode, on_resume=OnResume.STAY_ARMED)
+    handshake = Condition(fsm) if model.handshake == "fsm" else others
+    charge = (Condition(check) for check in (battery_known, battery_above(floor_pct)))
+    return Condition(stale(state_ttl_s), is_silence=True), handshake, *charge
 
 
 def stale(ttl_s: float) -> ConditionCheck:

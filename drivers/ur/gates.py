@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from strands_actors.contract.axis import Axis
 from strands_actors.contract.axis_gates import past_range, stale, too_fast
-from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState
+from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, OnResume
 from strands_actors.contract.sensors import number_of
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.step_gates import refuse_lead
@@ -74,7 +74,7 @@ def program(observation: Observation, now_ns: int) -> Refused | None:
     """Refuse unless the control script runs, and was neither stopped nor paused since the robot was
     armed: motion never goes on by itself after a protective stop, or when the controller's watchdog
     has ended the script."""
-    runs, remedy = number_of(observation.sensors, "runtime_state", 0), "stop(), then resume()"
+    runs, remedy = number_of(observation.sensors, "runtime_state", 0), "call resume()"
     if runs in PAUSED:
         return Refused("paused", "move: control script was paused on the pendant", remedy, limit="PLAYING")
     if number_of(observation.sensors, "control", 0) != 1 or runs != RuntimeState.PLAYING:
@@ -84,7 +84,7 @@ def program(observation: Observation, now_ns: int) -> Refused | None:
     return None
 
 
-CONDITIONS = (Condition(modes), Condition(program))
+CONDITIONS = (Condition(modes), Condition(program, on_resume=OnResume.ARM_ANEW))
 
 
 def paused(candidate: Candidate, state: GateState) -> Refused | None:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from strands_actors.contract.axis import Axis
 from strands_actors.contract.axis_gates import past_ranges, past_told_range, stale
-from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState
+from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, OnResume
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.step_gates import refuse_lead, refuse_step
 from strands_actors.kernel.messages import Refused
@@ -22,7 +22,7 @@ mode drives to it at full speed, also when the arm was kept from following [assu
 far behind]."""
 
 
-_AGAIN = "see to its cause, then call stop() and resume()"
+_AGAIN = "see to its cause, then call resume()"
 
 Axes = Sequence[Axis]
 
@@ -60,7 +60,11 @@ def in_servo_mode(observation: Observation, now_ns: int) -> Refused | None:
     return Refused("mode", f"move: arm is in mode {mode}, not in servo mode (1)", _AGAIN, f"{mode}", "1")
 
 
-CONDITIONS = tuple(Condition(check, always=True) for check in (error_free, running, in_servo_mode))
+CONDITIONS = (
+    Condition(error_free, always=True),
+    Condition(running, always=True, on_resume=OnResume.ARM_ANEW),
+    Condition(in_servo_mode, always=True, on_resume=OnResume.ARM_ANEW),
+)
 
 
 # -- of one setpoint

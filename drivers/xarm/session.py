@@ -3,6 +3,7 @@ opened."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import trio
@@ -13,7 +14,7 @@ from strands_actors.kernel.clock import NS, Clock
 
 from . import protocol as p
 from . import reports as r
-from .arms import ArmType
+from .arms import AXES, ArmType
 from .config import XArmConfig
 from .control import Control, OpenStream, Stream, open_control
 from .protocol import Mode, Register, State
@@ -26,6 +27,9 @@ LIMIT_S = 0.5
 
 HELD_RAD = 0.01
 """An arm this near to its target holds it [assumed]."""
+PAST_RAD = 0.02
+"""A joint may rest so far past its range, where it was braked at its limit, and still be armed: its
+first target is then the end of its range, one step of a stream away [assumed]."""
 
 _MOVABLE = (State.MOVING, State.READY)
 
@@ -69,6 +73,19 @@ class XArmSession:
     def close(self) -> None:
         self.control.close()
         self._reports.close()
+
+    def within_range(self, values: Sequence[float]) -> tuple[float, ...]:
+        """Return a target that the controller takes. It ends motion with an error for one that is past
+        a range by 0.001 rad, also when the joint rests there already, which the gates let pass."""
+        ranges = zip(values, self.kind.range_rad, strict=True)
+        return tuple(min(high, max(low, rad)) for rad, (low, high) in ranges)
+
+    def past_range(self) -> str:
+        """Return which joint rests too far past its range to be armed there; empty: none does."""
+        told = zip(AXES, self.report.position_rad, self.within_range(self.report.position_rad), strict=True)
+        return next(
+            (f"{axis} is {abs(rad - end):.3f} rad" for axis, rad, end in told if abs(rad - end) > PAST_RAD), ""
+        )
 
     @property
     def movable(self) -> bool:

@@ -61,6 +61,9 @@ class XArmWire(SessionWire[XArmSession]):
         session = self.session
         await self._ask(session, Register.ERRORS, b"", SETTING_S, permit)
         self._refuse_error(session)
+        past = session.past_range()
+        if past:
+            raise WireDown(f"enable: {past} past its range. Bring it back in the vendor's software, then resume()")
         settings = (
             # first: an arm that was paused keeps its targets, and would jump to the newest as it goes on
             (Register.SET_STATE, bytes((State.STOPPED,)), SETTING_S),
@@ -75,7 +78,7 @@ class XArmWire(SessionWire[XArmSession]):
                 await self._ask(session, Register.ERRORS, b"", SETTING_S, permit)
                 self._refuse_error(session)
         await self._until_movable(session, permit)
-        here = session.report.position_rad
+        here = session.within_range(session.report.position_rad)
         reply = await self._ask(session, Register.SERVO_JOINT, p.servo_data(here, hold=True), SETTING_S, permit)
         if reply.state & _REFUSED:
             raise WireDown(f"enable: the arm does not take its position as target (status 0x{reply.state:02x})")
@@ -108,9 +111,10 @@ class XArmWire(SessionWire[XArmSession]):
         silent_s = session.silent_s(now_ns)
         if silent_s > QUIET_S:
             raise PermitDenied(f"the controller is silent for {silent_s * 1e3:.0f} ms")
+        target = session.within_range(values)
         permit.check()
-        session.control.send(Register.SERVO_JOINT, p.servo_data(values))
-        session.target = values
+        session.control.send(Register.SERVO_JOINT, p.servo_data(target))
+        session.target = target
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         session = self.session_or_none

@@ -228,4 +228,4 @@ async def open_tree(wanted: Plan, arm: bool = True) -> AsyncIterator[RobotTree]:
             yield tree
         finally:
             with trio.CancelScope(shield=True):
-                await tree.cleanup()
+                answers.warn_unless_safe(tree.robot, answers.stop_result("cleanup", await tree.cleanup()))

@@ -18,15 +18,17 @@ import trio
 from strands_actors.contract.driver import Reason
 from strands_actors.kernel.actor import Actor
 from strands_actors.kernel.clock import MonotonicClock
+from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Node, Unreachable
-from strands_actors.supervisors import addresses
+from strands_actors.supervisors import addresses, stop_result
 from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.gate.messages import GetStatus, Resume, Resumed, Status, Stop, StopReport
 from strands_actors.supervisors.root.guardian import Guardian
 from strands_actors.supervisors.root.messages import Describe, Fence, ProcessInfo, TreeReport
 from strands_actors.supervisors.root.process import Root
+from strands_actors.supervisors.stop_result import StopResult
 
 from .nodes import open_node
 from .run_directory import Note, notes
@@ -66,7 +68,7 @@ class Directory:
             return None
         return answer if isinstance(answer, Status) else None
 
-    async def stop(self, note: Note, reason: Reason, by: str, lock: bool = False) -> StopReport | Refused:
+    async def stop(self, note: Note, reason: Reason, by: str, lock: bool = False) -> StopResult:
         """Make a robot safe: by its gate, or when that does not answer by the root's own path."""
         at, deadlines = addresses.of(note.robot), StopDeadlines.of(note.safe_s, note.late_s)
         try:
@@ -76,9 +78,9 @@ class Directory:
         if not isinstance(answer, StopReport):  # a refusal, too, has stopped nothing
             try:
                 answer = await self._ask(at.guardian, Guardian, Fence(reason, by, lock), deadlines.root_s)
-            except (AskTimeout, Unreachable):
-                return Refused("unconfirmed", "neither wire nor root answers", "look at the robot")
-        return answer if isinstance(answer, StopReport | Refused) else _NO_ANSWER
+            except (AskTimeout, Unreachable) as failure:
+                answer = Refused("unconfirmed", busy.explained(f"neither wire nor root answers ({failure})"))
+        return stop_result.of_answer(str(reason), answer, note.motors)
 
     async def resume(self, note: Note, by: str) -> Resumed | Refused:
         """Lift a lockout and energise at the measured position."""

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import sys
 from collections.abc import Coroutine, Generator, Iterator, Mapping
 from concurrent.futures import Future
-from typing import Any
+from typing import Any, assert_never
+
+import msgspec
 
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.wire import Observation
+from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.gate.messages import Status, StopReport
 from strands_actors.supervisors.root.messages import TaskStatus, TreeReport
+from strands_actors.supervisors.stop_result import Confirmed, NothingRan, StopResult, Unconfirmed, Unreachable
+
+_log = logging.getLogger("strands_actors")
 
 UNREACHABLE = "unreachable"
 """The state of a robot that does not answer, or was not connected."""
@@ -105,14 +112,52 @@ def error(text: str, json: dict[str, Any] | None = None) -> Answer:
     return Answer(status="error", content=content)
 
 
+_LATE = frozenset({"expired", "stale", "no_observation", "no_answer", "timeout", "unreachable", "publish"})
+"""Codes of refusals after a deadline that was missed."""
+EXPIRED = "the setpoint expired"
+"""The gate's cause of a hold. It stands in refusals of the epoch before."""
+
+
 def refused(refusal: Refused) -> Answer:
+    """A missed deadline names a computer that is too busy."""
+    if refusal.code in _LATE or EXPIRED in refusal.reason:
+        refusal = msgspec.structs.replace(refusal, reason=busy.explained(refusal.reason))
     details = {key: value for key in ("code", "offered", "limit") if (value := getattr(refusal, key))}
     return error(refusal.text, {"refused": details})
 
 
-def stopped(report: StopReport) -> Answer:
-    """A stop is a success only when every motor confirmed it."""
-    json = {
+def stop_result(verb: str, result: StopResult, done: dict[str, Any] | None = None) -> Answer:
+    """A stop is a success only when every motor confirmed it. ``done``: what else the verb answers."""
+    more = done or {}
+    match result:
+        case Confirmed(proof):
+            match proof:
+                case NothingRan(why):
+                    return success({"stopped": True, "reason": why, **more})
+                case StopReport():
+                    return success({**_report(proof), **more})
+                case _:
+                    assert_never(proof)
+        case Unconfirmed(report):
+            named = ", ".join(f"{motor.axis} (id {motor.id}): {motor.detail}" for motor in result.unsafe)
+            text = f"{verb}: not confirmed by {named or 'the robot'}. cut its power if it still moves"
+            return error(text, {**more, **_report(report)})
+        case Unreachable(refusal, motors):
+            refused = {"code": refusal.code}
+            json = {**more, "stopped": False, "unconfirmed": list(motors), "refused": refused}
+            return error(result.text, json)
+        case _:
+            assert_never(result)
+
+
+def warn_unless_safe(robot: str, answer: Answer) -> None:
+    """Log a cleanup that nobody reads the answer of, unless it is a success."""
+    if answer["status"] != "success":
+        _log.warning("%s: %s", robot, answer["content"][0]["text"])
+
+
+def _report(report: StopReport) -> dict[str, Any]:
+    return {
         "stopped": report.confirmed,
         "reason": str(report.reason),
         "safe_state": str(report.safe_state),
@@ -131,10 +176,6 @@ def stopped(report: StopReport) -> Answer:
             for motor in report.motors
         },
     }
-    if report.confirmed:
-        return success(json)
-    named = ", ".join(f"{motor.axis} (id {motor.id}): {motor.detail}" for motor in report.motors if not motor.safe)
-    return error(f"stop: not confirmed by {named or 'the robot'}. cut its power if it still moves", json)
 
 
 def task(status: TaskStatus) -> dict[str, Any]:

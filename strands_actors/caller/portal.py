@@ -141,11 +141,26 @@ _portal_pid = 0
 _lock = threading.Lock()
 
 
+class Forked(OSError):
+    """This process was forked from one that runs robots."""
+
+
+def forked_from() -> int:
+    """Return the process that has the portal, in a child that was forked from it; else 0."""
+    return _portal_pid if _portal is not None and _portal_pid != os.getpid() else 0
+
+
 def portal() -> Portal:
-    """This process's portal, started at first use (again in a forked child)."""
+    """This process's portal, started at first use. Raise ``Forked`` in a child of a process that has
+    one: the threads of its sessions were not forked, and another session would wait for them for
+    ever."""
     global _portal, _portal_pid
+    parent = forked_from()
+    if parent:
+        why = f"this process was forked from process {parent}, which runs robots"
+        raise Forked(f"{why}. call it there, or start this process by spawn instead of fork")
     with _lock:
-        if _portal is None or _portal_pid != os.getpid():
+        if _portal is None:
             _portal, _portal_pid = Portal(), os.getpid()
             atexit.register(_leave_quickly, _portal, os.getpid())
         return _portal

@@ -12,12 +12,14 @@ from typing import Any, ClassVar, NamedTuple
 import trio
 
 from strands_actors.contract.driver import Driver, Reason
+from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import ActorRef, AskTimeout, Node, Unreachable
 from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate.failsafe import LINKED, Mode
-from strands_actors.supervisors.gate.messages import GetStatus, Lease, Status, StopReport
+from strands_actors.supervisors.gate.messages import GetStatus, Lease, Status
 from strands_actors.supervisors.root.messages import TreeReport
+from strands_actors.supervisors.stop_result import StopResult
 from strands_actors.surfaces.cameras.handle import Cameras
 
 from .plan import Plan
@@ -38,7 +40,8 @@ class NotConnected(Exception):
 
 
 def unreachable(verb: str, failure: Exception) -> Refused:
-    return Refused("unreachable", f"{verb}: {failure}", "resume() when the robot is back")
+    why = busy.explained(f"{verb}: {failure}") if isinstance(failure, AskTimeout) else f"{verb}: {failure}"
+    return Refused("unreachable", why, "resume() when the robot is back")
 
 
 class Patience(NamedTuple):
@@ -90,11 +93,11 @@ class Processes(ABC):
         does not let us."""
 
     @abstractmethod
-    async def end(self, lease: Lease | None) -> StopReport | Refused | None:
-        """Make safe and end. ``lease``: ours, if we have it. None when nothing was running."""
+    async def end(self, lease: Lease | None) -> StopResult:
+        """Make safe and end. ``lease``: ours, if we have it."""
 
     @abstractmethod
-    async def make_safe(self, reason: Reason, by: str, lock: bool) -> StopReport | Refused:
+    async def make_safe(self, reason: Reason, by: str, lock: bool) -> StopResult:
         """What follows a stop that the gate has not answered."""
 
     @abstractmethod
@@ -161,8 +164,8 @@ class Processes(ABC):
                 raise NotConnected(status.connect_error)
             await trio.sleep(LOOK_S)
         if status is None:
-            raise NotConnected(f"no answer within {within_s:g} s")
-        raise NotConnected(status.connect_error or f"the robot is {status.mode}")
+            raise NotConnected(busy.explained(f"no answer within {within_s:g} s"))
+        raise NotConnected(status.connect_error or busy.explained(f"the robot is {status.mode}"))
 
     async def ask_status(self, verb: str) -> Status | Refused:
         """For a verb that depends on it: wait as long as for a command, and say when nothing was
@@ -170,7 +173,7 @@ class Processes(ABC):
         try:
             answer = await self.gate.ask(GetStatus(), self.patience.ask_s)
         except AskTimeout:
-            why = f"{verb}: the wire has not answered for {self.patience.ask_s * 1e3:g} ms"
+            why = busy.explained(f"{verb}: the wire has not answered for {self.patience.ask_s * 1e3:g} ms")
             return Refused("no_answer", why, "try again: the host may be busy")
         except Unreachable as failure:
             return unreachable(verb, failure)

@@ -17,9 +17,10 @@ from strands_actors.contract.driver import Driver
 from strands_actors.contract.wire import Observation, WireDown
 from strands_actors.kernel.messages import Refused
 from strands_actors.policies.registry import DEFAULT_PROVIDER
+from strands_actors.supervisors import stop_result
 from strands_actors.supervisors.gate.messages import Status
 from strands_actors.supervisors.loading import build_driver
-from strands_actors.supervisors.root.messages import TaskStatus
+from strands_actors.supervisors.root.messages import TaskStatus, TreeReport
 from strands_actors.surfaces.agents.approval import APPROVE_S, Approval, approval_of
 from strands_actors.surfaces.agents.calls import read
 from strands_actors.surfaces.agents.tool import RobotTool
@@ -27,7 +28,7 @@ from strands_actors.surfaces.agents.use import use
 from strands_actors.surfaces.cameras.handle import Cameras
 
 from . import envelopes as answers
-from . import verbs
+from . import forked, verbs
 from .bus import Bus
 from .envelopes import Answer, PendingAnswer
 from .liveness import Liveness
@@ -120,6 +121,11 @@ class RealRobot(RobotTool):
         """None in a forked child, too: the tree is its parent's."""
         return self._opened if self._pid == os.getpid() else None
 
+    @property
+    def _forked(self) -> RobotTree | None:
+        """Return the tree of the parent, in a child that was forked from it."""
+        return self._opened if self._pid != os.getpid() else None
+
     # -- the loop
 
     def _call(self, verb: Callable[..., Coroutine[Any, Any, T]], *args: Any) -> T:
@@ -144,6 +150,8 @@ class RealRobot(RobotTool):
 
     def _ready(self, name: str) -> RobotTree | str:
         """Return the tree for a verb, or why there is none."""
+        if self._forked is not None:
+            return forked.why_unknown(self._pid, self._forked.robot)
         if name in self.LAZY and not (self._asked_to_connect or self._closed or self._plan.at):
             problem = self._connect_first()
             if problem is not None:
@@ -210,14 +218,15 @@ class RealRobot(RobotTool):
         """Make the robot safe and end everything that was started for it, by a connect that is
         under way too: that one is refused, and energises nothing any more. Harmless when called
         again."""
+        parents = self._forked
+        if parents is not None:
+            unknown = forked.unknown("cleanup", self._pid, parents.robot, self._driver)
+            return answers.stop_result("cleanup", unknown)
         self._closed = True  # before anything is looked at: see ``_connect``
         tree, self._opened = self._tree, None
         if tree is None:
-            return answers.success({"stopped": True, "reason": "nothing was running"})
-        report = self._call(tree.cleanup)
-        if isinstance(report, Refused):
-            return answers.refused(report)
-        return answers.success({"stopped": True}) if report is None else answers.stopped(report)
+            return answers.stop_result("cleanup", stop_result.Confirmed(stop_result.NothingRan()))
+        return answers.stop_result("cleanup", self._call(tree.cleanup))
 
     def __enter__(self) -> RealRobot:
         try:
@@ -231,7 +240,7 @@ class RealRobot(RobotTool):
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.cleanup()
+        answers.warn_unless_safe(self.name, self.cleanup())
 
     # -- verbs
 
@@ -302,7 +311,10 @@ class RealRobot(RobotTool):
         return sorted({*super().__dir__(), *self._plan.driver_class.services(self._plan.options)})
 
     def stop(self) -> Answer | PendingAnswer:
-        """De-energise every motor and report each. Works as ``stop()`` and as ``await stop()``."""
+        """De-energise every motor and report each. Works as ``stop()`` and as ``await stop()``. In a
+        forked child the command line stops it, which takes half a second."""
+        if self._forked is not None:
+            return self._now_or_soon(self._stop_from_child, verbs.stop, "stop")
         return self._now_or_soon(lambda: self._verb_here(verbs.stop_here, verbs.stop, "stop"), verbs.stop, "stop")
 
     def get_status(self) -> Answer | PendingAnswer:
@@ -355,7 +367,7 @@ class RealRobot(RobotTool):
 
     def get_task_status(self) -> Answer:
         """Return the present rollout, or the last one: the same keys for every driver."""
-        if self._tree is None:
+        if self._tree is None and self._forked is None:
             return answers.success(answers.task(TaskStatus()))
         return self._verb(verbs.get_task_status, "task")
 
@@ -426,7 +438,11 @@ class RealRobot(RobotTool):
             return self._get_status()
         name = call.verb.name
         tree: RobotTree | str | None = self._tree
-        if tree is None and not self.OTHERS_CONNECT:
+        if self._forked is not None:
+            if call.kind == "stop":
+                return await asyncio.to_thread(self._stop_from_child)
+            tree = self._ready(name)
+        elif tree is None and not self.OTHERS_CONNECT:
             tree = CLEANED_UP if self._closed else _NOT_CONNECTED
         elif tree is None:
             tree = await asyncio.to_thread(self._ready, _NAMES.get(call.verb.does, name))
@@ -437,13 +453,19 @@ class RealRobot(RobotTool):
             return await asyncio.wrap_future(doing)
 
     def tree(self) -> dict[str, Any] | None:
-        """Processes and actors, as ``strands-actors tree --json`` shows them; None when there are
-        none."""
+        """Processes and actors, as ``strands-actors tree --json`` shows them; None when nothing was
+        started from here. The state of a tree that does not answer is ``unreachable``."""
         tree = self._tree
+        if self._forked is not None:
+            return answers.tree(TreeReport(self._forked.robot, answers.UNREACHABLE, 0, (), ()))
         report = None if tree is None else self._call(tree.describe)
         return None if report is None else answers.tree(report)
 
     # -- helpers
+
+    def _stop_from_child(self) -> Answer:
+        assert self._forked is not None
+        return answers.stop_result("stop", forked.stop(self._forked.robot, self._driver))
 
     def _get_observation(self) -> Answer:
         return self._verb_here(verbs.get_observation_here, verbs.get_observation, "observe")

@@ -9,25 +9,34 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple, assert_never
 
 import trio
 
 from strands_actors.contract.driver import Driver, Reason
 from strands_actors.contract.loading import load
+from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import ActorRef, AskTimeout, Unreachable
-from strands_actors.supervisors import addresses
+from strands_actors.supervisors import addresses, stop_result
 from strands_actors.supervisors.gate.admission import about
 from strands_actors.supervisors.gate.failsafe import Mode
-from strands_actors.supervisors.gate.messages import Stop, StopReport
+from strands_actors.supervisors.gate.messages import GetSafety, Stop, StopReport
 from strands_actors.supervisors.root.messages import GetTask, Operate, Rollout, StartTask, StopTask, TaskStatus
+from strands_actors.supervisors.stop_result import StopResult
 
 from .processes import Processes
 from .writer import Writer
 
 START_S = 2.0
 """For a policy's process to be started."""
+
+
+class TaskEnd(NamedTuple):
+    """A task that was ended. ``result``: what became of the robot."""
+
+    status: TaskStatus
+    result: StopResult
 
 
 class Rollouts:
@@ -115,8 +124,17 @@ class Rollouts:
         """What was not answered in time must not be done late. The stop ends the lease that it
         would write under, so that whatever began, or still begins, gets none."""
         tasks.tell(StopTask())
-        await self._hold()
-        return Refused("timeout", f"start_task: {failure}; nothing of it will begin", "try again")
+        why = busy.explained(f"start_task: {failure}")
+        match await self._hold():
+            case stop_result.Confirmed():
+                return Refused("timeout", f"{why}; nothing of it will begin", "try again")
+            case stop_result.Unconfirmed(report):
+                named = ", ".join(report.unconfirmed) or "the robot"
+                return Refused("timeout", f"{why}; a hold is not confirmed by {named}", stop_result.REMEDY)
+            case stop_result.Unreachable() as lost:
+                return Refused("timeout", f"{why}; {lost.text}")
+            case never:
+                assert_never(never)
 
     async def _may_start(self, verb: str) -> Refused | None:
         kind = self._processes.plan.robot
@@ -179,27 +197,37 @@ class Rollouts:
             return Refused("running", f"{verb}: {why}", "call stop_task() first")
         return None
 
-    async def stop_task(self) -> TaskStatus | Refused:
+    async def stop_task(self) -> TaskEnd:
         """End the rollout. Returns when the robot holds, whatever the policy does."""
         from strands_actors.supervisors.policy import Policy
 
         processes = self._processes
         processes.require()
         if not (await self.task()).running:
-            return self._task
+            return TaskEnd(self._task, await self._safety())
         ref: ActorRef = processes.node.ref(addresses.of(processes.robot).policy, Policy)
         if processes.tasks is not None and self._has_process:
             ref = processes.tasks
-        try:
+        answer: Message | None = None
+        with contextlib.suppress(AskTimeout, Unreachable):  # nobody says that it has ended: the gate ends it
             answer = await ref.ask(StopTask(), 2 * processes.patience.ask_s)
-        except (AskTimeout, Unreachable):
-            answer = await self._hold()
-            self.end("stopped")
-        if isinstance(answer, TaskStatus):
+        if isinstance(answer, TaskStatus) and not answer.running:
             self._task = answer
-        return self._task
+            return TaskEnd(answer, await self._safety())
+        result = await self._hold()
+        self.end("stopped")
+        return TaskEnd(self._task, result)
 
-    async def _hold(self) -> Message:
+    async def _safety(self) -> StopResult:
+        """Return what is known of the robot's safety."""
+        processes = self._processes
+        try:
+            answer = await processes.gate.ask(GetSafety(), processes.patience.stop_s)
+        except (AskTimeout, Unreachable) as failure:
+            return stop_result.silent("stop_task", busy.explained(str(failure)), self._driver)
+        return stop_result.of_answer("stop_task", answer, self._driver.axes)
+
+    async def _hold(self) -> StopResult:
         """End what a policy of ours commanded, by the gate, else by the root."""
         processes = self._processes
         try:
@@ -207,7 +235,7 @@ class Rollouts:
         except (AskTimeout, Unreachable):
             answer = None
         if isinstance(answer, StopReport):
-            return answer
+            return stop_result.of_report(answer)
         return await processes.make_safe(Reason.POLICY, processes.holder, False)  # a refusal is no stop
 
     async def end_overtaken(self) -> None:

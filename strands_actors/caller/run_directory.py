@@ -51,6 +51,7 @@ class Note(msgspec.Struct):
     safe_s: float = 1.5  # what its driver says that a stop may take
     late_s: float = 0.0  # and how much later something that was asked for before may take effect
     arm_s: float = 10.0  # and that energising it may
+    motors: list[str] = []  # all that may be energised: its axes
     port: str = ""  # where it is, as its script said; empty: a twin, or none was given
 
 

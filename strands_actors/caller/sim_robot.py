@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from strands_actors.kernel.messages import Refused
 from strands_actors.simulation import evaluation, scene
 from strands_actors.simulation.handle import SimulationError, World
+from strands_actors.supervisors import stop_result
 from strands_actors.surfaces.agents.approval import Approval
 
 from . import envelopes as answers
@@ -180,9 +181,9 @@ class SimRobot(RealRobot):
     async def _back(self, *where: Any) -> Answer:
         """Stop, do what the simulation is told, energise. The last argument is the tree."""
         *told, tree = where
-        report = await tree.stop()
-        if isinstance(report, Refused):
-            return answers.refused(report)
+        result = await tree.stop()
+        if not isinstance(result, stop_result.Confirmed):
+            return answers.stop_result("stop", result)
         try:
             await told[0](*told[1:])
         except SimulationError as failure:

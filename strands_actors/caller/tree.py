@@ -17,6 +17,7 @@ from strands_actors.contract.wire import Observation
 from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Node, Unreachable
+from strands_actors.supervisors import stop_result
 from strands_actors.supervisors.gate.failsafe import Mode
 from strands_actors.supervisors.gate.messages import (
     Accepted,
@@ -30,8 +31,10 @@ from strands_actors.supervisors.gate.messages import (
 )
 from strands_actors.supervisors.loading import build_driver
 from strands_actors.supervisors.root.messages import TreeReport
+from strands_actors.supervisors.stop_result import StopResult
 from strands_actors.surfaces.cameras.handle import Cameras
 
+from . import envelopes as answers
 from .commanding import Commanding, Order, Orders
 from .nodes import Entrance
 from .plan import Plan
@@ -154,34 +157,34 @@ class RobotTree:
         processes.require_open()
         return None if refusal is None else refusal.text
 
-    async def cleanup(self) -> StopReport | Refused | None:
-        """Make safe, end the tree. The report, or None when nothing was running. What is being
-        started goes on to its next wait at most, and sees there that it is closed."""
+    async def cleanup(self) -> StopResult:
+        """Make safe, end the tree. What is being started goes on to its next wait at most, and sees
+        there that it is closed."""
         self._processes.close()
         self.rollouts.end("cleanup")
-        report = await self._end()
+        result = await self._end()
         if self.plan.twin_process is not None and self.plan.owns_twin_process:
             await self.plan.twin_process.close()
-        return report
+        return result
 
-    async def _end(self) -> StopReport | Refused | None:
+    async def _end(self) -> StopResult:
         async with self._ending:
-            report = await self._processes.end(self._writer.lease)
+            result = await self._processes.end(self._writer.lease)
             self._writer.lease = None
-            return report
+            return result
 
     # -- writing
 
-    async def release(self) -> Refused | None:
+    async def release(self) -> StopResult | Refused:
         """Give the lease up: others, on the mesh too, may then move the robot. A target that was
-        latched is held. The next command of ours takes the lease again, if nobody else has it."""
+        latched is held. The next command of ours takes the lease again, if nobody else has it. A
+        refusal has released nothing."""
         self._processes.require()
         refusal = await self.rollouts.refuse("release")
         if refusal is not None:
             return refusal
         async with self._writer.turn:
-            await self._writer.release()
-        return None
+            return await self._writer.release()
 
     async def send_action(self, action: Mapping[str, Any]) -> Accepted | Refused:
         """Send one command: gated, then written, then kept for as long as the driver says."""
@@ -216,7 +219,7 @@ class RobotTree:
 
     # -- stop and resume
 
-    async def stop(self, reason: Reason = Reason.STOP, lock: bool = False) -> StopReport | Refused:
+    async def stop(self, reason: Reason = Reason.STOP, lock: bool = False) -> StopResult:
         """Make safe. When the wire does not answer, the root fences it and writes by its own
         path."""
         stop = self._stopping(reason, lock)
@@ -226,7 +229,7 @@ class RobotTree:
             answer = None
         return await self._stopped(stop, answer)
 
-    def stop_here(self, reason: Reason = Reason.STOP, lock: bool = False) -> StopReport | Refused:
+    def stop_here(self, reason: Reason = Reason.STOP, lock: bool = False) -> StopResult:
         """Do the same in the thread that calls: the order leaves in it, whatever the loop does."""
         stop = self._stopping(reason, lock)
         try:
@@ -240,15 +243,17 @@ class RobotTree:
         self._stops += 1
         return Stop(reason, self._processes.holder, lock)
 
-    async def _stopped(self, stop: Stop, answer: Message | None) -> StopReport | Refused:
+    async def _stopped(self, stop: Stop, answer: Message | None) -> StopResult:
         """``answer``: the gate's; None when there was none. A refusal has stopped nothing: the gate is
         gone, has crashed, or has no room. Of a robot elsewhere it is told as it is: nobody is fenced
         from here."""
         told = isinstance(answer, StopReport) or (answer is not None and self._processes.elsewhere)
-        if not told:
-            answer = await self._processes.make_safe(stop.reason, stop.by, stop.lock)
+        if told:
+            result = stop_result.of_answer("stop", answer, self.driver.axes)
+        else:
+            result = await self._processes.make_safe(stop.reason, stop.by, stop.lock)
         self.rollouts.end("stop")
-        return answer if isinstance(answer, StopReport | Refused) else Refused("no_answer", "stop: no answer")
+        return result
 
     async def resume(self, lift: bool = True) -> Resumed | Refused:
         """Lift a lockout, or start again what has died; energise at the measured position. No
@@ -317,8 +322,12 @@ class RobotTree:
         return await self._processes.status()
 
     async def describe(self) -> TreeReport | None:
-        """Processes and actors of the tree; None when the root does not answer."""
-        return await self._processes.describe()
+        """Processes and actors of the tree. Its state is ``unreachable`` when it does not answer. None:
+        nothing was started."""
+        report = await self._processes.describe()
+        if report is None and self._processes.started:
+            return TreeReport(self.robot, answers.UNREACHABLE, 0, (), ())
+        return report
 
 
 def processes_of(node: Node, nursery: trio.Nursery, entrance: Entrance, plan: Plan, driver: Driver) -> Processes:

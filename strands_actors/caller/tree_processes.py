@@ -3,10 +3,9 @@ the root."""
 
 from __future__ import annotations
 
-import contextlib
 import os
 from collections.abc import Awaitable, Callable
-from typing import Any
+from typing import Any, assert_never
 
 import msgspec
 import trio
@@ -14,16 +13,20 @@ import trio
 from strands_actors.contract.driver import Driver, Reason
 from strands_actors.kernel.channels.link import Link
 from strands_actors.kernel.channels.zenoh_mesh import unix_endpoint
-from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.health import busy
+from strands_actors.kernel.health.heartbeat import new_page, words_of
+from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Node, Ref, Unreachable
-from strands_actors.kernel.processes.process import ChildProcess, start
-from strands_actors.supervisors import addresses
+from strands_actors.kernel.processes.process import ChildProcess, start, wait_for_end_of
+from strands_actors.supervisors import addresses, stop_result
 from strands_actors.supervisors import permissions as channels
 from strands_actors.supervisors.gate.failsafe import Mode
 from strands_actors.supervisors.gate.messages import Lease, StopReport
 from strands_actors.supervisors.loading import describe_driver
+from strands_actors.supervisors.page import Owed
 from strands_actors.supervisors.root.messages import Describe, Fence, GetMesh, OnMesh, Shutdown, TreeReport
 from strands_actors.supervisors.standby.report import LOCK, REPORT
+from strands_actors.supervisors.stop_result import StopResult
 from strands_actors.surfaces.drill.certificate import TWIN, clause
 
 from . import process_one
@@ -37,6 +40,9 @@ from .run_directory import Name, Note, audit_file, locks_dir
 from .strays import label_of
 from .twin_process import SIM, TwinProcessDown
 
+NOTE_S = 0.01
+"""Between two looks at the page on which wire and standby note what is still energised."""
+
 
 class TreeProcesses(Processes):
     """Of this host. ``guardian``, ``root`` and ``tasks`` are actors of the tree, once it was
@@ -49,6 +55,8 @@ class TreeProcesses(Processes):
         self._name: Name | None = None
         self._root_process: ChildProcess | None = None
         self._scope: trio.CancelScope | None = None
+        self._owed = Owed()
+        """What the processes of the tree note of what may be energised."""
 
     @property
     def started(self) -> bool:
@@ -136,7 +144,12 @@ class TreeProcesses(Processes):
             },
         }
         entry = "strands_actors.supervisors.root.process:main"
-        process = start(entry, args, [name.lock_fd, *hold], label_of(self.robot))
+        page = new_page()
+        try:
+            process = start(entry, args, [name.lock_fd, *hold], label_of(self.robot), [page])
+            self._owed = Owed(words_of(page))
+        finally:
+            os.close(page)
         name.publish(
             Note(
                 self.robot,
@@ -147,6 +160,7 @@ class TreeProcesses(Processes):
                 safe_s=self.driver.timing.safe_s,
                 late_s=self.driver.late_s,
                 arm_s=self.driver.timing.arm_s,
+                motors=list(self.driver.axes),
                 port=own,
             )
         )
@@ -197,33 +211,58 @@ class TreeProcesses(Processes):
                 await process.wait()
                 nursery.cancel_scope.cancel()
 
-    async def end(self, lease: Lease | None) -> StopReport | None:
+    async def end(self, lease: Lease | None) -> StopResult:
         process = self._root_process
-        report: StopReport | None = None
+        result: StopResult = stop_result.Confirmed(stop_result.NothingRan())
         if process is not None:
-            # A root that does not answer is fenced at once; the wire then makes itself safe.
-            if await self.describe() is not None:
-                with contextlib.suppress(AskTimeout, Unreachable):
-                    answer = await self.root.ask(Shutdown(Reason.CLEANUP, self.holder), self.deadlines.end_s)
-                    report = answer if isinstance(answer, StopReport) else None
-                if report is not None and not report.confirmed:
-                    self._part(process)
-                else:
-                    with trio.move_on_after(self.deadlines.end_s):
-                        await process.wait()
-            await self._discard()
+            result = await self._end_root(process)
             self.cameras.end()
         if self._name is not None:
             self._name.release()
             self._name = None
-        return report
+        return result
+
+    async def _end_root(self, process: ChildProcess) -> StopResult:
+        """Have the root make safe and end. One that does not answer is fenced at once: the wire then
+        makes itself safe."""
+        answer: Message | None = None
+        why: object = "the root process does not answer, and was ended"
+        if await self.describe() is not None:
+            try:
+                answer = await self.root.ask(Shutdown(Reason.CLEANUP, self.holder), self.deadlines.end_s)
+            except (AskTimeout, Unreachable) as failure:
+                why = f"the root process gave no report ({failure})"
+        match answer:
+            case StopReport(confirmed=False):
+                self._part(process)
+            case StopReport():
+                with trio.move_on_after(self.deadlines.end_s):
+                    await process.wait()
+        await self._discard()
+        if isinstance(answer, StopReport):
+            return stop_result.of_report(answer)
+        return await self._await_note("cleanup", why)
+
+    async def _await_note(self, verb: str, why: object) -> StopResult:
+        """Return what became of a robot whose root has ended without a report. Wire and standby make it
+        safe, and note on the shared page when every motor has confirmed that."""
+        owed = self._owed
+        with trio.move_on_after(self.deadlines.attempt_s):
+            if owed.wire_pid:
+                await wait_for_end_of(owed.wire_pid)
+            while owed.safe_state:  # noqa: ASYNC110  # another process writes it
+                await trio.sleep(NOTE_S)
+            safe_state = self.driver.fallbacks[Reason.ROOT]
+            return stop_result.Confirmed(StopReport(Reason.ROOT, safe_state, 0, True, ()))
+        left = "what is left of it tries for a minute. look at the robot, and cut its power if it still moves"
+        return stop_result.silent(verb, busy.explained(str(why)), self.driver, left, "unconfirmed")
 
     def _part(self, process: ChildProcess) -> None:
         """A root whose robot is not confirmed safe stays, and tries, without us."""
         process.part()
         self._root_process = None
 
-    async def make_safe(self, reason: Reason, by: str, lock: bool) -> StopReport | Refused:
+    async def make_safe(self, reason: Reason, by: str, lock: bool) -> StopResult:
         """By the root, which fences the wire and writes by its own path."""
         try:
             answer = await self.guardian.ask(Fence(reason, by, lock), self.deadlines.root_s)
@@ -231,14 +270,22 @@ class TreeProcesses(Processes):
             # Neither the wire nor the root answers. Without its root the wire makes itself safe.
             await self._fence()
             why = f"neither wire nor root answers ({failure}); the root was ended"
-            named = ", ".join(self.driver.axes)
-            return Refused("unconfirmed", f"stop: {why}. not confirmed by {named}", "look at the robot")
-        return answer if isinstance(answer, StopReport | Refused) else Refused("no_answer", "stop: no answer")
+            return await self._await_note("stop", why)
+        return stop_result.of_answer("stop", answer, self.driver.axes)
 
     async def late(self, verb: str, timeout: AskTimeout) -> Refused:
         """Fence and stop."""
-        await self.make_safe(Reason.WIRE, f"{verb} timed out", False)
-        return Refused("timeout", f"{verb}: {timeout}; the robot was stopped", "resume()")
+        why = busy.explained(f"{verb}: {timeout}")
+        match await self.make_safe(Reason.WIRE, f"{verb} timed out", False):
+            case stop_result.Confirmed():
+                return Refused("timeout", f"{why}; the robot was stopped", "resume()")
+            case stop_result.Unconfirmed(report):
+                named = ", ".join(report.unconfirmed) or "the robot"
+                return Refused("timeout", f"{why}; its stop is not confirmed by {named}", stop_result.REMEDY)
+            case stop_result.Unreachable() as lost:
+                return Refused("timeout", f"{why}; {lost.text}", "resume() when the robot is back")
+            case never:
+                assert_never(never)
 
     async def revive(self, lift: bool, beside: Callable[[], Awaitable[None]]) -> Refused | None:
         if await self._answers():

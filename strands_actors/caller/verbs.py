@@ -18,11 +18,12 @@ from strands_actors.contract.plain_numbers import as_python
 from strands_actors.contract.positions import Positions
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers import canonical_name
-from strands_actors.kernel.health.processor import pressure
+from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import AskTimeout, Unreachable
 from strands_actors.policies.registry import choose_provider, robot_facts
-from strands_actors.supervisors.gate.messages import Accepted, Performed, Resumed, Status, StopReport
+from strands_actors.supervisors import stop_result
+from strands_actors.supervisors.gate.messages import Accepted, Performed, Resumed, Status
 from strands_actors.supervisors.root.messages import TaskStatus
 
 from . import envelopes as answers
@@ -43,7 +44,9 @@ async def answered(name: str, verb: Verb, tree: RobotTree, *args: Any) -> Answer
     """Run a verb. A tree that is gone or silent is an error envelope."""
     try:
         return await verb(tree, *args)
-    except (NotConnected, AskTimeout, Unreachable) as failure:
+    except AskTimeout as failure:
+        return answers.error(busy.explained(f"{name}: {failure}"))
+    except (NotConnected, Unreachable) as failure:
         return answers.error(f"{name}: {failure}")
 
 
@@ -143,7 +146,7 @@ async def get_sensors(tree: RobotTree) -> Answer:
 async def _measured(tree: RobotTree, name: str, more: Callable[[Observation], dict[str, Any]]) -> Answer:
     status = await tree.status()
     if status is None or status.observation is None:
-        why = "the wire does not answer" if status is None else "nothing was read yet"
+        why = busy.explained("the wire does not answer") if status is None else "nothing was read yet"
         return answers.refused(Refused("no_observation", f"{name}: {why}", "try again in a moment"))
     seen = status.observation
     return answers.success(
@@ -159,8 +162,11 @@ async def _measured(tree: RobotTree, name: str, more: Callable[[Observation], di
 
 async def release(tree: RobotTree) -> Answer:
     """Give the lease up."""
-    refused = await tree.release()
-    return answers.success({"released": True}) if refused is None else answers.refused(refused)
+    result = await tree.release()
+    if isinstance(result, Refused):
+        return answers.refused(result)
+    known = {} if isinstance(result, stop_result.Unreachable) else {"released": True}
+    return answers.stop_result("release", result, known)
 
 
 def require_service(handle: object, plan: Plan | None, name: str) -> None:
@@ -177,7 +183,7 @@ async def service(
     if (command := _command(tree, name, arguments, action)) is not None:
         return answers.refused(command) if isinstance(command, Refused) else await send_action(tree, command)
     if (reason := _order_to_stop(tree, name)) is not None:
-        return _stopped(await tree.stop(reason, lock=True))
+        return answers.stop_result(name, await tree.stop(reason, lock=True))
     return _performed(await tree.perform(name, arguments, action))
 
 
@@ -187,7 +193,7 @@ def service_here(
     if (command := _command(tree, name, arguments, action)) is not None:
         return answers.refused(command) if isinstance(command, Refused) else send_action_here(tree, command)
     if (reason := _order_to_stop(tree, name)) is not None:
-        return _stopped(tree.stop_here(reason, lock=True))
+        return answers.stop_result(name, tree.stop_here(reason, lock=True))
     answer = tree.perform_here(name, arguments, action)
     return None if answer is None else _performed(answer)
 
@@ -214,15 +220,11 @@ def _performed(answer: Performed | Refused) -> Answer:
 
 
 async def stop(tree: RobotTree) -> Answer:
-    return _stopped(await tree.stop())
+    return answers.stop_result("stop", await tree.stop())
 
 
 def stop_here(tree: RobotTree) -> Answer:
-    return _stopped(tree.stop_here())
-
-
-def _stopped(answer: StopReport | Refused) -> Answer:
-    return answers.stopped(answer) if isinstance(answer, StopReport) else answers.refused(answer)
+    return answers.stop_result("stop", tree.stop_here())
 
 
 async def get_status(tree: RobotTree) -> Answer:
@@ -230,7 +232,7 @@ async def get_status(tree: RobotTree) -> Answer:
 
 
 def describe(tree: RobotTree, status: Status | None) -> dict[str, Any]:
-    problem = tree.problem or "the wire does not answer"
+    problem = tree.problem or busy.explained("the wire does not answer")
     told = answers.status(
         tree.plan.tool_name, tree.plan.robot, tree.driver, problem, status, tree.facts, tree.standby_report
     )
@@ -238,8 +240,10 @@ def describe(tree: RobotTree, status: Status | None) -> dict[str, Any]:
         told["cameras"] = tree.cameras.status()
     if tree.caveats:
         told["caveats"] = list(tree.caveats)
-    if (busy := pressure()) is not None:
-        told["machine_busy_pct"] = round(100 * busy)  # whoever looks for a loose cable may find it here
+    seen = busy.machine()  # whoever looks for a loose cable may find it here
+    if seen.pressure is not None:
+        told["machine_busy_pct"] = round(100 * seen.pressure)
+    told["machine"] = seen.text
     return told
 
 
@@ -257,10 +261,9 @@ async def get_task_status(tree: RobotTree) -> Answer:
 
 
 async def stop_task(tree: RobotTree) -> Answer:
-    status = await tree.rollouts.stop_task()
-    if isinstance(status, Refused):
-        return answers.refused(status)
-    return answers.success({"stopped": not status.running, "robot": tree.robot, **answers.task(status)})
+    status, result = await tree.rollouts.stop_task()
+    done = {"robot": tree.robot, **answers.task(status)}
+    return answers.stop_result("stop_task", result, done)
 
 
 def _begun(status: TaskStatus | Refused) -> Answer:

@@ -8,8 +8,12 @@ from collections.abc import Callable
 
 import trio
 
+from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Refused
-from strands_actors.supervisors.gate.messages import Acquire, Beat, Lease, Release
+from strands_actors.kernel.node import AskTimeout, Unreachable
+from strands_actors.supervisors import stop_result
+from strands_actors.supervisors.gate.messages import Acquire, Beat, GetSafety, Lease, Release
+from strands_actors.supervisors.stop_result import StopResult
 
 from .processes import Processes
 
@@ -43,11 +47,16 @@ class Writer:
             return None
         return answer if isinstance(answer, Refused) else Refused("lease", "no lease")
 
-    async def release(self) -> None:
-        """Give the lease up, if it is held."""
+    async def release(self) -> StopResult:
+        """Give the lease up, if it is held. Return what became of what was commanded under it."""
         lease, self.lease = self.lease, None
-        if lease is not None:
-            await self._processes.gate.ask(Release(lease.id), self._processes.patience.ask_s)
+        processes = self._processes
+        wanted = GetSafety() if lease is None else Release(lease.id)
+        try:
+            answer = await processes.gate.ask(wanted, processes.patience.stop_s)
+        except (AskTimeout, Unreachable) as failure:
+            return stop_result.silent("release", busy.explained(str(failure)), processes.driver)
+        return stop_result.of_answer("release", answer, processes.driver.axes)
 
     async def beat(self) -> None:
         """For ever: while the caller's program lives, so does the lease."""

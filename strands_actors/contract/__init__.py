@@ -17,7 +17,18 @@ from strands_actors.kernel.messages import Refused
 from .axis import Axis, AxisMode, Part, PartKind
 from .axis_gates import axis_gates, past_range, stale, too_fast
 from .cameras import CameraSettings, Picture, PictureSource
-from .driver import HOLDING_REASONS, Candidate, Condition, Driver, GateCheck, GateState, Reason, Service, Timing
+from .driver import (
+    HOLDING_REASONS,
+    Candidate,
+    Condition,
+    Driver,
+    GateCheck,
+    GateState,
+    OnResume,
+    Reason,
+    Service,
+    Timing,
+)
 from .fallbacks import check_fallbacks, fallbacks_for
 from .options import DriverOptions, meanings, option, plain, read_options, secrets_of
 from .rotations import roll_pitch_yaw
@@ -52,6 +63,7 @@ __all__ = [
     "KeptSession",
     "MotorReport",
     "Observation",
+    "OnResume",
     "OwnProcess",
     "Part",
     "PartKind",

@@ -144,16 +144,27 @@ ConditionCheck = Callable[[Observation, int], Refused | None]
 """Refuses when something is not true of the robot: from the newest observation and now_ns. Pure."""
 
 
+class OnResume(enum.StrEnum):
+    """What ``resume()`` of an armed robot does when a condition is broken."""
+
+    REFUSE = "refuse"  # somebody has to mend it first, as the refusal says; no stop of ours breaks it
+    ARM_ANEW = "arm anew"  # arming mends it: the robot is stopped, then armed
+    STAY_ARMED = "stay armed"  # one of the robot's services mends it: take off, stand up
+
+
 class Condition(msgspec.Struct, frozen=True):
     """What must be true of the robot, whatever it is told, and what is done when it no longer is.
 
     Each has a fallback of its own: a drone with a low battery lands, one whose link is weak
-    hovers."""
+    hovers. A driver lists the most specific one first: the first that is broken is the cause that
+    people are told."""
 
     check: ConditionCheck
     reason: Reason = Reason.FAULT
     safe_state: SafeState | None = None  # None: what the driver's table has for ``reason``
     always: bool = False  # looked at while the robot is energised, not only while a setpoint is live
+    on_resume: OnResume = OnResume.REFUSE
+    is_silence: bool = False  # it only says that the robot is not heard: any other cause is more specific
 
 
 class Driver(ABC):

@@ -13,6 +13,7 @@ import trio.testing
 
 from strands_actors.contract.driver import Driver
 from strands_actors.kernel.clock import Clock, VirtualClock
+from strands_actors.kernel.health import busy
 from strands_actors.kernel.health.heartbeat import pair
 from strands_actors.kernel.node import Node, Ref
 from strands_actors.kernel.supervisor import Budget, ChildSpec, Supervisor
@@ -116,4 +117,5 @@ async def open_inline_tree(
 
 def run_virtual(test: Callable[[], Awaitable[None]]) -> None:
     """Run an async test in virtual time: it waits for nothing, and deadlines are exact."""
-    trio.run(test, clock=trio.testing.MockClock(autojump_threshold=0))
+    with busy.assumed(busy.IDLE):
+        trio.run(test, clock=trio.testing.MockClock(autojump_threshold=0))

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from strands_actors.contract.driver import Condition, Driver, GateState, Reason
+from strands_actors.contract.driver import Condition, Driver, GateState, OnResume, Reason
 from strands_actors.contract.wire import Observation
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.gate.messages import Perform, Setpoint
@@ -146,6 +146,18 @@ class Admission:
                     return condition, refusal
         return None
 
+    def broken_for_resume(self, observation: Observation, now_ns: int) -> tuple[Condition, Refused] | None:
+        """Return the condition for which an armed robot cannot just go on, and why: one that somebody
+        has to mend, or else the first one that arming mends."""
+        broken = [
+            (condition, refusal)
+            for condition in self._driver.conditions
+            if condition.on_resume is not OnResume.STAY_ARMED
+            and (refusal := condition.check(observation, now_ns)) is not None
+        ]
+        by_hand = (each for each in broken if each[0].on_resume is OnResume.REFUSE)
+        return next(by_hand, broken[0] if broken else None)
+
     def _refuse_by_mode(self, known: Known) -> Refused | None:
         mode = known.state.mode
         if known.state.locked_by:
@@ -177,7 +189,8 @@ class Admission:
 
 def about(verb: str, refusal: Refused) -> Refused:
     """Return what a setpoint is refused for as the answer to another verb."""
-    return msgspec.structs.replace(refusal, reason=f"{verb}: {refusal.reason.removeprefix('move: ')}")
+    why = refusal.reason.removeprefix("move: ").removeprefix("observe: ")
+    return msgspec.structs.replace(refusal, reason=f"{verb}: {why}")
 
 
 def refuse_at_the_end(what: str, cause: str) -> Refused:

@@ -79,6 +79,8 @@ TRANSITIONS: dict[tuple[Mode, Event], Row] = {
     # What was energised when the link went is still energised when it comes back: safe first.
     (Mode.LOST, Event.LINK_UP): _STOP,
     (Mode.LOST, Event.STOP): Row(Mode.LOST, True, Action.MAKE_SAFE),
+    # Nobody knows what the robot does: a hold is tried, too, on whatever can still be written.
+    (Mode.LOST, Event.HOLD): Row(Mode.LOST, True, Action.MAKE_SAFE),
     (Mode.LOST, Event.END): _END,
     (Mode.LOST, Event.GIVE_UP): _FAILED,
     (Mode.DISARMED, Event.RESUME): Row(Mode.ARMING, True, Action.ARM),
@@ -128,6 +130,8 @@ TRANSITIONS: dict[tuple[Mode, Event], Row] = {
 }
 
 WRITABLE = frozenset({Mode.ARMED, Mode.HOLDING})
+SAFE = frozenset({Mode.DOWN, Mode.DISARMED, Mode.ENDED})
+"""In which nothing of ours is energised. Only in these a stop is confirmed without a report."""
 OVER = frozenset({Mode.ENDING, Mode.ENDED})
 LINKED = frozenset(Mode) - {Mode.DOWN, Mode.LOST, Mode.FAILED} - OVER
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import msgspec
 
-from strands_actors.contract.driver import HOLDING_REASONS, ORDERED, Driver, Reason
+from strands_actors.contract.driver import HOLDING_REASONS, ORDERED, Driver, OnResume, Reason
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import Observation
 from strands_actors.kernel.actor import Actor, Deferred
@@ -25,6 +25,7 @@ from strands_actors.supervisors.gate.messages import (
     Beat,
     CarriedOut,
     GetObservation,
+    GetSafety,
     GetStatus,
     Lease,
     LinkLost,
@@ -35,6 +36,7 @@ from strands_actors.supervisors.gate.messages import (
     Performed,
     Probe,
     Release,
+    Released,
     Resume,
     Resumed,
     SafeDone,
@@ -47,18 +49,22 @@ from strands_actors.supervisors.gate.messages import (
     StopReport,
 )
 from strands_actors.supervisors.root.messages import Decided, StateIs
+from strands_actors.supervisors.root.stop_channel import not_reached
 from strands_actors.supervisors.wire.messages import Alive, Arm, CarryOut, MakeSafe, Write
 
 from . import failsafe
-from .admission import LATCHED, Admission, Known, refuse_at_the_end
+from .admission import LATCHED, Admission, Known, about, refuse_at_the_end
+from .cause import SOON_NS, Cause, Rank, rank_of, rank_of_condition
 from .failsafe import Action, Event, Mode
 from .held_target import held_target
-from .lease import ENDED, LEASE_TTL_NS, Leases
+from .lease import ENDED, GIVEN_BACK, LEASE_TTL_NS, Held, Leases
 from .memory import GateMemory, Waiting
 
 _STOP_AGAIN_NS = round(0.5 * NS)
 """At least so long after a stop that could not be confirmed."""
 
+_MADE_SAFE = frozenset({Mode.HOLDING, Mode.STOPPING, Mode.ENDING})
+"""In which the transport makes the robot safe, and reports."""
 OBSERVATION_S = 1.0
 """A reading is shown for so long at least: on a busy machine the next may be late."""
 
@@ -99,14 +105,16 @@ class Gate(Actor):
         self._stops: list[Waiting] = []
         self._lock = LockKept(0, locked_since)  # the newest that was kept
         self._resumes: list[Deferred] = []
+        self._rearming: list[Deferred] = []  # resumes that arm as soon as the robot is stopped
         self._grants: list[tuple[Lease, Deferred]] = []  # to be told when the hold is over
         self._services: dict[int, Deferred] = {}  # by number: who waits for what is being carried out
         self._service = 0
-        self._cause, self._reason = cause, ""
+        self._cause = Cause(cause)
         self._connect_error = "not connected yet"
         self._facts: dict[str, object] = {}
         self._last_stop: StopReport | None = None
         self._last_stop_ns = 0
+        self._report_stands = False  # nothing has moved, and no link was lost, since the last stop's report
         self._stopped_ns = stopped_ns  # when somebody last ordered a stop
         self._writes = self._reads = self._refusals = 0
         self._last_refusal = ""
@@ -128,6 +136,7 @@ class Gate(Actor):
         | Release
         | Stopped
         | GetObservation
+        | GetSafety
         | GetStatus
         | Perform
         | Probe
@@ -140,7 +149,19 @@ class Gate(Actor):
         | CarriedOut
         | LinkUp
         | LinkLost,
-    ) -> Accepted | Refused | StopReport | Resumed | Lease | Observation | Status | Performed | Deferred | None:
+    ) -> (
+        Accepted
+        | Refused
+        | StopReport
+        | Resumed
+        | Released
+        | Lease
+        | Observation
+        | Status
+        | Performed
+        | Deferred
+        | None
+    ):
         match message:
             case Setpoint():
                 return self._setpoint(message)
@@ -169,6 +190,8 @@ class Gate(Actor):
                 return self._release(message)
             case GetObservation():
                 return self._newest_observation()
+            case GetSafety():
+                return self._safety()
             case GetStatus():
                 return self._status()
             case Perform():
@@ -221,6 +244,7 @@ class Gate(Actor):
         if isinstance(admitted, Refused):
             return admitted
         self._advance(Event.SETPOINT)
+        self._report_stands = False
         self._target, self._target_ns = admitted.values, now_ns
         self._live_until_ns = admitted.until_ns or LATCHED
         if self._leases.held is not None:
@@ -244,8 +268,8 @@ class Gate(Actor):
         return Known(
             self._state,
             self._leases,
-            self._cause,
-            self._reason,
+            self._cause.text,
+            self._cause.reason,
             self._connect_error,
             self._observation,
             self._target,
@@ -266,6 +290,7 @@ class Gate(Actor):
                 return answer
         if self._driver.SERVICES[message.service].moves:
             self._advance(Event.SETPOINT)
+            self._report_stands = False
             self._live_until_ns = LATCHED
         self._service += 1
         self._services[self._service] = deferred = self.context.defer()
@@ -301,20 +326,32 @@ class Gate(Actor):
     @property
     def _is_being_held(self) -> bool:
         """Return whether a hold is being carried out, and not reported yet."""
-        last = self._last_stop
-        return self._state.mode is Mode.HOLDING and (last is None or last.epoch < self._state.epoch)
+        return self._state.mode is Mode.HOLDING and not self._is_reported
 
-    def _release(self, message: Release) -> Deferred | None:
-        """Answered when what wrote under another lease has been held."""
+    @property
+    def _is_reported(self) -> bool:
+        """Return whether the newest order to make safe has been reported."""
+        return self._last_stop is not None and self._last_stop.epoch >= self._state.epoch
+
+    def _release(self, message: Release) -> Released | Deferred:
+        """Hold what was commanded under the lease. Answer when that is reported."""
         held = self._leases.release(message.lease, message.channel)
-        if held is None:
-            return None
-        self._tell_decided(held.holder, "release", "released", held.channel)
-        deferred = self.context.defer()
-        if held.under is not None and self._trip(Reason.POLICY, f"{held.holder}{ENDED}"):
-            self._stops.append(Waiting(self._state.epoch, deferred, False))
-            return deferred
-        return None
+        if held is not None:
+            self._tell_decided(held.holder, "release", "released", held.channel)
+            if self._end_writer(held):
+                deferred = self.context.defer()
+                self._stops.append(Waiting(self._state.epoch, deferred, False, releases=True))
+                return deferred
+        return Released(False, self._report_now(Reason.LEASE))
+
+    def _end_writer(self, held: Held) -> bool:
+        """Hold what a writer has commanded that gave its lease back, by its own wish. Return False
+        when there is nothing to hold."""
+        if held.under is not None:
+            return self._trip(Reason.POLICY, f"{held.holder}{ENDED}", rank=Rank.ORDER)
+        if self._live_until_ns or self._state.mode is Mode.LOST:
+            return self._trip(Reason.LEASE, GIVEN_BACK, rank=Rank.ORDER)
+        return False
 
     def _writer_stopped(self, pid: int) -> None:
         """Hold as if its lease or its last setpoint had run out: a stopped process can send neither."""
@@ -335,7 +372,7 @@ class Gate(Actor):
         if live_until > 0 and now_ns >= live_until:
             self._trip(Reason.EXPIRED, "the setpoint expired")
         elif why := self._leases.lapsed(now_ns, live_until == LATCHED):
-            self._trip(Reason.LEASE, why)
+            self._trip(Reason.LEASE, why, rank=Rank.ORDER if why == GIVEN_BACK else None)
         elif not admitted:
             self._look_at_conditions(now_ns, live=True)
 
@@ -348,7 +385,8 @@ class Gate(Actor):
         if broken is not None:
             condition, refusal = broken
             cause = refusal.reason.removeprefix("move: ")
-            self._trip(condition.reason, cause, safe_state=condition.safe_state)
+            rank = rank_of_condition(self._driver, condition)
+            self._trip(condition.reason, cause, safe_state=condition.safe_state, rank=rank)
 
     def _tell_decided(self, who: str, what: str, how: str | Refused, over: str = "") -> None:
         """For the audit, which the root keeps."""
@@ -377,18 +415,41 @@ class Gate(Actor):
             self._stops.append(Waiting(self._state.epoch, deferred, message.lock))
             return deferred
         self._tell_decided(message.by, what, "nothing to do")
-        if self._is_being_held or self._state.mode in (Mode.STOPPING, Mode.ENDING):
+        if self._state.mode in _MADE_SAFE and not self._is_reported:
             self._stops.append(Waiting(self._state.epoch, deferred, message.lock))
             return deferred
-        if self._last_stop is not None and self._state.mode in (Mode.HOLDING, Mode.UNCONFIRMED, Mode.LOST):
-            return self._last_stop  # what became of what was ordered before, confirmed or not
-        # Nothing to do: nothing is energised.
-        safe_state = self._driver.fallbacks[message.reason]
-        return StopReport(message.reason, safe_state, self._state.epoch, True, ())
+        return self._report_now(message.reason)
 
-    def _trip(self, reason: Reason, cause: str, lock: str = "", safe_state: SafeState | None = None) -> bool:
+    def _report_now(self, reason: Reason) -> StopReport:
+        """Return what is known of the robot's safety, when nothing was ordered: the report of the
+        last stop, as long as it stands. Without one, only a robot of which nothing is energised, or
+        one that obeys its present writer, is confirmed."""
+        state, safe_state = self._state, self._driver.fallbacks[reason]
+        if state.mode in failsafe.SAFE or (state.mode is Mode.ARMED and reason in HOLDING_REASONS):
+            return StopReport(reason, safe_state, state.epoch, True, ())
+        if self._last_stop is not None and self._report_stands:
+            return self._last_stop
+        why = self._connect_error or f"the robot is {state.mode}"
+        return StopReport(reason, safe_state, state.epoch, False, not_reached(self._driver, why))
+
+    def _safety(self) -> StopReport | Deferred:
+        """As ``_report_now``, and wait for a report that is on its way."""
+        if self._state.mode in _MADE_SAFE and not self._is_reported:
+            deferred = self.context.defer()
+            self._stops.append(Waiting(self._state.epoch, deferred, False))
+            return deferred
+        return self._report_now(Reason.POLICY)
+
+    def _trip(
+        self,
+        reason: Reason,
+        cause: str,
+        lock: str = "",
+        safe_state: SafeState | None = None,
+        rank: int | None = None,
+    ) -> bool:
         """Order ``safe_state``, or the one of ``reason``; False when the machine has nothing to do
-        for it."""
+        for it. ``rank``: of the cause; None: of the reason."""
         safe_state = safe_state or self._driver.fallbacks[reason]
         if reason in failsafe.ENDING_REASONS:
             event = Event.END
@@ -396,22 +457,47 @@ class Gate(Actor):
             event = Event.HOLD
         else:
             event = Event.STOP
-        return self._step(event, safe_state, reason, cause, lock)
+        if event is Event.HOLD and self._state.mode is Mode.LOST:  # nothing milder than what its loss led to
+            safe_state = SafeState(safe_state).or_more(self._driver.fallbacks[Reason.LINK])
+        return self._step(event, safe_state, reason, cause, lock, rank)
 
-    def _step(self, event: Event, safe_state: SafeState, reason: Reason, cause: str, lock: str = "") -> bool:
+    def _step(
+        self,
+        event: Event,
+        safe_state: SafeState,
+        reason: Reason,
+        cause: str,
+        lock: str = "",
+        rank: int | None = None,
+    ) -> bool:
         before = self._state
         self._state, action = failsafe.step(before, event, lock)
         makes_safe = action is Action.MAKE_SAFE
         if makes_safe:
-            self._cause, self._reason = cause, reason
+            if event is not Event.HOLD or before.mode is not Mode.LOST:  # it is safe since the link was lost
+                self._blame(cause, reason, rank_of(reason) if rank is None else rank)
             self._live_until_ns = 0
+            self._report_stands = False
             self._transport.tell(MakeSafe(self._state.epoch, safe_state, reason))  # before anybody else is told
-            for resume in self._resumes:
-                resume.send(Refused("stopped", f"resume: {cause}", "resume again when that is over"))
-            self._resumes.clear()
+            self._refuse_resumes(Refused("stopped", f"resume: {cause}", "resume again when that is over"))
         if self._state != before:
             self._tell_state()
         return makes_safe
+
+    def _blame(self, text: str, reason: Reason, rank: int) -> None:
+        """Note a cause, unless a more specific one is known since a moment ago."""
+        now_ns = self.context.received_ns
+        known, seen = self._cause, self._observation
+        goes_on = text == known.text  # as when a link that was lost comes back
+        faults = known.faults if goes_on else {} if seen is None else dict(seen.faults)
+        cause = Cause(text, str(reason), rank, now_ns + SOON_NS, faults)
+        self._cause = known.or_more_specific(cause, now_ns)
+
+    def _refuse_resumes(self, refusal: Refused) -> None:
+        for resume in (*self._resumes, *self._rearming):
+            resume.send(refusal)
+        self._resumes.clear()
+        self._rearming.clear()
 
     def _newest_observation(self) -> Observation | Refused:
         """Return it while it says where the robot is: not what was read before the link was lost."""
@@ -427,6 +513,11 @@ class Gate(Actor):
 
     def _observed(self, message: Observed) -> None:
         self._observation = message.observation
+        if self._state.mode not in (Mode.ARMING, Mode.ARMED):
+            cause = self._cause.refined(self._driver, message.observation, self.context.received_ns)
+            if cause is not self._cause:
+                self._cause = cause
+                self._tell_state()
         self._writes, self._reads = message.writes, message.reads
         if self._state.mode is Mode.UNCONFIRMED and self._last_stop is not None:
             self._stop_again(self._last_stop, message.observation)
@@ -436,11 +527,13 @@ class Gate(Actor):
         stamp_ns = dict(zip(self._driver.axes, observation.stamp_ns, strict=True))
         heard_ns = min((stamp_ns.get(axis, observation.t_ns) for axis in report.unconfirmed), default=0)
         if heard_ns > self._last_stop_ns + _STOP_AGAIN_NS:
-            self._trip(report.reason, self._cause)
+            self._trip(report.reason, self._cause.text, rank=self._cause.rank)
 
     def _safe_done(self, message: SafeDone) -> None:
         report = self._last_stop = message.report
         self._last_stop_ns = self.context.received_ns
+        self._report_stands = True
+        self._cause = self._cause.reported(self.context.received_ns)
         self._answer_stops()
         if report.epoch == self._state.epoch:
             self._go_on(message)
@@ -460,6 +553,7 @@ class Gate(Actor):
             seen = message.observation or self._observation
             if self._state.mode is Mode.HOLDING and seen is not None:
                 self._aim_where_held(report, seen)
+        self._rearm()
 
     def _answer_stops(self) -> None:
         """Those that are done: reported by the wire and, of an e-stop, with its lock on the disk. Each
@@ -473,33 +567,76 @@ class Gate(Actor):
                 self._stops.append(stop._replace(report=report))
             elif stop.locks and self._lock.problem:
                 stop.who.send(msgspec.structs.replace(report, note=self._lock.problem))
+            elif stop.releases:
+                stop.who.send(Released(True, report))
             else:
                 stop.who.send(report)
 
     def _resume(self, message: Resume) -> Resumed | Refused | Deferred:
-        mode = self._state.mode
         if 0 < message.asked_ns < self._stopped_ns:
             why = "resume: the robot was stopped after that was asked for"
             return Refused("stopped", why, "resume again when that is over")
-        if mode in failsafe.WRITABLE and self._observation is not None:
-            return Resumed(self._state.epoch, self._observation)
+        if self._state.mode in failsafe.WRITABLE and self._observation is not None:
+            return self._resume_armed()
         if self._state.locked_by and not message.lift:
             why = f"resume: e-stopped by {self._state.locked_by}"
             return Refused("locked_out", why, "an operator's resume() lifts the lockout")
+        refusal = self._begin_to_arm()
+        if refusal is not None:
+            return refusal
+        deferred = self.context.defer()
+        self._resumes.append(deferred)
+        return deferred
+
+    def _begin_to_arm(self) -> Refused | None:
+        mode = self._state.mode
         if self._no_standby and (mode, Event.RESUME) in failsafe.TRANSITIONS:
             why = f"resume: nothing is energised without a standby process: {self._no_standby}"
             return Refused("no_standby", why, "try again in a moment: one is started as soon as there is none")
         action = self._advance(Event.RESUME)
         if action is not Action.ARM:
             if mode in failsafe.OVER:
-                return refuse_at_the_end("resume", self._cause)
+                return refuse_at_the_end("resume", self._cause.text)
             if mode not in failsafe.LINKED:
                 return Refused("not_connected", f"resume: not connected: {self._connect_error}")
             return Refused("busy", f"resume: the robot is {mode}", "try again when that is over")
-        deferred = self.context.defer()
-        self._resumes.append(deferred)
         self._transport.tell(Arm(self._state.epoch))
+        return None
+
+    def _resume_armed(self) -> Resumed | Refused | Deferred:
+        """The robot is armed already, if its conditions are true. One that arming mends is answered
+        by a stop, as if a setpoint were live, and by arming."""
+        seen = self._newest_observation()
+        if isinstance(seen, Refused):
+            return about("resume", seen)
+        broken = self._admission.broken_for_resume(seen, self.context.received_ns)
+        if broken is None:
+            return Resumed(self._state.epoch, seen)
+        condition, refusal = broken
+        if condition.on_resume is OnResume.REFUSE:
+            then = "" if "resume()" in refusal.remedy else ", then call resume()"
+            return about("resume", msgspec.structs.replace(refusal, remedy=refusal.remedy + then))
+        safe_state = condition.safe_state or self._driver.fallbacks[condition.reason]
+        cause, rank = refusal.reason.removeprefix("move: "), rank_of_condition(self._driver, condition)
+        self._step(Event.STOP, safe_state, condition.reason, cause, rank=rank)
+        deferred = self.context.defer()
+        self._rearming.append(deferred)
         return deferred
+
+    def _rearm(self) -> None:
+        """The stop of ``_resume_armed`` was reported: arm, if it is confirmed."""
+        if not self._rearming or self._state.mode is Mode.STOPPING:
+            return
+        if self._state.mode is not Mode.DISARMED:
+            named = ", ".join(self._last_stop.unconfirmed if self._last_stop else ())
+            why = f"resume: the robot has to be stopped first, and that is not confirmed by {named or 'it'}"
+            self._refuse_resumes(Refused("unconfirmed", why, "look at the robot, then call resume()"))
+            return
+        refusal = self._begin_to_arm()
+        if refusal is not None:
+            self._refuse_resumes(refusal)
+            return
+        self._resumes, self._rearming = [*self._resumes, *self._rearming], []
 
     def _arm_done(self, message: ArmDone) -> None:
         if message.epoch != self._state.epoch or self._state.mode is not Mode.ARMING:
@@ -508,7 +645,8 @@ class Gate(Actor):
             cause = f"arming failed: {message.error}"
             self._step(Event.ARM_FAILED, self._driver.fallbacks[Reason.STOP], Reason.FAULT, cause)
             return
-        self._cause = self._reason = ""
+        self._cause = Cause()
+        self._report_stands = False
         self._advance(Event.ARM_DONE)
         self._aim_at_measured(message.observation)
         for resume in self._resumes:
@@ -533,22 +671,22 @@ class Gate(Actor):
         self._facts = dict(message.facts)
         self._connect_error = ""
         self._observation = message.observation
-        self._step(
-            Event.LINK_UP, self._driver.fallbacks[Reason.LINK], Reason.LINK, self._cause or "the link was lost"
-        )
+        cause = self._cause.text or "the link was lost"
+        rank = self._cause.rank if self._cause.text else Rank.LINK
+        self._step(Event.LINK_UP, self._driver.fallbacks[Reason.LINK], Reason.LINK, cause, rank=rank)
         stop = self._last_stop
         if self._state.mode is Mode.DISARMED and stop is not None and not stop.confirmed:
-            self._trip(stop.reason, self._cause)  # ordered while nobody heard it
+            # ordered while nobody heard it
+            self._trip(stop.reason, self._cause.text, rank=self._cause.rank)
 
     def _link_lost(self, why: str) -> None:
         self._connect_error = why
         if self._state.mode in failsafe.LINKED:
-            self._cause = f"the link was lost: {why}"
+            self._blame(f"the link was lost: {why}", Reason.LINK, Rank.LINK)
         self._live_until_ns = 0
+        self._report_stands = False
         self._advance(Event.LINK_LOST)
-        for resume in self._resumes:
-            resume.send(Refused("not_connected", f"resume: {why}"))
-        self._resumes.clear()
+        self._refuse_resumes(Refused("not_connected", f"resume: {why}"))
 
     def _advance(self, event: Event, lock: str = "") -> Action:
         before = self._state
@@ -559,7 +697,7 @@ class Gate(Actor):
 
     def _tell_state(self) -> None:
         state = self._state
-        self._guardian.tell(StateIs(state.mode, state.epoch, state.locked_by, self._cause))
+        self._guardian.tell(StateIs(state.mode, state.epoch, state.locked_by, self._cause.text))
 
     def _status(self) -> Status:
         observation = self._observation
@@ -570,7 +708,7 @@ class Gate(Actor):
             self._state.mode in failsafe.LINKED,
             self._connect_error,
             self._state.locked_by,
-            self._cause,
+            self._cause.text,
             self._leases.held.holder if self._leases.held else "",
             observation,
             age_s,

@@ -11,6 +11,7 @@ from strands_actors.kernel.actor import Deferred
 from strands_actors.supervisors.gate.messages import Lease, LockKept, StopReport
 
 from . import failsafe
+from .cause import Cause
 from .lease import Leases
 
 
@@ -21,6 +22,7 @@ class Waiting(NamedTuple):
     who: Deferred
     locks: bool
     report: StopReport | None = None
+    releases: bool = False  # it gave its lease back: told by ``Released``
 
 
 class GateMemory(msgspec.Struct, frozen=True):
@@ -36,7 +38,7 @@ class GateMemory(msgspec.Struct, frozen=True):
     stops: list[Waiting]
     lock: LockKept
     resumes: list[Deferred]
-    cause: str
+    cause: Cause
     connect_error: str
     facts: dict[str, Any]
     last_stop: StopReport | None
@@ -48,7 +50,8 @@ class GateMemory(msgspec.Struct, frozen=True):
     refusals: int
     last_refusal: str
     no_standby: str = ""
-    reason: str = ""
     audited: bool = False
     grants: list[tuple[Lease, Deferred]] = []
     stopped_ns: int = 0
+    report_stands: bool = False
+    rearming: list[Deferred] = []

@@ -78,6 +78,11 @@ class Release(Message, frozen=True):
     channel: str = ""
 
 
+class GetSafety(Message, frozen=True):
+    """Ask what is known of the robot's safety. The answer is the report of the last stop, as long as
+    it stands. Orders nothing."""
+
+
 class Setpoint(Message, frozen=True):
     """A target. Written before ``deadline_ns`` or never; ``latched``: then kept while the lease
     lives, otherwise kept until the deadline."""
@@ -137,6 +142,14 @@ class StopReport(Message, frozen=True):
     @property
     def unconfirmed(self) -> list[str]:
         return [motor.axis for motor in self.motors if not motor.safe]
+
+
+class Released(Message, frozen=True):
+    """The lease was given up, or was not held. ``holds``: this has made the robot hold what was
+    commanded under it. ``report``: what became of that, or what is known of the robot's safety."""
+
+    holds: bool
+    report: StopReport
 
 
 class Resume(Message, frozen=True):

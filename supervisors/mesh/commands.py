@@ -23,16 +23,18 @@ from strands_actors.contract.wire import Observation
 from strands_actors.kernel.actor import Actor
 from strands_actors.kernel.channels.pubsub import PubSub, Received
 from strands_actors.kernel.clock import NS
+from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Ref, Unreachable
 from strands_actors.kernel.processes.guard import not_approved, unapproved
 from strands_actors.supervisors import addresses
+from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate import messages
 from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.root.messages import TaskStatus
 
 from . import schemas as mesh_json
-from .answers import Answers
+from .answers import Answers, told
 from .command_rules import Limit, Shared, read_command, read_envelope, refuse_stale, to_be_asked
 from .lease_rules import refuse_by_mode
 from .motion import NOBODY_TO_ASK, Motion, holder_of, no_answer, task_json
@@ -75,6 +77,7 @@ class Commands(Actor):
     ) -> None:
         """``task``: what the robot's policy process does."""
         self._task = task
+        self._stop_s = StopDeadlines.of(driver.timing.safe_s).gate_s
         self._robot = robot
         self._driver = driver
         self._ring = pubsub.poll(RING, mesh_json.key(robot, "cmd"), mesh_json.command_key(robot, "*"))
@@ -190,10 +193,18 @@ class Commands(Actor):
                 self._shared.audit(plain(sender), command.action, "taken up", MESH)
                 self._begin(sender, turn, command)
                 return
+            case mesh_json.Release():  # beside the commands that come next: a hold takes its time
+                self.context.start_soon(self._tell, sender, turn, command)
+                return
+        await self._tell(sender, turn, command)
+
+    async def _tell(self, sender: str, turn: str, command: Command) -> None:
+        """Carry out a command, and tell the sender what came of it."""
         try:
             answer = await self._answer(sender, command)
         except (AskTimeout, Unreachable) as failure:
-            answer = Refused("unreachable", f"the wire does not answer: {failure}", "resume when the robot is back")
+            why = busy.explained(f"the wire does not answer: {failure}")
+            answer = Refused("unreachable", why, "resume when the robot is back")
         if isinstance(answer, Refused):
             self._refuse(sender, turn, answer)
         else:
@@ -209,8 +220,10 @@ class Commands(Actor):
             case mesh_json.Acquire():
                 return await self._acquire(sender)
             case mesh_json.Release():
-                await self._gate.ask(messages.Release(command.lease), ASK_S)
-                return {"released": command.lease}
+                answer = await self._gate.ask(messages.Release(command.lease), self._stop_s)
+                if not isinstance(answer, messages.Released):
+                    return no_answer(answer)
+                return {"released": command.lease, **told(answer.report)}
             case mesh_json.Observe():
                 return await self._observe()
             case mesh_json.Ping():

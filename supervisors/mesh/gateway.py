@@ -24,6 +24,7 @@ from strands_actors.kernel.channels.permissions import Channel
 from strands_actors.kernel.channels.pubsub import PubSub, Received, Reply
 from strands_actors.kernel.channels.zenoh_mesh import asked_key
 from strands_actors.kernel.clock import NS
+from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import PREFIX, AskTimeout, Ref, Unreachable
 from strands_actors.kernel.processes.guard import not_approved, unapproved
@@ -38,11 +39,13 @@ from strands_actors.supervisors.gate.messages import (
     Acquire,
     Beat,
     GetObservation,
+    GetSafety,
     GetStatus,
     Lease,
     Perform,
     Performed,
     Release,
+    Released,
     Resume,
     Resumed,
     Setpoint,
@@ -159,12 +162,14 @@ class Gateway(Actor):
                 self._busy_until_ns = now_ns + round(BUSY_FOR_S * NS)
 
     def receive(
-        self, message: Sync | Dated | GetObservation | GetStatus | Describe
+        self, message: Sync | Dated | GetObservation | GetSafety | GetStatus | Describe
     ) -> (
         Synced
         | Accepted
         | Lease
         | Resumed
+        | Released
+        | StopReport
         | Observation
         | Status
         | Performed
@@ -263,11 +268,11 @@ class Gateway(Actor):
 
     async def _release(self, message: Release) -> Message | None:
         """The hold with which a rollout ends is its writer's own wish: no loss, from which one has
-        to resume. Only a release that has made the hold is answered with a report: one of a lease
-        that has lapsed, or of a robot that held already, changes nothing."""
+        to resume. Only a release that has made the hold counts: one of a lease that has lapsed, or
+        of a robot that held already, changes nothing."""
         answer = await self._gate.ask(message, ASK_S)
-        if isinstance(answer, StopReport) and answer.reason is Reason.POLICY:
-            self._shared.resumed_epoch = answer.epoch
+        if isinstance(answer, Released) and answer.holds and answer.report.reason is Reason.POLICY:
+            self._shared.resumed_epoch = answer.report.epoch
         return answer
 
     async def _resume(self, message: Resume) -> Message | None:
@@ -283,7 +288,8 @@ class Gateway(Actor):
             try:
                 deferred.send(await ask())
             except (AskTimeout, Unreachable) as failure:
-                deferred.send(Refused("unreachable", f"the wire does not answer: {failure}", "resume it"))
+                why = busy.explained(f"the wire does not answer: {failure}")
+                deferred.send(Refused("unreachable", why, "resume it"))
 
         self.context.start_soon(run)
         return deferred

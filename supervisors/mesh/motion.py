@@ -18,6 +18,7 @@ import trio
 from strands_actors.contract.driver import Driver, Reason
 from strands_actors.kernel.actor import Context
 from strands_actors.kernel.clock import NS
+from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Ref, Unreachable
 from strands_actors.kernel.processes.guard import not_approved, unapproved
@@ -88,7 +89,11 @@ class Motion:
             async with self._turn:
                 told = self._refuse(command) or await self._do(sender, own, command)
         except (AskTimeout, Unreachable) as failure:
-            told = Refused("unreachable", f"the wire does not answer: {failure}", "resume when the robot is back")
+            told = Refused(
+                "unreachable",
+                busy.explained(f"the wire does not answer: {failure}"),
+                "resume when the robot is back",
+            )
         if isinstance(told, Refused):
             answer(_named(command.action, told), True)
         elif isinstance(command, mesh_json.Execute):

@@ -20,6 +20,7 @@ import trio
 from strands_actors.contract.driver import Driver, Reason
 from strands_actors.kernel.actor import Actor
 from strands_actors.kernel.channels.pubsub import PubSub, Received
+from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Ref, Sent, Unreachable
 from strands_actors.supervisors import addresses
@@ -244,7 +245,9 @@ class Safety(Actor):
         try:
             answer = await self._gate.ask(Resume(order.by), self._arm_s)
         except (AskTimeout, Unreachable) as failure:
-            answer = Refused("unreachable", f"resume: the wire does not answer: {failure}", "try again")
+            answer = Refused(
+                "unreachable", busy.explained(f"resume: the wire does not answer: {failure}"), "try again"
+            )
         finally:
             self._resuming = False
         if isinstance(answer, Resumed):

@@ -23,13 +23,14 @@ from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport
 from strands_actors.kernel.actor import Actor, Deferred
 from strands_actors.kernel.clock import NS
+from strands_actors.kernel.health import busy
 from strands_actors.kernel.health.failure_detector import FailureDetector
 from strands_actors.kernel.health.heartbeat import Heartbeat
 from strands_actors.kernel.health.processor import Life, Standing, life_of
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import Ref
 from strands_actors.kernel.processes.child import report_failure
-from strands_actors.supervisors.gate.failsafe import Mode, State
+from strands_actors.supervisors.gate.failsafe import SAFE, Mode, State
 from strands_actors.supervisors.gate.messages import LockKept, StandbyIs, Stopped, StoppedAt, StopReport
 from strands_actors.supervisors.page import Owed
 from strands_actors.supervisors.root.messages import (
@@ -60,8 +61,6 @@ RENEW_PAUSE_S = 0.05
 FENCE_AGAIN_S = 0.1
 END_S = 0.5
 """For a wire that has confirmed its stop to end by itself: it is fenced then."""
-SAFE_MODES = frozenset({Mode.DOWN, Mode.DISARMED, Mode.ENDED})
-"""In which nothing of ours is energised, by the gate's word."""
 DYING = "the wire process dies"
 """Why a wire is broken, until its end says how."""
 
@@ -163,7 +162,7 @@ class Guardian(Actor):
                     if not self._was_told:  # a gate is there, and its link is not up yet
                         self._was_told = True
                         self._tell_stopped()
-                    self._confirmed = message.mode in SAFE_MODES
+                    self._confirmed = message.mode in SAFE
                     self._keep_lock()
                     if self._on_state is not None:
                         self._on_state(message)
@@ -191,7 +190,8 @@ class Guardian(Actor):
             self._look_at_writers()
             self._look_at_start()
         if now_ns >= self._silent_until_ns and self._failure_detector.tick(now_ns):
-            self._break(Reason.WIRE, f"the wire process stopped answering ({self._failure_detector.told(now_ns)})")
+            silent = self._failure_detector.told(now_ns)
+            self._break(Reason.WIRE, busy.explained(f"the wire process stopped answering ({silent})"))
 
     def _look_at_wire(self) -> None:
         """One that dies is not waited for: its end is told after its memory was taken."""
@@ -407,7 +407,8 @@ class Guardian(Actor):
             async def watch_start() -> None:
                 await trio.sleep(START_DEADLINE_S)
                 if not self._failure_detector.heard_ns:
-                    self._break(Reason.WIRE, f"the wire did not start within {START_DEADLINE_S:g} s")
+                    late = f"the wire did not start within {START_DEADLINE_S:g} s"
+                    self._break(Reason.WIRE, busy.explained(late))
 
             nursery.start_soon(watch)
             nursery.start_soon(watch_start)

@@ -26,7 +26,7 @@ from strands_actors.kernel.channels.link import Link
 from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh
 from strands_actors.kernel.channels.zenoh_session import hand_over
 from strands_actors.kernel.clock import MonotonicClock
-from strands_actors.kernel.health.heartbeat import Heartbeat, new_page, words_of
+from strands_actors.kernel.health.heartbeat import Heartbeat, words_of
 from strands_actors.kernel.health.kernel_workers import keep_them_early
 from strands_actors.kernel.health.realtime import ROOT_PRIORITY, run_first, run_like_others
 from strands_actors.kernel.messages import Refused
@@ -486,9 +486,11 @@ def main(args: dict[str, Any], sock: socket.socket) -> None:
     import_ours(args["driver"])
     read_protocols()  # what is forked from here need not
     spawner = Spawner(  # now: this process has one thread, and nothing is open yet
-        close=(sock.fileno(),), name=(args["robot"], "spawner", args["label"]), forget=args.clear
+        close=(sock.fileno(), *args["descriptors"]),
+        name=(args["robot"], "spawner", args["label"]),
+        forget=args.clear,
     )
-    page = new_page()
+    (page,) = args["descriptors"]
     ahead = Ahead(spawner, ForkedAhead((page,)), ForkedAhead(session=True), page)
     be_taken_last()  # not the spawner: policies are its children
     trio.run(_main, args, sock, ahead)

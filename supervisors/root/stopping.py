@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import trio
 
+from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Ref, Sent, Unreachable
 from strands_actors.supervisors.deadlines import StopDeadlines
@@ -32,7 +33,8 @@ async def make_safe(
     try:
         answer = await guardian.ask(Fence(stop.reason, stop.by, stop.lock), deadlines.root_s)
     except (AskTimeout, Unreachable) as failure:
-        return Refused("unconfirmed", f"neither wire nor guardian answers: {failure}", "look at the robot")
+        why = busy.explained(f"neither wire nor guardian answers: {failure}")
+        return Refused("unconfirmed", why, "look at the robot")
     if isinstance(answer, StopReport | Refused):
         return answer
     return Refused("unconfirmed", "nobody reported", "look at the robot")

@@ -27,6 +27,7 @@ from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, PermitDenied, ProcessSpent, Wire, WireDown
 from strands_actors.kernel.actor import Actor
 from strands_actors.kernel.clock import NS
+from strands_actors.kernel.health import busy
 from strands_actors.kernel.health.realtime import memory, scheduling
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Ref, Unreachable
@@ -293,8 +294,10 @@ class Transport(Actor):
             motors = None
             with self._cut_by_a_stop((holds or safe_state in SLOW) and self._wire.interruptible):
                 motors = await self._wire.make_safe(safe_state)
-        if motors is None or holds or any(motor.written or motor.safe for motor in motors):
+        if motors is None or any(motor.written or motor.safe for motor in motors):
             return motors
+        if holds and self._wire is not None:
+            return motors  # a hold that cannot be kept on an open link is the wire's to report (``hold_failed``)
         if self._wire is not None:
             self._lose(WireDown(next((motor.detail for motor in motors), "nothing can be written")))
         if not lasts:
@@ -365,7 +368,7 @@ class Transport(Actor):
                         observation = await self._wire.arm(_Permit(self, epoch, 0, request.begin))
                         request.answered = True
         except (WireDown, PermitDenied, trio.TooSlowError) as failure:
-            error = str(failure) or f"arming took longer than {arm_s:g} s"
+            error = str(failure) or busy.explained(f"arming took longer than {arm_s:g} s")
         self._gate.tell(ArmDone(epoch, observation, error))
 
     # -- the driver's own services
@@ -400,7 +403,7 @@ class Transport(Actor):
         except WireDown as down:
             answer = Refused("not_connected", f"{service}: {down}")
         if scope.cancelled_caught and trio.current_time() >= scope.deadline:
-            why = f"{service}: the robot did not do so within {within_s:g} s"
+            why = busy.explained(f"{service}: the robot did not do so within {within_s:g} s")
             answer = Refused("timeout", why, "look at the robot")
         self._performing = None
         result, refusal = ({}, answer) if isinstance(answer, Refused) else (answer, None)
@@ -515,10 +518,11 @@ class Transport(Actor):
                 lost.close()
 
     def _back_off(self, why: str) -> None:
+        """``why``: most links are lost by silence, for which a busy computer may be the reason."""
         pause_s = BACKOFF_S[min(self._attempts, len(BACKOFF_S) - 1)]
         self._attempts += 1
         self._open_at_ns = self.context.clock.now_ns() + round(pause_s * NS)
-        self._gate.tell(LinkLost(why))
+        self._gate.tell(LinkLost(busy.explained(why)))
 
     @contextlib.contextmanager
     def _waiting(self) -> Iterator[None]:

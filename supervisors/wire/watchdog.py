@@ -25,6 +25,7 @@ import msgspec
 from strands_actors.contract.driver import Reason, Timing
 from strands_actors.kernel.actor import Actor
 from strands_actors.kernel.clock import NS
+from strands_actors.kernel.health import busy
 from strands_actors.kernel.health.failure_detector import FailureDetector, Heard
 from strands_actors.kernel.health.heartbeat import Heartbeat
 from strands_actors.kernel.health.processor import Standing
@@ -191,7 +192,7 @@ class Watchdog(Actor):
         confirmed = False
         try:
             for _ in range(ASKS):
-                report = await self._gate.ask(Stop(Reason.ROOT, why), self._leave_s)
+                report = await self._gate.ask(Stop(Reason.ROOT, busy.explained(why)), self._leave_s)
                 confirmed = isinstance(report, StopReport) and report.confirmed
                 if confirmed:
                     break

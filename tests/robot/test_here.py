@@ -3,20 +3,23 @@ by way of it."""
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
+import msgspec
 import pytest
 
-from strands_actors import Robot
+from strands_actors import Robot, estop
 from strands_actors.caller.portal import portal
 from strands_actors.caller.robot import RealRobot
 from strands_actors.testing import Twin
-from tests.answers import json_of, pids, until, why
+from tests.answers import json_of, pids, status, until, why
 
 from .conftest import NewArm
 from .helpers import far
@@ -112,20 +115,53 @@ def test_a_thread_that_waits_is_woken_when_the_robot_is_cleaned_up(arm: RealRobo
     assert answers and "move:" in answers[0]
 
 
-def test_a_forked_child_has_no_robot_and_takes_none_away(arm: RealRobot) -> None:
-    """Its handle is that of a robot of another process."""
+def in_child(ask: Callable[[], object]) -> Any:
+    """Return what a forked child answers."""
+    reading, writing = os.pipe()
     child = os.fork()
     if child == 0:
-        code = 1
         try:
-            said = why(arm.send_action({"shoulder_pan": 0.0}))
-            seen = arm.get_observation()
-            arm.cleanup()
-            code = 7 if "not connected" in said and seen == {} else 2
+            os.write(writing, json.dumps(ask()).encode())
         finally:
-            os._exit(code)
-    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
+            os._exit(0)
+    os.close(writing)
+    os.waitpid(child, 0)
+    with open(reading, "rb") as told:
+        return json.loads(told.read())
+
+
+def test_saf_023_a_forked_child_takes_nothing_for_success(arm: RealRobot) -> None:
+    """Its handle is that of a robot of another process: it says so, who can, and which motors."""
+    verbs = ("cleanup", "release", "stop_task", "get_task_status", "resume")
+
+    def ask() -> dict[str, Any]:
+        said = {verb: getattr(arm, verb)() for verb in verbs}
+        said["send_action"] = arm.send_action({"shoulder_pan": 0.0})
+        return {**said, "seen": arm.get_observation(), "status": arm.get_status(), "tree": arm.tree()}
+
+    said = in_child(ask)
+    for verb in (*verbs, "send_action"):
+        assert said[verb]["status"] == "error", verb
+        text = said[verb]["content"][0]["text"]
+        assert f"process {os.getpid()}, from which this one was forked, has the robot" in text
+        assert f"`strands-actors stop {arm.name}`" in text
+    assert said["cleanup"]["content"][1]["json"]["unconfirmed"] == list(arm.driver.axes)
+    assert said["seen"] == {}
+    assert said["status"]["content"][0]["json"]["state"] == said["tree"]["state"] == "unreachable"
     json_of(arm.send_action({"shoulder_pan": far(arm)}))
+
+
+def test_saf_023_a_forked_child_can_stop_the_robot(arm: RealRobot, twin: Twin) -> None:
+    json_of(arm.send_action({"shoulder_pan": far(arm)}))
+    before_ns = time.monotonic_ns()
+    answer = in_child(arm.stop)
+    assert answer["status"] == "success" and answer["content"][0]["json"]["stopped"] is True
+    assert set(answer["content"][0]["json"]["motors"]) == set(arm.driver.axes)
+    assert next(entry for entry in twin.log.host("safe", before_ns)).safe_state == "limp"
+    assert status(arm)["state"] == "disarmed"
+    outcomes = in_child(lambda: [msgspec.to_builtins(outcome) for outcome in estop()])
+    assert [(outcome["robot"], outcome["outcome"]) for outcome in outcomes] == [(arm.name, "safe")]
+    assert status(arm)["locked_by"]
 
 
 def test_two_threads_command_one_robot(arm: RealRobot) -> None:

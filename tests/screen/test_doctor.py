@@ -8,13 +8,16 @@ from pathlib import Path
 
 import pytest
 
+from strands_actors.kernel.health import busy
 from strands_actors.surfaces.cli.doctor import (
     BROKEN,
     OK,
     WEAK,
     Check,
+    _show,
     check_directory,
     check_drivers,
+    check_load,
     check_python,
     examine,
     missing_requirements,
@@ -30,14 +33,15 @@ def test_a_machine_on_which_the_tests_run_is_healthy(cli: Command) -> None:
     done = cli.json("doctor")
     assert done["ok"] is True
     names = {check["name"] for check in done["checks"]}
-    assert {"python", "timerfd", "pidfd", "scheduling", "directory", "zenoh", "gl", "drivers", "robots"} <= names
+    needed = {"python", "timerfd", "pidfd", "scheduling", "directory", "zenoh", "gl", "drivers", "robots"}
+    assert needed | {"load"} <= names
     for check in done["checks"]:
         assert list(check) == ["name", "state", "found", "remedy"]
         assert check["state"] in (OK, WEAK), check
         assert bool(check["remedy"]) == (check["state"] != OK), check
     printed = cli.run("doctor")
     assert printed.returncode == 0
-    assert "everything a robot needs is here" in printed.stdout
+    assert "everything a robot needs is here" in printed.stdout or "this computer is busy" in printed.stdout
 
 
 def test_a_directory_open_to_others_is_broken_and_the_exit_code_says_so(cli: Command, tmp_path: Path) -> None:
@@ -51,6 +55,19 @@ def test_a_directory_open_to_others_is_broken_and_the_exit_code_says_so(cli: Com
     os.chmod(tmp_path, 0o700)
     cli.environment["STRANDS_ACTORS_RUN"] = str(tmp_path)
     cli.wait_until_gone()
+
+
+def test_a_computer_that_has_no_time_for_a_robot_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    with busy.assumed(busy.Machine(20.0, 2)):
+        (check,) = check_load()
+        _show([check])
+    assert (check.state, check.found) == (WEAK, "this computer is busy: load 20 on 2 cores")
+    assert "close other programs" in check.remedy
+    shown = capsys.readouterr().out
+    assert "everything a robot needs is here" not in shown and "this computer has no time for it now" in shown
+    with busy.assumed(busy.IDLE):
+        (check,) = check_load()
+    assert (check.state, check.found, check.remedy) == (OK, "load 0 on 2 cores", "")
 
 
 def test_a_directory_with_a_long_name_is_broken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -232,12 +232,18 @@ def specify(
     link_socket.sendall(specification)
 
 
-def start(entry: str, args: Mapping[str, Any], pass_fds: Sequence[int] = (), label: str = "") -> ChildProcess:
-    """Start a child by exec, as ``execute``."""
+def start(
+    entry: str,
+    args: Mapping[str, Any],
+    pass_fds: Sequence[int] = (),
+    label: str = "",
+    descriptors: Sequence[int] = (),
+) -> ChildProcess:
+    """Start a child by exec, as ``execute``. ``descriptors``: see ``specify``."""
     ours, theirs = socket.socketpair()
     with theirs:
         popen = execute(theirs.fileno(), pass_fds, label)
-    specify(ours, entry, args)
+    specify(ours, entry, args, descriptors)
     return OwnChild(popen, ours)
 
 

@@ -74,7 +74,7 @@ def tree(json: Json = False) -> None:
     """The robots that run now: their processes and actors."""
     from .trees import show_trees
 
-    show_trees(as_json=json)
+    raise typer.Exit(show_trees(as_json=json))
 
 
 @app.command()

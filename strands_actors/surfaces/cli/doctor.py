@@ -28,6 +28,7 @@ PYTHONS = ((3, 11), (3, 13))
 GL_S = 20.0
 """How long making a picture may take: a GL driver that hangs is as bad as none."""
 DISTRIBUTION = "strands-actors"
+LOAD = "load"
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,7 @@ def examine() -> Iterator[Check]:
         check_python,
         check_kernel,
         check_scheduling,
+        check_load,
         check_memory,
         check_process_one,
         check_directory,
@@ -125,6 +127,18 @@ def check_scheduling() -> Iterator[Check]:
         yield Check("memory lock", OK, "a robot's tree stays in memory (mlockall)")
     else:
         yield Check("memory lock", WEAK, "mlockall is not permitted: a tree may wait for the disk", grant)
+
+
+def check_load() -> Iterator[Check]:
+    """Return whether this computer has time for a robot now."""
+    from strands_actors.kernel.health.busy import machine
+
+    seen = machine()
+    if seen.busy:
+        remedy = "close other programs, or give the robot a computer that does nothing else: docs/safety.md"
+        yield Check(LOAD, WEAK, f"this computer is busy: {seen.text}", remedy)
+    else:
+        yield Check(LOAD, OK, seen.text)
 
 
 def check_memory() -> Iterator[Check]:
@@ -364,4 +378,11 @@ def _show(checks: list[Check]) -> None:
         if check.remedy:
             console.print(Text(f"{'':<7}{'':<{width}}  remedy: {check.remedy}", "dim"), soft_wrap=True)
     count = sum(check.state == BROKEN for check in checks)
-    console.print(f"{count} broken" if count else "everything a robot needs is here", style="bold")
+    console.print(f"{count} broken" if count else _verdict(checks), style="bold")
+
+
+def _verdict(checks: Sequence[Check]) -> str:
+    """Return the last line, where nothing is broken."""
+    if any(check.name == LOAD and check.state == WEAK for check in checks):
+        return "all parts that a robot needs are here, but this computer has no time for it now"
+    return "everything a robot needs is here"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Awaitable, Callable, Sequence
+from typing import assert_never
 
 import trio
 
@@ -12,9 +13,9 @@ from strands_actors.caller.directory import Directory
 from strands_actors.caller.run_directory import Note, locks_dir
 from strands_actors.caller.strays import Stray
 from strands_actors.contract.driver import Reason
-from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.gate.messages import Resumed, StopReport
 from strands_actors.supervisors.root.locks import Locks, locked_robots
+from strands_actors.supervisors.stop_result import Confirmed, NothingRan, StopResult, Unconfirmed, Unreachable
 
 Verb = Callable[[Directory, Note], Awaitable[tuple[bool, str]]]
 """Does it to one robot: whether that was confirmed, and a line for people."""
@@ -25,10 +26,19 @@ async def stop(joined: Directory, note: Note) -> tuple[bool, str]:
 
 
 async def estop(joined: Directory, note: Note) -> tuple[bool, str]:
-    report = await joined.stop(note, Reason.ESTOP, by(), lock=True)
-    confirmed, line = _told(report)
-    problem = report.note if isinstance(report, StopReport) else _lock_the_next(note.robot, note.port)
-    return confirmed, line + locked_until(note.robot, problem)
+    result = await joined.stop(note, Reason.ESTOP, by(), lock=True)
+    confirmed, line = _told(result)
+    return confirmed, line + locked_until(note.robot, _why_not_locked(result, note))
+
+
+def _why_not_locked(result: StopResult, note: Note) -> str:
+    match result:
+        case Confirmed(StopReport(note=problem)) | Unconfirmed(StopReport(note=problem)):
+            return problem
+        case Confirmed() | Unconfirmed() | Unreachable():
+            return _lock_the_next(note.robot, note.port)
+        case _:
+            assert_never(result)
 
 
 async def resume(joined: Directory, note: Note) -> tuple[bool, str]:
@@ -41,16 +51,31 @@ async def resume(joined: Directory, note: Note) -> tuple[bool, str]:
 VERBS: dict[str, Verb] = {"stop": stop, "e-stop": estop, "resume": resume}
 
 
-def _told(report: StopReport | Refused) -> tuple[bool, str]:
-    if isinstance(report, Refused):
-        return False, f"NOT CONFIRMED: {report.text}"
-    if not report.confirmed:
-        named = ", ".join(f"{m.axis} (id {m.id}): {m.detail}" for m in report.motors if not m.safe)
-        return False, f"NOT CONFIRMED by {named or 'the robot'}. cut its power if it still moves"
-    if not report.motors:
-        return True, f"{report.safe_state}, it was already"
-    how = " by the stop channel" if report.path == "stop_channel" else ""
-    return True, f"{report.safe_state}, {_motors(len(report.motors))} confirmed in {report.took_ms:.1f} ms{how}"
+def _told(result: StopResult) -> tuple[bool, str]:
+    match result:
+        case Unreachable():
+            return False, f"NOT CONFIRMED: {result.text}"
+        case Unconfirmed():
+            named = ", ".join(f"{m.axis} (id {m.id}): {m.detail}" for m in result.unsafe)
+            return False, f"NOT CONFIRMED by {named or 'the robot'}. cut its power if it still moves"
+        case Confirmed(proof):
+            return True, _confirmed(proof)
+        case _:
+            assert_never(result)
+
+
+def _confirmed(proof: StopReport | NothingRan) -> str:
+    match proof:
+        case NothingRan(why):
+            return why
+        case StopReport(motors=()):
+            return f"{proof.safe_state}, it was already"
+        case StopReport():
+            how = " by the stop channel" if proof.path == "stop_channel" else ""
+            confirmed = f"{_motors(len(proof.motors))} confirmed in {proof.took_ms:.1f} ms{how}"
+            return f"{proof.safe_state}, {confirmed}"
+        case _:
+            assert_never(proof)
 
 
 def _motors(count: int) -> str:

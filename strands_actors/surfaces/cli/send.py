@@ -10,6 +10,8 @@ from typing import Any
 
 import trio
 
+from strands_actors.caller import verbs
+from strands_actors.caller.envelopes import Answer
 from strands_actors.caller.processes import NotConnected
 from strands_actors.caller.tree import RobotTree
 from strands_actors.kernel.messages import Message, Refused
@@ -50,11 +52,16 @@ async def _send(
 ) -> int:
     try:
         async with reach(robot, configuration(mesh)) as tree:
+            released: list[Answer] = []
             try:
-                return await _keep(tree, targets, seconds, resume, as_json)
+                code = await _keep(tree, targets, seconds, resume, as_json)
             finally:
-                with trio.move_on_after(RELEASE_S, shield=True):
-                    await tree.release()  # it holds; its own program may have it again
+                with trio.move_on_after(RELEASE_S, shield=True):  # it holds; its own program may have it again
+                    released.append(await verbs.release(tree))
+            if code or (released and released[0]["status"] == "success"):
+                return code
+            told = released[0]["content"][0]["text"] if released else "release: no answer"
+            return _refuse(robot, told, as_json)
     except ConnectionError as failure:  # nobody was asked
         raise Problem(str(failure)) from failure
     except (NotConnected, AskTimeout, Unreachable) as failure:

@@ -12,6 +12,7 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
+from strands_actors.caller.envelopes import warn_unless_safe
 from strands_actors.caller.robot import RealRobot, Robot
 from strands_actors.contract.loading import load
 from strands_actors.teleoperation.actor import KEY
@@ -107,7 +108,7 @@ def _connected(arm: RealRobot) -> Iterator[None]:
             raise Problem(problem)
         yield
     finally:
-        arm.cleanup()
+        warn_unless_safe(arm.name, arm.cleanup())
 
 
 def _run(arm: RealRobot, keys: Keys | None, is_arm: bool, is_terminal: bool, quiet: bool) -> dict[str, Any]:

@@ -11,7 +11,8 @@ import trio
 
 from strands_actors.caller import directory
 from strands_actors.caller.run_directory import Note
-from strands_actors.supervisors.root.messages import TreeReport
+from strands_actors.caller.strays import strays
+from strands_actors.supervisors.root.messages import ProcessInfo, TreeReport
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -33,11 +34,13 @@ STATE_STYLES = {
 }
 
 
-def show_trees(as_json: bool) -> None:
+def show_trees(as_json: bool) -> int:
+    """Return 1 when a tree does not answer: what its robot does is not known."""
     reports = trio.run(_ask_all)
+    code = int(any(report.state == directory.UNREACHABLE for report in reports))
     if as_json:
         print(json.dumps({"robots": [as_plain(report) for report in reports]}))
-        return
+        return code
     from rich.console import Console
 
     console = Console()
@@ -45,6 +48,7 @@ def show_trees(as_json: bool) -> None:
         console.print("no robot of this user is running")
     for report in reports:
         console.print(draw(report))
+    return code
 
 
 async def _ask_all() -> list[TreeReport]:
@@ -56,6 +60,9 @@ async def _ask_all() -> list[TreeReport]:
 
         for note in joined.notes:
             nursery.start_soon(ask, note)
+    for stray in strays():  # nobody can ask it
+        root = ProcessInfo("root", stray.root, 0)
+        found.setdefault(stray.robot, TreeReport(stray.robot, directory.UNREACHABLE, 0, (root,), ()))
     return [found[robot] for robot in sorted(found)]
 
 

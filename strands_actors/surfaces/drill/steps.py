@@ -14,6 +14,7 @@ import signal
 from collections.abc import AsyncIterator, Awaitable, Callable
 from pathlib import Path
 from time import monotonic_ns
+from typing import assert_never
 
 import trio
 from msgspec.structs import replace
@@ -21,10 +22,12 @@ from msgspec.structs import replace
 from strands_actors.caller.processes import NotConnected
 from strands_actors.caller.tree import RobotTree
 from strands_actors.contract.driver import Driver, Reason
+from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.processes.process import wait_for_end_of
 from strands_actors.supervisors.gate.failsafe import Mode
 from strands_actors.supervisors.gate.messages import Resumed, StopReport
+from strands_actors.supervisors.stop_result import Confirmed, NothingRan, StopResult, Unconfirmed, Unreachable
 from strands_actors.supervisors.wire.transport import BACKOFF_S
 from strands_actors.testing.twin import Twin
 from strands_actors.testing.wirelog import WireLog
@@ -84,7 +87,7 @@ class Drill:
     async def stop(self) -> Figure:
         async with self._writing():
             began_ns = monotonic_ns()
-            report = await self._tree.stop()
+            report = _report_in(await self._tree.stop())
         bound_s = self._driver.bound_s
         return await self._judge("stop", Reason.STOP, began_ns, bound_s, report, ("SAF-002", "SAF-005"))
 
@@ -124,25 +127,28 @@ class Drill:
         )
 
     async def link_loss(self) -> Figure:
+        """The clock begins before the cable is out: at the last look at which the link was there. So
+        the bound is the time without a cable, and ``RETURN_S``."""
         async with self._writing():
-            asked_ns = monotonic_ns()
             if self._twin is not None:
+                began_ns = monotonic_ns()
                 await trio.to_thread.run_sync(self._twin.unplug)
                 await self._until_mode(AWAY_S + PATIENCE_S, Mode.LOST, Mode.DOWN)
-                began_ns = monotonic_ns()
+                back_ns = monotonic_ns()
                 await trio.to_thread.run_sync(self._twin.plug)
             else:
                 await self._tell("Pull the robot's cable now.")
-                await self._until_mode(HAND_S, Mode.LOST, Mode.DOWN)
+                began_ns = await self._until_mode(HAND_S, Mode.LOST, Mode.DOWN)
                 await self._tell("It is noticed. Put the cable back.")
                 await self._until_linked(HAND_S)
-                began_ns = monotonic_ns()
+                back_ns = monotonic_ns()
             # An SDK that cannot do without its link ends its wire process, which the root may see
             # first.
-            report = await self._report_of(asked_ns, Reason.LINK, Reason.WIRE)
+            report = await self._report_of(began_ns, Reason.LINK, Reason.WIRE)
         proves = ("SAF-002", "SAF-008", "SAF-012")
         reason = report.reason if report is not None else Reason.LINK
-        return await self._judge("link loss", reason, began_ns, RETURN_S, report, proves)
+        bound_s = (back_ns - began_ns) / NS + RETURN_S
+        return await self._judge("link loss", reason, began_ns, bound_s, report, proves)
 
     # -- before and after
 
@@ -228,6 +234,9 @@ class Drill:
         if isinstance(report, Refused):
             return self._failed(step, reason, bound_s, report.text)
         confirmed_ms = (report.at_ns - began_ns) / 1e6
+        if confirmed_ms < 0:
+            problem = f"its proof is from {-confirmed_ms:.0f} ms before the fault"
+            return self._failed(step, reason, bound_s, problem)
         if not report.confirmed:
             named = ", ".join(report.unconfirmed) or "a motor"
             return self._failed(step, reason, bound_s, f"not confirmed by {named}", confirmed_ms)
@@ -305,12 +314,17 @@ class Drill:
                 await trio.sleep(0.02)
         return found
 
-    async def _until_mode(self, within_s: float, *modes: Mode) -> None:
+    async def _until_mode(self, within_s: float, *modes: Mode) -> int:
+        """Return when the robot was last seen in another mode."""
+        before_ns = monotonic_ns()
         with trio.move_on_after(within_s):
             while True:
+                asked_ns = monotonic_ns()
                 status = await self._tree.status()
                 if status is not None and status.mode in modes:
-                    return
+                    return before_ns
+                if status is not None:
+                    before_ns = asked_ns
                 await trio.sleep(0.02)
         raise Failed(f"the robot's link was not lost within {within_s:g} s")
 
@@ -322,6 +336,21 @@ class Drill:
                     return
                 await trio.sleep(0.02)
         raise Failed(f"the robot did not come back within {within_s:g} s")
+
+
+def _report_in(result: StopResult) -> StopReport | Refused:
+    """Return the report that a stop has led to, or why there is none."""
+    match result:
+        case Confirmed(NothingRan(why)):
+            return Refused("nothing_ran", f"stop: {why}")
+        case Confirmed(StopReport() as report) | Unconfirmed(report):
+            return report
+        case Unreachable(refusal):
+            return refusal
+        case Confirmed():
+            raise AssertionError(result)
+        case _:
+            assert_never(result)
 
 
 def exit_code(pid: int) -> int | None:

@@ -25,6 +25,7 @@ from strands_actors.caller.background import open_background
 from strands_actors.caller.strays import strays
 from strands_actors.kernel.channels.pubsub import PubSub, Received
 from strands_actors.kernel.clock import NS
+from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.mesh import schemas as mesh_json
 from strands_actors.supervisors.mesh.schemas import ESTOP_ANSWER_S, Command, Response, encode, schema
@@ -207,7 +208,9 @@ class MeshClient:
                     longer_s = float((response.result or {}).get("within_s", 0.0))
                     patience.deadline = max(patience.deadline, trio.current_time() + longer_s)
         return Refused(
-            "no_answer", f"{robot} gave no answer within {within_s:g} s", "is it frozen, or denied to you?"
+            "no_answer",
+            busy.explained(f"{robot} gave no answer within {within_s:g} s"),
+            "is it frozen, or denied to you?",
         )
 
     def _send(self, via: PubSub, key: str, robot: str, turn: str, body: dict[str, Any]) -> None:
@@ -311,7 +314,7 @@ class MeshClient:
                 found.setdefault(stray.robot, Outcome(stray.robot, "unreachable", stray.text))
         for missing in self._meant(robot):
             why = self.sessions.problems.get(missing, "")
-            detail = f"it did not answer. {why}" if why else "it did not answer"
+            detail = busy.explained(f"it did not answer. {why}" if why else "it did not answer")
             found.setdefault(missing, Outcome(missing, "unreachable", detail))
         not_connected = (Outcome(end, "unreachable", why) for end, why in self.sessions.not_connected())
         return [*(found[name] for name in sorted(found)), *self.not_looked_for(), *not_connected]

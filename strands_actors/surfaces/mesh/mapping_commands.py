@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, assert_never
 
 import msgspec
 import trio
@@ -15,6 +15,7 @@ from strands_actors.kernel.channels.pubsub import Received
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.mesh import schemas as mesh_json
 from strands_actors.supervisors.mesh.command_rules import no_action
+from strands_actors.supervisors.stop_result import REMEDY
 
 from .client import ANSWER_S, BEGIN_S, PRESENCE_S, MeshClient
 from .outcome import Outcome
@@ -118,9 +119,19 @@ def _by(given: Mapping[str, Any]) -> Any:
 
 
 def _told_of(outcomes: list[Outcome], robot: str) -> dict[str, Any] | Refused:
-    """Return what became of a robot; one that could not be reached has answered nothing."""
+    """Return what became of a robot. Only one that is safe has a result."""
     outcome = next((each for each in outcomes if each.robot == robot), None)
-    if outcome is None or outcome.outcome == "unreachable":
-        return Refused("unreachable", outcome.detail if outcome else f"{robot} is not on the mesh")
-    told: dict[str, Any] = msgspec.to_builtins(outcome)
-    return told
+    if outcome is None:
+        return Refused("unreachable", f"{robot} is not on the mesh")
+    match outcome.outcome:
+        case "safe":
+            told: dict[str, Any] = msgspec.to_builtins(outcome)
+            return told
+        case "unconfirmed":
+            named = ", ".join(str(motor.get("axis")) for motor in outcome.motors if motor.get("safe") is not True)
+            why = f"{robot}: not confirmed by {named or 'the robot'}"
+            return Refused("unconfirmed", f"{why} ({outcome.detail})" if outcome.detail else why, REMEDY)
+        case "unreachable":
+            return Refused("unreachable", outcome.detail, REMEDY)
+        case _:
+            assert_never(outcome.outcome)

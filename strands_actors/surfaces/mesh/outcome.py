@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 
@@ -12,13 +12,20 @@ from strands_actors.contract.shown import harmless
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.mesh.schemas import Response
 
+Verdict = Literal["safe", "unconfirmed", "unreachable"]
+"""As ``supervisors/stop_result.py`` has it. ``match`` it exhaustively."""
+SAFE: Verdict = "safe"
+UNCONFIRMED: Verdict = "unconfirmed"
+UNREACHABLE: Verdict = "unreachable"
+
 
 class Outcome(msgspec.Struct, frozen=True):
-    """What became of one robot. ``outcome``: safe, unconfirmed (told, and not known to be safe) or
-    unreachable. ``note``: of an e-stop whose lock ends with the tree, why."""
+    """What became of one robot. ``outcome``: safe, unconfirmed (it was ordered, and not every motor has
+    confirmed it) or unreachable (nobody answered who could know). ``note``: of an e-stop whose lock
+    ends with the tree, why."""
 
     robot: str
-    outcome: str
+    outcome: Verdict
     detail: str = ""
     safe_state: str = ""
     path: str = ""
@@ -53,7 +60,7 @@ def outcome_of(robot: str, result: Mapping[str, Any]) -> Outcome:
         )
     return Outcome(
         harmless(robot),
-        "safe" if safe else "unconfirmed",
+        SAFE if safe else UNCONFIRMED,
         harmless(detail),
         harmless(str(result.get("safe_state", ""))),
         harmless(str(result.get("path", ""))),

@@ -11,6 +11,7 @@ command from the mesh before a ``resume``.
 from __future__ import annotations
 
 import contextlib
+import logging
 from collections.abc import AsyncIterator, Callable, Mapping
 from typing import Any
 
@@ -23,12 +24,14 @@ from strands_actors.supervisors.mesh import schemas as mesh_json
 from strands_actors.supervisors.mesh.schemas import Command
 
 from .client import MeshClient, Reading
-from .outcome import Outcome
+from .outcome import SAFE, UNREACHABLE, Outcome, outcome_of
+
+_log = logging.getLogger("strands_actors")
 
 BEAT_S = 0.2
 COMMAND_S = 0.25
 """A command that has not reached the robot by then never will."""
-RELEASE_S = 0.3
+RELEASE_S = 2.0
 
 
 class RemoteRobot:
@@ -92,11 +95,13 @@ class RemoteRobot:
         answer = await self._mesh.resume(self.robot, by)
         return answer if isinstance(answer, Refused) else await self.acquire()
 
-    async def release(self) -> None:
-        """Give the lease up: a target that lives is held."""
-        if self._lease:
-            lease, self._lease = self._lease, 0
-            await self._mesh.request(self.robot, mesh_json.Release(lease), RELEASE_S)
+    async def release(self) -> Outcome:
+        """Give the lease up: a target that lives is held. Return what became of that."""
+        lease, self._lease = self._lease, 0
+        answer = await self._mesh.request(self.robot, mesh_json.Release(lease), RELEASE_S)
+        if isinstance(answer, Refused):
+            return Outcome(self.robot, UNREACHABLE, answer.text)
+        return outcome_of(self.robot, answer)
 
     async def beat(self) -> None:
         """As long as this runs, the lease lives."""
@@ -130,4 +135,6 @@ async def control(mesh: MeshClient, robot: str, resume: bool = False) -> AsyncIt
             yield remote
         finally:
             with trio.CancelScope(shield=True):
-                await remote.release()
+                outcome = await remote.release()
+            if outcome.outcome != SAFE:
+                _log.warning("%s: its release is not confirmed: %s", robot, outcome.detail or outcome.outcome)

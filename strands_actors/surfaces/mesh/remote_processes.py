@@ -26,10 +26,11 @@ from strands_actors.kernel.channels.zenoh_session import short
 from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import AskTimeout, Node, Unreachable
-from strands_actors.supervisors import addresses
-from strands_actors.supervisors.gate.messages import Lease, Release, Stop, StopReport
+from strands_actors.supervisors import addresses, stop_result
+from strands_actors.supervisors.gate.messages import Lease, Release, Stop
 from strands_actors.supervisors.mesh.gateway_messages import Synced
 from strands_actors.supervisors.root.messages import Describe, TreeReport
+from strands_actors.supervisors.stop_result import StopResult
 
 from .gateway_ref import GatewayRef
 
@@ -128,24 +129,22 @@ class RemoteProcesses(Processes):
             self._scope.cancel()
             self._scope = None
 
-    async def end(self, lease: Lease | None) -> StopReport | Refused | None:
+    async def end(self, lease: Lease | None) -> StopResult:
         """What we have commanded is made safe; what others command goes on."""
-        if not self.started:
-            return None
-        report: StopReport | Refused | None = None
-        if lease is not None:
+        result: StopResult = stop_result.Confirmed(stop_result.NothingRan("nothing was commanded from here"))
+        if self.started and lease is not None:
             try:
                 # No cleanup: that would end the tree, which is not ours.
                 answer = await self.gate.ask(Stop(Reason.STOP, self.holder), self.patience.stop_s)
+                result = stop_result.of_answer("cleanup", answer, self.driver.axes)
             except (AskTimeout, Unreachable) as failure:
-                answer = self._not_heard("cleanup", failure)
-            report = answer if isinstance(answer, StopReport | Refused) else None
-            with contextlib.suppress(AskTimeout, Unreachable):
+                result = self._not_heard("cleanup", failure)
+            with contextlib.suppress(AskTimeout, Unreachable):  # after a stop it lapses by itself
                 await self.gate.ask(Release(lease.id), self.patience.ask_s)
         self._leave()
-        return report
+        return result
 
-    async def make_safe(self, reason: Reason, by: str, lock: bool) -> Refused:
+    async def make_safe(self, reason: Reason, by: str, lock: bool) -> StopResult:
         return self._not_heard("stop", None)
 
     async def late(self, verb: str, timeout: AskTimeout) -> Refused:
@@ -153,10 +152,12 @@ class RemoteProcesses(Processes):
         why = f"{verb}: {timeout}. it may have been done, and will not be done later"
         return Refused("timeout", why, "look at get_status()")
 
-    def _not_heard(self, verb: str, failure: Exception | None) -> Refused:
+    def _not_heard(self, verb: str, failure: Exception | None) -> stop_result.Unreachable:
         why = f"{verb}: {self.robot} at {self.plan.at} does not answer{f' ({failure})' if failure else ''}"
         known = "whether it has stopped is not known here. without us it holds when its setpoint or lease expires"
-        return Refused("unreachable", f"{why}: {known}", "look at the robot")
+        return stop_result.Unreachable(
+            Refused("unreachable", f"{why}: {known}", "look at the robot"), self.driver.axes
+        )
 
     async def revive(self, lift: bool, beside: Callable[[], Awaitable[None]]) -> Refused | None:
         if not self.started:

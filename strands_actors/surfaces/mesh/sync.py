@@ -10,17 +10,20 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from typing import Any
 
+import msgspec
 import trio
 
-from strands_actors.caller.portal import portal
+from strands_actors.caller.forked import command_line
+from strands_actors.caller.portal import forked_from, portal
 from strands_actors.contract.shown import closest, shown
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.mesh.schemas import ESTOP_ANSWER_S, Execute
 
-from .client import AWAY_S, MeshClient, open_mesh
+from .client import AWAY_S, STOP_S, MeshClient, open_mesh
 from .config import MeshConfig
 from .mapping_commands import peers, send, send_to_all, stops
-from .outcome import Outcome
+from .outcome import UNREACHABLE, Outcome
+from .sessions import EVERYBODY, OTHERS
 
 Mesh = MeshConfig | str | os.PathLike[str] | None
 """How to reach robots of other hosts: a configuration, or the path of its file; None: what
@@ -44,7 +47,23 @@ def estop(*, mesh: Mesh = None, by: str = "", within_s: float = ESTOP_ANSWER_S) 
         async with open_mesh(mesh, to_stop=True) as client:
             return await client.estop(by, within_s)
 
-    return portal().call(run)
+    return _estop_from_child(mesh) if forked_from() else portal().call(run)
+
+
+def _estop_from_child(mesh: Mesh) -> list[Outcome]:
+    """In a process that was forked from one that runs robots: by the command line, as no session can
+    be opened here."""
+    named = ("--mesh", os.fspath(mesh)) if isinstance(mesh, str | os.PathLike) else ()
+    told = command_line("estop", *named, within_s=STOP_S)
+    if "robots" not in told:
+        return [Outcome(EVERYBODY, UNREACHABLE, str(told.get("error")))]
+    fields = Outcome.__struct_fields__
+    rows = [{key: value for key, value in row.items() if key in fields} for row in told["robots"]]
+    outcomes = [msgspec.convert({"outcome": UNREACHABLE, **row}, Outcome) for row in rows]
+    if isinstance(mesh, MeshConfig):
+        why = "a forked process cannot use a MeshConfig. give the path of its file"
+        outcomes.append(Outcome(OTHERS, UNREACHABLE, why))
+    return outcomes
 
 
 def _check_name(verb: str, robot: object) -> None:

@@ -15,6 +15,7 @@ from typing import Any
 import trio
 
 from strands_actors.kernel.clock import VirtualClock
+from strands_actors.kernel.health import busy
 from strands_actors.supervisors import policy
 from strands_actors.supervisors.root import guardian, lock_keeper, process, standby_keeper, tasks
 from strands_actors.supervisors.standby import process as standby
@@ -118,6 +119,7 @@ def seams(world: World, net: Net, starter: Starter, model: RobotModel) -> Iterat
         (process, "words_of", words_of),
         (process, "wait_for_end_of", lambda pid: until_ended(find(pid))),
         (process, "report_failure", report_failure),
+        (busy, "_assumed", busy.IDLE),
         (guardian, "life_of", lambda pid: life_of(world, pid)),
         (lock_keeper, "run_like_others", lambda: None),
         (standby_keeper, "os", system),

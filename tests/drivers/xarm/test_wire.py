@@ -3,13 +3,16 @@ believed."""
 
 from __future__ import annotations
 
+import msgspec
 import pytest
 import trio
 
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import PermitDenied, WireDown
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.xarm import protocol as p
 from strands_actors.drivers.xarm.protocol import Register, State
+from strands_actors.drivers.xarm.session import PAST_RAD
 from strands_actors.drivers.xarm.wire import QUIET_S, XArmWire
 from tests.drivers.common.memory_port import Permission
 
@@ -118,6 +121,47 @@ async def test_saf_011_an_arm_that_was_paused_on_its_way_does_not_go_on_when_it_
     assert next(one.body for one in world.written[written:] if one.kind != "read") == b"\x0c\x04", "a stop is first"
     await cycle(wire, 30)
     assert controller.plant.position_rad == pytest.approx(here, abs=0.01)
+
+
+async def braked_at_its_limit(world: World, wire: XArmWire, past_rad: float) -> float:
+    """An arm that was stopped with a joint at the end of its range. Return how far past it rests."""
+    joint, controller = 5, world.controller
+    end = controller._kind.range_rad[joint][1]
+    await wire.make_safe(SafeState.STOP)
+    controller.plant.data.qpos[controller.plant._qpos[joint]] = end
+    controller._target[joint] = end + past_rad
+    await cycle(wire, 100)
+    return controller.plant.position_rad[joint] - end
+
+
+@in_virtual_time
+async def test_saf_011_an_arm_that_rests_on_its_limit_is_armed_there_each_time() -> None:
+    """The controller ends motion with error 23 for a target past a range, and holds that error."""
+    world = World()
+    wire = await armed(world)
+    controller, end = world.controller, world.controller._kind.range_rad[5][1]
+    for _ in range(3):
+        assert 1e-3 < await braked_at_its_limit(world, wire, 0.05) < PAST_RAD
+        observation = await wire.arm(Permission())
+        assert controller.error == 0 and wire.session.target[5] == end
+        await wire.write(observation.position, Permission())  # a policy that returns what it observed
+        await cycle(wire, 5)
+        assert controller.error == 0 and controller.runs
+        held = await wire.make_safe(SafeState.HOLD)
+        assert all(motor.safe for motor in held), held
+
+
+@in_virtual_time
+async def test_saf_011_an_arm_far_past_its_limit_is_not_energised() -> None:
+    world = World()
+    wire = await armed(world)
+    kind, here = wire.session.kind, world.controller.plant.position_rad[5]
+    ranges = (*kind.range_rad[:5], (-3.0, here - 2 * PAST_RAD), kind.range_rad[6])
+    wire.session.kind = msgspec.structs.replace(kind, range_rad=ranges)
+    written = len(world.written)
+    with pytest.raises(WireDown, match=r"enable: joint6 is 0\.040 rad past its range. Bring it back"):
+        await wire.arm(Permission())
+    assert {one.kind for one in world.written[written:]} == {"read"}
 
 
 @in_virtual_time

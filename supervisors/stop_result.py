@@ -1,0 +1,83 @@
+"""What became of a stop, for who ordered it: a closed type. Pure.
+
+Every operation that ends motion (stop, e-stop, release, the end of a task, cleanup) has one of three
+results. There is no fourth, and none of them is ``None``: the absence of an answer is never success
+(SAF-023).
+
+    Confirmed      every motor was read back safe, or nothing of ours is energised
+    Unconfirmed    it was ordered, and the named motors have not confirmed it
+    Unreachable    nobody answered who could know: all motors of the robot are named
+
+``match`` a result exhaustively and end with ``assert_never``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import msgspec
+
+from strands_actors.contract.driver import Driver
+from strands_actors.contract.wire import MotorReport
+from strands_actors.kernel.messages import Message, Refused
+from strands_actors.supervisors.gate.messages import Released, StopReport
+
+
+class NothingRan(msgspec.Struct, frozen=True):
+    """Nothing was started or commanded from here, so nothing of ours is energised."""
+
+    why: str = "nothing was running"
+
+
+class Confirmed(msgspec.Struct, frozen=True):
+    proof: StopReport | NothingRan
+
+
+class Unconfirmed(msgspec.Struct, frozen=True):
+    report: StopReport
+
+    @property
+    def unsafe(self) -> tuple[MotorReport, ...]:
+        """Return the motors that have not confirmed it."""
+        return tuple(motor for motor in self.report.motors if not motor.safe)
+
+
+class Unreachable(msgspec.Struct, frozen=True):
+    """``motors``: those whose state is not known. Empty: of a robot whose motors are not known
+    here either."""
+
+    refusal: Refused
+    motors: tuple[str, ...]
+
+    @property
+    def text(self) -> str:
+        named = ", ".join(self.motors) or "any of its motors"
+        reason = f"{self.refusal.reason}. not confirmed by {named}"
+        return f"{reason}. {self.refusal.remedy or REMEDY}"
+
+
+StopResult = Confirmed | Unconfirmed | Unreachable
+
+REMEDY = "look at the robot, and cut its power if it still moves"
+
+
+def of_report(report: StopReport) -> Confirmed | Unconfirmed:
+    return Confirmed(report) if report.confirmed else Unconfirmed(report)
+
+
+def of_answer(verb: str, answer: Message | None, motors: Sequence[str]) -> StopResult:
+    """Return what an answer to a stop says. ``answer``: None where there was none. ``motors``: all of
+    the robot's."""
+    match answer:
+        case StopReport():
+            return of_report(answer)
+        case Released():
+            return of_report(answer.report)
+        case Refused():
+            return Unreachable(answer, tuple(motors))
+    return Unreachable(Refused("no_answer", f"{verb}: no answer", REMEDY), tuple(motors))
+
+
+def silent(verb: str, why: object, driver: Driver, remedy: str = REMEDY, code: str = "unreachable") -> Unreachable:
+    """Return the result of a stop that nobody answered."""
+    return Unreachable(Refused(code, f"{verb}: {why}", remedy), driver.axes)
