@@ -5,16 +5,21 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
+import time
 
 from strands_actors.kernel.actor import Actor
 from strands_actors.kernel.messages import Message, Refused
+from strands_actors.kernel.processes.reserve import RESERVE
 from strands_actors.supervisors.root.messages import ActorInfo, Describe, Introspection
 
+_HOW = "exception, exit, spin or leak"
 ALLOW_FAULTS = "STRANDS_ACTORS_ALLOW_FAULTS"
 
 
 class Break(Message, frozen=True):
-    """For tests and drills: end this process the named way. ``how``: exception, exit or spin."""
+    """For tests and drills: break this process the named way. ``how``: exception, exit, spin or
+    leak."""
 
     lane = "urgent"
 
@@ -27,14 +32,26 @@ class Broken(BaseException):
 
 
 def fall(how: str) -> None:
-    """Break on purpose: ``exception``, ``exit`` or ``spin`` (which does not return). Anything else
-    does nothing."""
+    """Break on purpose: ``exception``, ``exit``, ``spin`` (which does not return) or ``leak`` (which
+    takes every file that is free, until a stop begins). Anything else does nothing."""
     if how == "exception":
         raise RuntimeError("a fault was asked for")
     if how == "exit":
         sys.exit(3)
     while how == "spin":
         pass
+    if how == "leak":
+        threading.Thread(target=_leak, daemon=True).start()
+
+
+def _leak() -> None:
+    leaked = []
+    while True:
+        try:
+            while not RESERVE.is_freed:
+                leaked.append(os.open(os.devnull, os.O_RDONLY))
+        except OSError:
+            time.sleep(0.001)
 
 
 class Introspector(Actor):
@@ -56,4 +73,4 @@ class Introspector(Actor):
         if how == "exception":
             raise Broken("a fault was asked for")
         fall(how)
-        return Refused("unknown_fault", f"break: {how} is no fault", "exception, exit or spin")
+        return None if how == "leak" else Refused("unknown_fault", f"break: {how} is no fault", _HOW)

@@ -14,9 +14,11 @@ import select
 import termios
 from typing import Protocol
 
+import serial  # here: a root whose port was unplugged opens it anew, and a stop imports nothing
 import trio
 
 from strands_actors.contract.wire import WireDown
+from strands_actors.kernel.processes.reserve import RESERVE
 
 from .port_users import users_of
 
@@ -143,11 +145,10 @@ class SerialPort:
 
 def open_serial(path: str, baud: int) -> SerialPort:
     """Open ``path`` raw, 8N1, locked against a second master. Raise ``WireDown``."""
-    import serial  # here: the root process adopts a descriptor and never needs it
-
     try:
         device = serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
     except (serial.SerialException, OSError, ValueError) as error:
+        RESERVE.lacked(error)
         if "lock" in str(error) or getattr(error, "errno", None) == errno.EBUSY:
             raise WireDown(in_use(path, users_of(path))) from None
         raise WireDown(f"{path}: cannot open at {baud} baud ({error}). Check port= and who else has it") from None

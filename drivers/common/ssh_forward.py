@@ -22,6 +22,7 @@ import trio
 
 from strands_actors.contract.wire import WireDown
 from strands_actors.kernel.processes.process import ChildProcess, start
+from strands_actors.kernel.processes.reserve import RESERVE
 
 from .tcp_port import TcpPort
 from .unix_port import open_unix
@@ -84,6 +85,7 @@ class SshForward:
         try:
             self._child = start(_ENTRY, told, label=f"ssh {self._host}")
         except OSError as error:
+            RESERVE.lacked(error)
             raise WireDown(f"ssh {self._host}: no process for it ({error.strerror})") from None
         return self._child
 

@@ -16,6 +16,8 @@ from typing import Protocol
 import trio
 
 from strands_actors.contract.wire import WireDown
+from strands_actors.kernel.channels.names import look_up
+from strands_actors.kernel.processes.reserve import RESERVE
 
 CONNECT_S = 0.5
 """Within a local network; the first repetition of a lost packet would come after 1 s."""
@@ -142,13 +144,15 @@ async def open_tcp(host: str, port: int) -> TcpPort:
     why = f"no answer within {CONNECT_S:g} s"
     with trio.move_on_after(CONNECT_S):
         try:
-            found = await trio.socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+            found = await look_up(host, port)
         except (OSError, UnicodeError) as error:
+            RESERVE.lacked(error)
             found, why = [], _words(error)
         for family, kind, protocol, _, address in found:
             try:
                 return TcpPort(await _connect(socket.socket(family, kind, protocol), address), name)
             except OSError as error:
+                RESERVE.lacked(error)
                 why = _words(error)
                 kind_of_end = NobodyListens if isinstance(error, ConnectionRefusedError) else WireDown
     raise kind_of_end(f"{name}: cannot connect ({why}). Check port=, cable and power")

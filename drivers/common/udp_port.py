@@ -16,6 +16,7 @@ from typing import Protocol
 import trio
 
 from strands_actors.contract.wire import WireDown
+from strands_actors.kernel.processes.reserve import RESERVE
 
 LARGEST = 65535
 MOST_STRANGERS = 100
@@ -98,6 +99,7 @@ def open_udp(host: str, port: int, from_host: str = "", from_port: int = 0) -> U
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
         sock = socket.socket(family, kind, protocol)
     except (OSError, UnicodeError) as error:
+        RESERVE.lacked(error)
         raise WireDown(f"{name}: no such address ({error}). Check port=") from None
     try:
         if from_host or from_port:
@@ -201,8 +203,13 @@ async def listen_udp(port: int, host: str = "") -> UdpListener:
                 probe.connect(found[0][4])
                 peer, here = str(probe.getpeername()[0]), str(probe.getsockname()[0])
     except (OSError, UnicodeError) as error:
+        RESERVE.lacked(error)
         raise WireDown(f"{host}: no such address ({error}). Check port=") from None
-    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    except OSError as error:
+        RESERVE.lacked(error)
+        raise WireDown(f"UDP port {port} cannot be opened ({error.strerror}). Close other programs") from None
     try:
         sock.bind((here, port))
     except OSError as error:

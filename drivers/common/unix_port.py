@@ -12,6 +12,7 @@ import socket
 import trio
 
 from strands_actors.contract.wire import WireDown
+from strands_actors.kernel.processes.reserve import RESERVE
 
 from .tcp_port import TcpPort
 
@@ -28,14 +29,13 @@ async def open_unix(path: str) -> TcpPort:
         raise WireDown(f"{path}: a unix socket's path has {LONGEST_PATH} bytes at most. Choose a shorter one")
     why = f"no answer within {CONNECT_S:g} s"
     with trio.move_on_after(CONNECT_S):
-        sock = trio.socket.socket(trio.socket.AF_UNIX, trio.socket.SOCK_STREAM)
         try:
-            await sock.connect(path)
-            plain = socket.socket(fileno=sock.detach())
+            with trio.socket.socket(trio.socket.AF_UNIX, trio.socket.SOCK_STREAM) as sock:
+                await sock.connect(path)
+                plain = socket.socket(fileno=sock.detach())  # closing has no effect on it then
             plain.setblocking(False)
             return TcpPort(plain, path)
         except OSError as error:
+            RESERVE.lacked(error)
             why = (error.strerror or type(error).__name__).lower()
-        finally:
-            sock.close()  # of no effect once it is detached
     raise WireDown(f"{path}: cannot connect ({why}). Check that the service runs, and port=")

@@ -34,6 +34,10 @@ class CrazyflieStopChannel(StopChannel):
         kind = _UsbProcess if endpoint.is_usb else _SerialLine if endpoint.kind == "serial" else _OwnLink
         self._channel: StopChannel = kind(config, descriptors, clock)
 
+    @property
+    def hosts(self) -> Sequence[str]:
+        return self._channel.hosts
+
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         await self._channel.serve(task_status)
 
@@ -56,6 +60,11 @@ class _OwnLink(StopChannel):
         self._config = config
         self._clock = clock
         self._link: Link | None = None
+
+    @property
+    def hosts(self) -> Sequence[str]:
+        endpoint = self._config.endpoint()
+        return (endpoint.host,) if endpoint.kind == "tcp" else ()
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         if self._config.endpoint().kind == "udp":

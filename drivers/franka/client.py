@@ -13,6 +13,7 @@ import trio
 from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.tcp_port import TcpPort, open_tcp
+from strands_actors.kernel.processes.reserve import RESERVE
 
 from . import protocol as p
 
@@ -131,7 +132,12 @@ class Fci:
 async def connect(host: str, fci: int, robot: str) -> tuple[Fci, p.State]:
     """Return a client that has heard a state. Raise ``WireDown``."""
     tcp = await open_tcp(host, p.PORT)
-    udp = socket.socket(type=socket.SOCK_DGRAM)
+    try:
+        udp = socket.socket(type=socket.SOCK_DGRAM)
+    except OSError as error:
+        RESERVE.lacked(error)
+        tcp.close()
+        raise WireDown(f"{host}: no UDP port for its states ({error.strerror})") from None
     client = Fci(tcp, udp, p.DIALECTS[fci])
     try:
         udp.setblocking(False)

@@ -57,6 +57,10 @@ class FrankaStopChannel(WatchedFirmware[FrankaConfig, StopWatch]):
     CONFIRM_S: ClassVar[float] = CONFIRM_S
     LOOK_S: ClassVar[float] = LOOK_S
 
+    @property
+    def hosts(self) -> Sequence[str]:
+        return (self.config.host,)
+
     async def connect(self) -> StopWatch:
         config = self.config
         try:

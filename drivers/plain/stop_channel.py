@@ -17,6 +17,7 @@ from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, StopChannel, WireDown
 from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.processes.process import ChildProcess, start
+from strands_actors.kernel.processes.reserve import RESERVE
 
 from .config import PlainConfig
 from .members import Declared
@@ -105,6 +106,7 @@ class Spare:
         try:
             self._process: ChildProcess = start(f"{__package__}.spare:main", args)
         except OSError as error:  # no process, or no descriptor, is to be had
+            RESERVE.lacked(error)
             raise WireDown(f"no process to stop the robot could be started ({error})") from None
         self._process.socket.setblocking(False)
         self._socket = trio.socket.from_stdlib_socket(self._process.socket)

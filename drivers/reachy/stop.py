@@ -175,6 +175,10 @@ class ReachyStopChannel(StopChannel):
     def __init__(self, config: ReachyConfig, descriptors: Sequence[int], clock: Clock) -> None:
         self._config = config.at_told(descriptors[0]) if descriptors else config
 
+    @property
+    def hosts(self) -> Sequence[str]:
+        return tuple(host for host, _ in self._config.addresses())
+
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         return await stop_everywhere(self._config, safe_state)
 

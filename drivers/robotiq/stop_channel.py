@@ -30,6 +30,10 @@ class RobotiqStopChannel(DuplicateDescriptor[RobotiqConfig, GripperClient]):
         super().__init__(config, descriptors, clock)
         self._open = partial(open_gripper, config, clock, open_stream, open_port)
 
+    @property
+    def hosts(self) -> Sequence[str]:
+        return () if self.config.serial else (self.config.address()[0],)
+
     async def hung_up(self, port: GripperClient) -> None:
         await (port.hung_up() if isinstance(port, SerialGripper) else super().hung_up(port))
 

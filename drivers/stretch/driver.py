@@ -136,10 +136,6 @@ class Stretch(Driver):
         self.gates = gates_of(self.config, self.table, self.timing.state_ttl_s)
         self.conditions = conditions()
 
-    def preload(self) -> None:
-        super().preload()
-        import serial  # noqa: F401  # the root may have to open ports itself
-
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         return parse(action, self.robot, self.table, self._index, state)
 

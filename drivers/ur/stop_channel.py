@@ -126,6 +126,10 @@ class URStopChannel(StopChannel):
     def __init__(self, config: URConfig, descriptors: Sequence[int], clock: Clock) -> None:
         self._config = config
 
+    @property
+    def hosts(self) -> Sequence[str]:
+        return (self._config.host,)
+
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         return await stop(self._config)
 

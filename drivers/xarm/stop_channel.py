@@ -23,6 +23,10 @@ class XArmStopChannel(ConnectWhenNeeded[XArmConfig, Control]):
         super().__init__(config, descriptors, clock)
         self._open_stream = open_stream
 
+    @property
+    def hosts(self) -> Sequence[str]:
+        return (self.config.host,)
+
     async def connect(self) -> Control:
         return await open_control(self.config, self.clock, self._open_stream)
 

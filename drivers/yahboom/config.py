@@ -14,6 +14,11 @@ from .robots import Servo
 
 ROSBRIDGE = "rosbridge"
 ROS2 = "ros2"
+LINKS = {
+    ROSBRIDGE: f"{__package__}.rosbridge:RosbridgeLink",
+    ROS2: f"{__package__}.dds:DdsLink",
+}
+"""Links that the root may load, by transport."""
 
 DEFAULT_HOST = "127.0.0.1"
 

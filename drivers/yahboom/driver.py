@@ -15,6 +15,7 @@ import msgspec
 
 from strands_actors.contract.axis import Part, PartKind
 from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Timing
+from strands_actors.contract.loading import load
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor, imu
@@ -23,7 +24,7 @@ from strands_actors.contract.tool_verbs import STATUS, STOP, ToolVerb
 from strands_actors.drivers.common.velocity_base import LIFETIME_S
 from strands_actors.kernel.messages import Refused
 
-from .config import ROS2, ROSBRIDGE, YahboomConfig
+from .config import LINKS, ROS2, ROSBRIDGE, YahboomConfig
 from .gates import ARM_MS, DRIVES, TIME, all_gates, parse
 from .messages import CMD_VEL
 from .robots import ARM_JOINTS, BASE, TABLES, base_axes, servo_axes, table_of
@@ -126,6 +127,10 @@ class Yahboom(Driver):
         self.gates = all_gates(self.table, servos, timing.state_ttl_s)
         home = {servo.key: servo.radians(degrees) for servo, degrees in zip(servos, table.home_deg, strict=True)}
         vars(self)["TOOL_VERBS"] = _verbs(home)  # home, in radians, follows from this robot's joint_signs
+
+    def preload(self) -> None:
+        super().preload()
+        load(LINKS[self.config.transport])
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         return parse(action, self.robot, self.table, self._index, state, self._time_ms)

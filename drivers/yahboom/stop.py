@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
+from strands_actors.contract.loading import load
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import KeptSession
 from strands_actors.contract.wire import MotorReport
@@ -16,7 +17,7 @@ from strands_actors.drivers.common.outcome import Outcome
 from strands_actors.drivers.common.reporting_base import ReportingBase, stop_until_it_stands
 from strands_actors.kernel.clock import Clock
 
-from .config import ROS2, YahboomConfig
+from .config import LINKS, YahboomConfig
 
 STOP_S = 1.7
 """How long zero is repeated: less than ``Timing.safe_s``, and than what is left of it when a
@@ -83,10 +84,5 @@ class YahboomStopChannel(KeptSession[YahboomConfig, StopLink]):
 
 def stop_link(config: YahboomConfig, clock: Clock) -> StopLink:
     """Return a way to the robot that the root may load."""
-    if config.transport == ROS2:
-        from .dds import DdsLink
-
-        return DdsLink(config, clock)
-    from .rosbridge import RosbridgeLink
-
-    return RosbridgeLink(config, clock)
+    link: StopLink = load(LINKS[config.transport])(config, clock)
+    return link

@@ -25,6 +25,7 @@ from strands_actors.kernel.clock import Clock, MonotonicClock
 from strands_actors.kernel.health.realtime import STANDBY_PRIORITY, run_first
 from strands_actors.kernel.processes.identity import be_taken_last, take_name
 from strands_actors.kernel.processes.process import ChildProcess, start
+from strands_actors.kernel.processes.reserve import RESERVE, raise_limits
 
 from .loading import load, place_of
 from .safe_state import SafeState
@@ -139,6 +140,7 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
         try:
             process = start(_ENTRY, told, self._descriptors, label=f"stop channel {self.CHANNEL}")
         except OSError as error:
+            RESERVE.lacked(error)
             raise WireDown(f"stop channel: no process for {self.CHANNEL} ({error.strerror})") from None
         child = _Child(process, self.CHANNEL)
         try:
@@ -234,6 +236,8 @@ def main(args: dict[str, Any], sock: socket.socket) -> None:
     config = msgspec.convert(args["config"], load(args["config_class"]))
     channel: StopChannel = load(args["channel"])(config, args["descriptors"], MonotonicClock())
     be_taken_last()
+    raise_limits()
+    RESERVE.begin(lambda: True)
     run_first(STANDBY_PRIORITY)  # it is what makes the robot safe when the wire cannot
     trio.run(_answer, channel, _Frames(sock))
 
@@ -252,7 +256,11 @@ async def _answer(channel: StopChannel, frames: _Frames) -> None:
             async def carry_out(order: _Order, scope: trio.CancelScope) -> None:
                 async with one_at_a_time:
                     with scope:
-                        frames.send(_Answer(order.number, await channel.make_safe(order.safe_state)))
+                        with RESERVE.freed():
+                            reports = await channel.make_safe(order.safe_state)
+                        if not all(report.safe for report in reports):
+                            RESERVE.end_if_short()  # the parent starts another process
+                        frames.send(_Answer(order.number, reports))
 
             while (data := await frames.receive()) is not None:
                 carried_out.cancel()  # nobody waits for it any more

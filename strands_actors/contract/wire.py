@@ -165,6 +165,12 @@ class StopChannel(ABC):
     Making one must not raise. It may be asked to make safe again and again, until every motor has
     confirmed: what it was given may be dead, so it finds the robot anew each time."""
 
+    @property
+    def hosts(self) -> Sequence[str]:
+        """Return the hosts that ``make_safe`` connects to first, by name or number. They are looked up
+        before anything is energised."""
+        return ()
+
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         """What has to be done before the path is needed, and kept up until it is: discovery, a
         session. ``started`` once it could be used at once; the wire does not count as up before.

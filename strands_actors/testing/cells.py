@@ -194,24 +194,25 @@ async def _inflict(caller: Caller, cell: Cell, pid: int) -> int:
             return await _until(caller.policy_broke_ns)
         except trio.TooSlowError:
             raise NotMoving("the policy had ended before it was to break") from None
-    return await _ask_to_break(caller, cell)
+    return await ask_to_break(caller, cell.victim, cell.fault)
 
 
-async def _ask_to_break(caller: Caller, cell: Cell) -> int:
+async def ask_to_break(caller: Caller, process: str, how: str) -> int:
+    """Have the root or the wire break itself; return when it was asked."""
     robot = caller.tree["robot"]
     node = Node(f"kill.{os.getpid()}", MonotonicClock())
-    mesh = await ZenohMesh.open(connect=[unix_endpoint(str(caller.run_dir / f"{robot}.{cell.victim}.sock"))])
+    mesh = await ZenohMesh.open(connect=[unix_endpoint(str(caller.run_dir / f"{robot}.{process}.sock"))])
     try:
         async with trio.open_nursery() as nursery:
             await nursery.start(node.run)
             mesh.attach(node)
             await nursery.start(mesh.run)
-            address = f"{PREFIX}/{addresses.of(robot).introspection(cell.victim)}"
+            address = f"{PREFIX}/{addresses.of(robot).introspection(process)}"
 
             def tell() -> int | None:
                 # the time before: what it causes may be on the wire before we run again
                 began_ns = monotonic_ns()
-                return began_ns if node.send_frame(address, TELL, 0, node.address, Break(cell.fault)) else None
+                return began_ns if node.send_frame(address, TELL, 0, node.address, Break(how)) else None
 
             began_ns = await _until(tell)
             nursery.cancel_scope.cancel()

@@ -17,11 +17,13 @@ from strands_actors.contract.wire import StopChannel, WireDown
 from strands_actors.kernel.actor import Context, Deferred, describe
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import Ref
+from strands_actors.kernel.processes.reserve import RESERVE
 from strands_actors.supervisors.gate.messages import StandbyIs
 from strands_actors.supervisors.root.messages import HandedOver, Handover
 from strands_actors.supervisors.wire.messages import HandOverAgain
 
 from .guarded import GuardedStandby
+from .stop_channel import serve
 
 AGAIN_S = 0.5
 """A controller may still count the session of the standby that has ended."""
@@ -54,6 +56,10 @@ class ChannelKeeper:
             deferred = self._context.defer()
             self._context.start_soon(self._answer_guarded, self._again, deferred, message.descriptors)
             return deferred
+        if missing := RESERVE.check():
+            for fd in message.descriptors:
+                os.close(fd)
+            return Refused("no_reserve", f"the root could not stop the robot: {missing}", "close other programs")
         try:
             spare = () if self.standby is None else _duplicates(message.descriptors)
         except OSError as error:
@@ -90,7 +96,7 @@ class ChannelKeeper:
             try:
                 async with trio.open_nursery() as nursery:
                     nursery.start_soon(guard)
-                    await nursery.start(path.serve)
+                    await nursery.start(serve, path)
                     ready = True
                     await guarded.wait()
                     deferred.send(refusal or HandedOver())

@@ -75,7 +75,8 @@ class Guardian(Actor):
     been stopped, and when the lock of an e-stop is kept by the ``keeper``. ``on_report`` is told
     what became of each attempt to make the robot safe, ``on_dying`` of a writer that has been
     killed and waits for a processor to die on. ``standby``: None in tests of one process. ``owed``:
-    what the standby has to know of the wire."""
+    what the standby has to know of the wire. ``on_failed`` is called after each attempt that was not
+    confirmed."""
 
     def __init__(
         self,
@@ -92,6 +93,7 @@ class Guardian(Actor):
         transport: str = "",
         owed: Owed | None = None,
         on_decided: Callable[[Decided], None] = lambda _: None,
+        on_failed: Callable[[], None] = lambda: None,
     ) -> None:
         self._driver = driver
         self._heartbeat = heartbeat
@@ -108,6 +110,7 @@ class Guardian(Actor):
         self.channels = ChannelKeeper(driver, standby, lambda why: self._break(Reason.WIRE, why))
         self._keeper = keeper
         self._on_decided = on_decided
+        self._on_failed = on_failed
         self.state = StateIs(Mode.DOWN, 0, "" if keeper is None else keeper.found_by, "")
         self.last_report: StopReport | None = None
         self._confirmed = True
@@ -522,6 +525,8 @@ class Guardian(Actor):
                 # as it was.
                 motors = await self._settled(partial(attempt_anew, self._driver, self.context.clock, safe_state))
         self._attempting = None
+        if not all_safe(motors):
+            self._on_failed()
         if not safe_state.at_least(self._wanted()):
             self._confirmed = False
             return  # an order has come meanwhile that wants more: the next attempt is for all

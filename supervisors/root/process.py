@@ -35,6 +35,7 @@ from strands_actors.kernel.processes.child import exit_code, report_failure
 from strands_actors.kernel.processes.fork import ForkedAhead
 from strands_actors.kernel.processes.identity import be_taken_last, take_name
 from strands_actors.kernel.processes.process import wait_for_end_of
+from strands_actors.kernel.processes.reserve import RESERVE, end, lacks_resources, raise_limits
 from strands_actors.kernel.processes.spawner import Spawner
 from strands_actors.kernel.supervisor import Budget, BudgetSpent, ChildSpec, Supervisor
 from strands_actors.supervisors import addresses
@@ -123,8 +124,12 @@ class Unconfirmed:
         motors = report.unconfirmed
         if motors == self._told:
             return
-        self._told = motors
-        threading.Thread(target=self._write, daemon=True).start()
+        before, self._told = self._told, motors
+        try:
+            threading.Thread(target=self._write, daemon=True).start()
+        except RuntimeError as error:  # no thread: the next report tries again
+            self._told = before
+            report_failure("the note on unconfirmed motors", error)
 
     def _write(self) -> None:
         run_like_others()
@@ -216,9 +221,11 @@ class Tree:
             self.at.transport,
             self.owed,
             lambda told: self.audit.note(told.who, told.what, told.how, told.over),
+            RESERVE.end_if_short,
         )
         self.standby.on_lost = self.guardian.lose_standby
         self.standby.on_begun = self.guardian.begin_standby
+        RESERVE.begin(lambda: self.standby.is_ready)
         self.wire: WireProcess | None = None
         self.supervisor = Supervisor([ChildSpec("wire", self.guardian.keep)], budget=WIRE_BUDGET)
         self.failed = ""
@@ -323,11 +330,15 @@ class Tree:
     ) -> None:
         """Run a part of the root. When it fails the tree ends, in order: the robot is made safe
         first. What is no failure ends the root at once: as it would end the other parts and close
-        their sessions one by one, for 70 ms, it would neither beat nor be seen to die."""
+        their sessions one by one, for 70 ms, it would neither beat nor be seen to die. So does a lack of
+        files, memory or threads: an orderly end needs them too, and the wire or the standby has its
+        own."""
         try:
             await (run() if task_status is trio.TASK_STATUS_IGNORED else run(task_status=task_status))
         except Exception as error:
             report_failure(what, error)
+            if lacks_resources(error):
+                end(describe(error))
             self.failed = f"{what} failed: {describe(error)}"
             self.shut_down(Reason.ROOT, self.failed)
         except BaseException as error:
@@ -490,6 +501,7 @@ def main(args: dict[str, Any], sock: socket.socket) -> None:
         name=(args["robot"], "spawner", args["label"]),
         forget=args.clear,
     )
+    raise_limits()  # not the spawner's: policies have those of the user
     (page,) = args["descriptors"]
     ahead = Ahead(spawner, ForkedAhead((page,)), ForkedAhead(session=True), page)
     be_taken_last()  # not the spawner: policies are its children

@@ -25,6 +25,7 @@ from strands_actors.kernel.node import AskTimeout, Node, Ref, Unreachable
 from strands_actors.kernel.processes.child import report_failure
 from strands_actors.kernel.processes.fork import ForkedAhead
 from strands_actors.kernel.processes.process import ChildProcess
+from strands_actors.kernel.processes.reserve import how_ended
 from strands_actors.kernel.processes.spawner import Spawner
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors import permissions as channels
@@ -123,7 +124,7 @@ class StandbyKeeper:
             code = await process.wait()
             nursery.cancel_scope.cancel()
         self.process = None
-        return f"the standby process ended with {'signal' if code < 0 else 'code'} {abs(code)}"
+        return f"the standby process ended with {how_ended(code)}"
 
     async def _carry(self, process: ChildProcess) -> None:
         try:
@@ -146,6 +147,11 @@ class StandbyKeeper:
             if late or detector.tick(now_ns):
                 process.kill()
                 return
+
+    @property
+    def is_ready(self) -> bool:
+        """Return whether a standby lives and knows what it watches."""
+        return self._watching and self.process is not None and self.process.alive
 
     # -- what it watches
 

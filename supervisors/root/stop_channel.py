@@ -14,9 +14,11 @@ import trio
 
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.contract.wire import MotorReport, StopChannel
+from strands_actors.contract.wire import MotorReport, StopChannel, WireDown
 from strands_actors.kernel.actor import describe
+from strands_actors.kernel.channels.names import look_up
 from strands_actors.kernel.clock import Clock
+from strands_actors.kernel.processes.reserve import RESERVE
 from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.page import Owed
 
@@ -31,12 +33,23 @@ LINGER_S = 60.0
 UNSETTLED = "an arming or service that was cut off may still take effect"
 
 
+async def serve(path: StopChannel, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+    """As ``path.serve``, after the hosts that it will connect to have been looked up. Raise
+    ``WireDown``."""
+    for host in path.hosts:
+        try:
+            await look_up(host, 0)
+        except (OSError, UnicodeError) as error:
+            raise WireDown(f"{host}: no such host ({error}). Check port=") from None
+    await path.serve(task_status)
+
+
 async def attempt(path: StopChannel, driver: Driver, safe_state: SafeState) -> tuple[MotorReport, ...]:
-    """Make safe by ``path``. Never raises: whatever fails is a report of motors that were not
-    reached."""
+    """Make safe by ``path``, with what this process holds in reserve. Never raises: whatever fails is
+    a report of motors that were not reached."""
     within_s = StopDeadlines.of(driver.timing.safe_s).attempt_s
     try:
-        with trio.fail_after(within_s):
+        with RESERVE.freed(), trio.fail_after(within_s):
             return await path.make_safe(safe_state)
     except trio.TooSlowError:
         why = f"no end within {within_s:g} s"
@@ -52,15 +65,16 @@ async def attempt_anew(
     one did."""
     motors = not_reached(driver, "the way to the hardware was lost")
     try:
-        path = driver.stop_channel(descriptors, clock)
-        try:
-            async with trio.open_nursery() as nursery:
-                with trio.move_on_after(driver.timing.handover_s):
-                    await nursery.start(path.serve)
-                motors = await attempt(path, driver, safe_state)
-                nursery.cancel_scope.cancel()
-        finally:
-            path.close()
+        with RESERVE.freed():
+            path = driver.stop_channel(descriptors, clock)
+            try:
+                async with trio.open_nursery() as nursery:
+                    with trio.move_on_after(driver.timing.handover_s):
+                        await nursery.start(path.serve)
+                    motors = await attempt(path, driver, safe_state)
+                    nursery.cancel_scope.cancel()
+            finally:
+                path.close()
     except Exception as error:
         if not any(motor.written for motor in motors):
             motors = not_reached(driver, describe(error))

@@ -29,7 +29,7 @@ from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, StopChannel, WireDown
 from strands_actors.kernel.actor import Actor, Deferred, describe
 from strands_actors.kernel.channels.link import Link
-from strands_actors.kernel.clock import MonotonicClock
+from strands_actors.kernel.clock import NS, MonotonicClock
 from strands_actors.kernel.health.heartbeat import Heartbeat, words_of
 from strands_actors.kernel.health.processor import suspected
 from strands_actors.kernel.health.realtime import STANDBY_PRIORITY, run_first
@@ -39,6 +39,7 @@ from strands_actors.kernel.processes.child import report_failure
 from strands_actors.kernel.processes.identity import be_taken_last, take_name
 from strands_actors.kernel.processes.peer import Peer
 from strands_actors.kernel.processes.process import FENCE_S
+from strands_actors.kernel.processes.reserve import EXIT_SHORT, RESERVE
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors import permissions as channels
 from strands_actors.supervisors.introspection import Introspector
@@ -50,6 +51,7 @@ from strands_actors.supervisors.root.stop_channel import (
     attempt,
     attempt_anew,
     pauses_s,
+    serve,
     settled,
 )
 from strands_actors.supervisors.standby.messages import Guard, Guarding, LetGo, LetGone, WatchOver
@@ -59,7 +61,16 @@ from .decision import Action, Seen, decide
 from .report import LifeLock, StandbyReport, write
 from .watch import Watched, look_s
 
-IGNORED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGUSR1, signal.SIGUSR2)
+IGNORED = (
+    signal.SIGINT,
+    signal.SIGTERM,
+    signal.SIGHUP,
+    signal.SIGQUIT,
+    signal.SIGUSR1,
+    signal.SIGUSR2,
+    signal.SIGXCPU,  # it is the last that can stop the robot: it goes on until the system kills it
+    signal.SIGXFSZ,
+)
 UNCONFIRMED = 4
 """Exit code when a motor did not confirm the safe state."""
 NO_CHANNEL = 5
@@ -69,6 +80,8 @@ GONE_S = 10.0
 """A port to which nothing could be written for so long is gone."""
 LOCK_S = 1.0
 """For whoever only looks at the lock."""
+CHECK_S = 0.25
+"""Between two looks whether this process still has what a stop needs."""
 DISK_S = 1.0
 """A report that takes longer to write is not waited for."""
 
@@ -108,6 +121,7 @@ class Standby(Actor):
         self._channel: StopChannel | None = None
         self._channel_scope = trio.CancelScope()
         self._acts = False
+        self._check_at_ns = 0
 
     async def started(self) -> None:
         page, root_fd, wire_fd = _parts_of(self._watched)
@@ -169,6 +183,7 @@ class Standby(Actor):
         self._decide()
 
     def _tick(self, now_ns: int) -> None:
+        self._check_reserve(now_ns)
         root, wire = self._root, self._last_wire()
         root.heartbeat.beat(now_ns)  # ours: both ends of the two are one
         for process, may_be_silent_until_ns in ((root, 0), (wire, self._owed.silent_until_ns)):
@@ -177,6 +192,15 @@ class Standby(Actor):
                     now_ns, process.heartbeat.heard_ns, False, may_be_silent_until_ns
                 )
         self._decide()
+
+    def _check_reserve(self, now_ns: int) -> None:
+        """End when this process lacks what a stop needs. As long as the root lives it starts another."""
+        if self._acts or self._root.seen is not Seen.RUNS or now_ns < self._check_at_ns:
+            return
+        self._check_at_ns = now_ns + round(CHECK_S * NS)
+        if missing := RESERVE.check():
+            report_failure("the standby process", RuntimeError(f"it could not stop the robot: {missing}"))
+            self._leave(EXIT_SHORT)
 
     # -- what is done
 
@@ -263,7 +287,7 @@ class Standby(Actor):
         with trio.move_on_after(DISK_S):
             try:
                 await trio.to_thread.run_sync(write, self._report, report, abandon_on_cancel=True)
-            except OSError as error:
+            except (OSError, RuntimeError, MemoryError) as error:  # the disk, or no thread can be started
                 report_failure("the report of the standby", error)
 
     # -- the stop channel
@@ -282,7 +306,7 @@ class Standby(Actor):
         with scope:
             try:
                 async with trio.open_nursery() as nursery:
-                    await nursery.start(channel.serve)
+                    await nursery.start(serve, channel)
                     ready = True
                     deferred.send(Guarding())
             except* WireDown as down:
@@ -333,6 +357,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     link = Link(node, sock, channel=root_channel)
     watched = WatchOver(args["root"], args["wire"], tuple(args["descriptors"]))
     standby = Standby(driver, robot, args["place"], report, watched, os._exit)
+    RESERVE.begin(lambda: False)  # it is the last: what it lacks may come back
     async with trio.open_nursery() as nursery:
         await nursery.start(node.run)
         await nursery.start(node.cell(at.path("standby"), lambda: standby).run)

@@ -13,6 +13,7 @@ from pathlib import Path
 import msgspec
 
 from strands_actors.contract.wire import MotorReport
+from strands_actors.kernel.processes.child import report_failure
 
 REPORT = ".standby.report"
 LOCK = ".standby.life"
@@ -85,11 +86,14 @@ class LifeLock:
         self._fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
         try:
             fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            os.ftruncate(self._fd, 0)
-            os.write(self._fd, msgspec.json.encode(Holder(os.getpid(), place)))
         except OSError:
             os.close(self._fd)
             raise
+        try:
+            os.ftruncate(self._fd, 0)
+            os.write(self._fd, msgspec.json.encode(Holder(os.getpid(), place)))
+        except OSError as error:  # a full disk: the lock holds, and only its holder's pid is not known
+            report_failure("the note on who holds the lock of the standby", error)
 
 
 class Holder(msgspec.Struct, frozen=True):

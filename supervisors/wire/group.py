@@ -20,15 +20,16 @@ from strands_actors.kernel.actor import describe
 from strands_actors.kernel.channels.link import Link
 from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh
 from strands_actors.kernel.channels.zenoh_session import hand_over
-from strands_actors.kernel.clock import Clock, MonotonicClock
+from strands_actors.kernel.clock import NS, Clock, MonotonicClock
 from strands_actors.kernel.health.heartbeat import Heartbeat, words_of
-from strands_actors.kernel.health.processor import Standing, life_of, suspected
+from strands_actors.kernel.health.processor import Standing, StatFile, suspected
 from strands_actors.kernel.health.realtime import WIRE_PRIORITY, run_first
 from strands_actors.kernel.node import Node
 from strands_actors.kernel.processes.child import report_failure
 from strands_actors.kernel.processes.fork import ForkedAhead
 from strands_actors.kernel.processes.identity import be_taken_last, take_name
 from strands_actors.kernel.processes.process import ChildProcess, start
+from strands_actors.kernel.processes.reserve import RESERVE, how_ended
 from strands_actors.kernel.supervisor import Budget, ChildSpec, Supervisor
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors import permissions as channels
@@ -38,7 +39,7 @@ from strands_actors.supervisors.instrument import Attached, InstrumentKeeper, na
 from strands_actors.supervisors.introspection import Introspector
 from strands_actors.supervisors.loading import load_driver, without_secrets
 from strands_actors.supervisors.mesh import policy_access
-from strands_actors.supervisors.page import ROOT, WIRE, Owed
+from strands_actors.supervisors.page import ROOT, STANDBY, WIRE, Owed
 from strands_actors.supervisors.root.stop_channel import LINGER_S, all_safe, attempt_anew, pauses_s, settled
 from strands_actors.supervisors.wire.messages import RootGone
 
@@ -47,6 +48,8 @@ from .watchdog import Watchdog
 
 UNCONFIRMED = 4
 """Exit code of a wire process whose root is gone, when a motor did not confirm the safe state."""
+STANDBY_LIVES_NS = NS
+"""A root or standby that has beaten so recently is taken for alive."""
 LAST_HEARD_S = 0.05
 """For what a process said before its end to be read from its link."""
 
@@ -132,6 +135,7 @@ class WireProcess:
         entry = "strands_actors.supervisors.wire.group:main"
         self.process: ChildProcess = ahead.start(entry, args) or start(entry, args, (args["page"],), args["label"])
         self._link = self.process.link(node, channels.of_wire(args["robot"]))
+        self._stat = StatFile(self.process.pid)
         self._heard_out = trio.Event()
         self._code: int | None = None
         nursery.start_soon(self._carry)
@@ -155,10 +159,10 @@ class WireProcess:
 
     async def ended(self) -> str:
         self._code = code = await self.process.wait()
-        return f"the wire process ended with {'signal' if code < 0 else 'code'} {abs(code)}"
+        return f"the wire process ended with {how_ended(code)}"
 
     def dying(self) -> bool:
-        return life_of(self.process.pid).dying
+        return self._stat.life().dying
 
     async def fence(self) -> bool:
         fenced = await self.process.fence()
@@ -267,10 +271,13 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     link = Link(node, sock, lambda: node.ref(at.watchdog).tell(RootGone()), root_channel)
 
     root = os.getppid()
+    root_stat = StatFile(root)
     words = words_of(args["page"])
     heartbeat = Heartbeat(words, WIRE, ROOT)
     owed = Owed(words)
     transports: list[Transport] = []
+    standby = Heartbeat(words, WIRE, STANDBY)
+    RESERVE.begin(lambda: clock.now_ns() < max(standby.heard_ns, heartbeat.heard_ns) + STANDBY_LIVES_NS)
 
     async def join_mesh() -> None:
         mesh = await ZenohMesh.open((), args["connect"], secret=args["secret"])
@@ -288,7 +295,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
         await mesh.run()
 
     def look_at_root() -> None:
-        if life_of(root).dying:
+        if root_stat.life().dying:
             node.ref(at.watchdog).tell(RootGone())
 
     try:
@@ -348,6 +355,7 @@ async def make_safe_alone(driver: Driver, clock: Clock, transports: Sequence[Tra
                 return True
             if owed.is_asking:
                 return False  # an SDK's thread goes on until this process ends: the standby waits for what it did
+            RESERVE.end_if_short()
             if descriptors:
                 transports[-1].close()  # a port can be opened anew once nobody has it
                 descriptors = ()

@@ -31,6 +31,7 @@ from strands_actors.kernel.health import busy
 from strands_actors.kernel.health.realtime import memory, scheduling
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Ref, Unreachable
+from strands_actors.kernel.processes.reserve import RESERVE
 from strands_actors.supervisors.deadlines import settle_s
 from strands_actors.supervisors.gate.messages import (
     ArmDone,
@@ -252,12 +253,15 @@ class Transport(Actor):
         safe_state = self._owed.order(message.safe_state, lasts)
         holds = message.reason in HOLDING_REASONS and self._driver.energised(safe_state)
         began_ns = self.context.clock.now_ns()
-        motors = await self._bring_for_good(safe_state, holds, lasts)
+        with contextlib.nullcontext() if holds else RESERVE.freed():
+            motors = await self._bring_for_good(safe_state, holds, lasts)
         if motors is None:
             return  # a stop came: its report is the answer to this, too
         hold_failed = self.hold_failed if holds else ""
         seen = await self._look_where_held(motors) if holds and not hold_failed else None
         self._report_safe(message.reason, safe_state, message.epoch, began_ns, motors, hold_failed, seen)
+        if not holds and not _all_safe(motors):
+            RESERVE.end_if_short()
         if not _all_safe(motors) or hold_failed:
             return
         self._owed.confirm(safe_state)
@@ -358,6 +362,8 @@ class Transport(Actor):
         arm_s = self._driver.timing.arm_s
         try:
             with self._busy(arm_s), self._silent(), trio.fail_after(arm_s):
+                if missing := RESERVE.check():
+                    raise WireDown(f"the wire process could not stop the robot: {missing}")
                 if self._wire is not None:
                     self._owed.safe_state = True
                     self._owed.begin_anew()
@@ -478,6 +484,8 @@ class Transport(Actor):
         began_ns = self.context.clock.now_ns()
         with self._cut_by_a_stop(), self._busy(self._driver.timing.safe_s, number):
             motors = await self._reach(safe_state, began_ns)
+            if not _all_safe(motors):
+                RESERVE.end_if_short()
             if any(motor.written for motor in motors):
                 if self._owed.unsettled_s(began_ns):
                     motors = not_settled(motors)  # the stop that follows the new link waits for it

@@ -9,6 +9,8 @@ clock that is really set.
 
 from __future__ import annotations
 
+import os
+import signal
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -17,9 +19,11 @@ import pytest
 
 from strands_actors.caller.robot import RealRobot
 from strands_actors.testing import Twin
+from tests.answers import pids, until
 from tests.forked import execute_what_is_started_here
 
 PATIENCE_S = 20.0
+SETTLE_S = 0.4
 SET = """
 import time
 _time, _time_ns = time.time, time.time_ns
@@ -98,6 +102,34 @@ def test_saf_012_a_clock_that_is_set_by_an_hour_makes_no_state_of_a_g1_stale(
     assert robot.get_status()["content"][0]["json"]["observation_age_s"] < PATIENCE_S
     robot.stop()
     assert len([entry for entry in twin.log.host("setpoint") if entry.t_ns > began_ns]) >= 3
+
+
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize("robot", ["xarm7", "spot"])
+@pytest.mark.parametrize("step_s", [-3600, 3600])
+@pytest.mark.parametrize("killed", [("root", "wire"), ("wire",), ("root",)], ids="+".join)
+def test_saf_024_whoever_stops_the_robot_does_so_after_the_clock_was_set(
+    strands_robot: Start,
+    set_clock: Callable[[int], list[int]],
+    killed: tuple[str, ...],
+    step_s: int,
+    robot: str,
+) -> None:
+    """The standby, the root, the wire, and the stop processes of a Spot."""
+    arm, twin = strands_robot(robot)
+    name, here = next(iter(arm.get_observation().items()))
+    if arm.driver.BEFORE_MOTION:
+        assert arm.service(arm.driver.BEFORE_MOTION)["status"] == "success"
+    moved = arm.send_action({name: here})
+    assert moved["status"] == "success", moved
+    set_clock(step_s)
+    killed_ns = time.monotonic_ns()
+    found = pids(arm)
+    for role in killed:
+        os.kill(found[role], signal.SIGKILL)
+    until(lambda: twin.log.first_safe(killed_ns), "nobody made it safe")
+    time.sleep(SETTLE_S)
+    twin.log.no_setpoint_after_safe(killed_ns)
 
 
 def started_by_exec(robot: RealRobot) -> set[int]:

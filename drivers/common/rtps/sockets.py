@@ -10,6 +10,7 @@ import sys
 import time
 
 from strands_actors.contract.wire import WireDown
+from strands_actors.kernel.processes.reserve import RESERVE
 
 from . import wire_types
 
@@ -55,6 +56,7 @@ def open_sockets(domain: int, address: str, multicast: bool) -> tuple[socket.soc
             if pair is not None:
                 return (*pair, *opened)
     except OSError as error:
+        RESERVE.lacked(error)
         for sock in opened:
             sock.close()
         raise WireDown(

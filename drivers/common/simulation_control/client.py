@@ -13,6 +13,7 @@ import trio
 
 from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.kernel.processes.reserve import RESERVE
 
 from . import protocol as p
 
@@ -26,7 +27,11 @@ class SimulationClient:
     is gone."""
 
     def __init__(self, path: str) -> None:
-        self._socket = socket.socket(socket.AF_UNIX)
+        try:
+            self._socket = socket.socket(socket.AF_UNIX)
+        except OSError as error:
+            RESERVE.lacked(error)
+            raise WireDown(f"the simulation cannot be reached ({error.strerror or error})") from None
         self._socket.setblocking(False)
         try:
             self._socket.connect(path)

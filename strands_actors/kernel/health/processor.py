@@ -6,6 +6,7 @@ Linux tells; elsewhere (macOS) the answer is None, and who asks goes by silence 
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 from typing import NamedTuple
@@ -21,6 +22,7 @@ differs by version."""
 _STEAL = 8  # the column, behind the processor's name
 _FLAGS, _SIGNALS = 6, 28  # columns of /proc/pid/stat, behind the name
 _EXITING = 0x4  # PF_EXITING of the kernel's sched.h
+_STAT_BYTES = 4096
 _JIFFY_NS = 1_000_000_000 // os.sysconf("SC_CLK_TCK")
 
 
@@ -51,6 +53,29 @@ def life_of(pid: int) -> Life:
         return Life()
 
 
+class StatFile:
+    """The state of another process, from a file that is kept open: who has no free descriptor can
+    still read it."""
+
+    def __init__(self, pid: int) -> None:
+        self._fd: int | None = None
+        with contextlib.suppress(OSError):  # no such process, or a system that does not tell
+            self._fd = os.open(f"/proc/{pid}/stat", os.O_RDONLY | os.O_CLOEXEC)
+
+    def __del__(self) -> None:
+        if self._fd is not None:
+            os.close(self._fd)
+
+    def life(self) -> Life:
+        """As ``life_of``."""
+        if self._fd is None:
+            return Life()
+        try:
+            return _life(os.pread(self._fd, _STAT_BYTES, 0))
+        except OSError:
+            return Life()
+
+
 def _life(stat: bytes) -> Life:
     fields = stat.rpartition(b")")[2].split()
     killed = bool(int(fields[_SIGNALS]) & 1 << signal.SIGKILL - 1)
@@ -70,9 +95,9 @@ def standing(pid: int, thread: int | None = None) -> Standing | None:
         with open(f"{task}/schedstat", "rb") as schedstat, open(f"{task}/stat", "rb") as stat:
             computed, waited, _ = schedstat.read().split()
             state = _state(stat.read())
+        ready = state == b"R" or (state == b"D" and _awaits_worker(task))
     except (OSError, ValueError):
         return None
-    ready = state == b"R" or (state == b"D" and _awaits_worker(task))
     return Standing(int(computed), int(waited), ready, state in _STOPPED)
 
 

@@ -83,14 +83,20 @@ def exit_code(error: BaseException) -> int:
     if isinstance(error, BaseExceptionGroup) and error.split(SystemExit)[1] is None:
         return exit_code(error.exceptions[0])
     if not isinstance(error, SystemExit):
-        print("\n".join(told(error)), file=sys.stderr)
+        _print("\n".join(told(error)))
         return 1
     if error.code is None:
         return 0
     if isinstance(error.code, int):
         return error.code
-    print(error.code, file=sys.stderr)
+    _print(str(error.code))
     return 1
+
+
+def _print(text: str) -> None:
+    """Print to standard error, also when its disk is full or nobody reads it."""
+    with contextlib.suppress(OSError, ValueError):
+        print(text, file=sys.stderr)
 
 
 def told(error: BaseException, indent: str = "") -> Iterator[str]:
@@ -112,8 +118,8 @@ def told(error: BaseException, indent: str = "") -> Iterator[str]:
 def report_failure(what: str, error: BaseException) -> None:
     """Print where something failed that its process outlives, also when nobody can read it any
     more."""
-    with contextlib.suppress(OSError, ValueError):
-        print(f"{what} failed.", *told(error), sep="\n", file=sys.stderr)
+    with contextlib.suppress(MemoryError):
+        _print("\n".join((f"{what} failed.", *told(error))))
 
 
 def _specification(sock: socket.socket) -> ChildSpecification:

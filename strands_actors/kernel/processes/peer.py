@@ -38,7 +38,12 @@ class Peer:
         if self._pidfd is None:
             await wait_for_end_of(self.pid)
             return
-        fd = os.dup(self._pidfd)  # one task each may wait for a descriptor
+        try:
+            fd = os.dup(self._pidfd)  # one task each may wait for a descriptor
+        except OSError:  # none is free
+            while not self.ended:  # noqa: ASYNC110  # nothing tells of it
+                await trio.sleep(NOTICED_S)
+            return
         try:
             await trio.lowlevel.wait_readable(fd)
         finally:

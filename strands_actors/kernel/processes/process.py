@@ -163,7 +163,7 @@ class OwnChild(ChildProcess):
         return self._ended() is None
 
     def part(self) -> None:
-        threading.Thread(target=_reap, args=(self._child,), daemon=True).start()
+        _reap_in_thread(self._child)
 
     async def wait(self) -> int:
         if self._pidfd is not None and self._ended() is None:
@@ -200,7 +200,14 @@ async def _reap_later(child: Started) -> None:
     try:
         await trio.sleep(BURY_AFTER_S)
     finally:
+        _reap_in_thread(child)
+
+
+def _reap_in_thread(child: Started) -> None:
+    try:
         threading.Thread(target=_reap, args=(child,), daemon=True).start()
+    except RuntimeError:  # no thread can be started: what has ended is reaped here
+        child.poll()
 
 
 def _reap(child: Started) -> None:

@@ -1,0 +1,40 @@
+"""Look up the addresses of hosts, and remember them for a stop.
+
+A look-up of a name starts a thread and may wait for a server. A stop has time for neither, so it
+takes the addresses that this process found last.
+"""
+
+from __future__ import annotations
+
+import errno
+import socket
+from typing import Any
+
+import trio
+
+from strands_actors.kernel.processes.reserve import RESERVE, lacks_resources
+
+Address = tuple[int, int, int, str, Any]
+"""Family, kind, protocol, canonical name and address, as of ``getaddrinfo``."""
+
+_found: dict[str, list[Address]] = {}
+
+
+async def look_up(host: str, port: int) -> list[Address]:
+    """Return the addresses of a TCP port, the best first.
+
+    Raises:
+        OSError: The name is not known, no server answers, or no thread can be started.
+        UnicodeError: The text cannot be a name.
+    """
+    if not (RESERVE.is_freed and host in _found):
+        try:
+            _found[host] = list(await trio.socket.getaddrinfo(host, port, type=socket.SOCK_STREAM))
+        except RuntimeError as error:
+            if lacks_resources(error):
+                raise OSError(errno.ENOMEM, str(error)) from error
+            raise
+    return [
+        (family, kind, protocol, name, (address[0], port, *address[2:]))
+        for family, kind, protocol, name, address in _found[host]
+    ]

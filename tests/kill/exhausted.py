@@ -1,0 +1,223 @@
+"""Take a resource away from one process of a robot that moves, from outside, and see what the wire
+shows when other processes are killed then."""
+
+from __future__ import annotations
+
+import contextlib
+import enum
+import os
+import resource
+import secrets
+import signal
+from dataclasses import dataclass
+from pathlib import Path
+from time import monotonic_ns
+
+import trio
+
+from strands_actors.contract.driver import Driver, Reason
+from strands_actors.kernel.health.processor import Life, life_of
+from strands_actors.kernel.processes.process import exists, wait_for_end_of
+from strands_actors.testing.bench import Bench, Caller
+from strands_actors.testing.cells import (
+    Expected,
+    Outcome,
+    ask_to_break,
+    persevere,
+    read,
+    require_motion,
+    told,
+    until_safe,
+)
+
+TAKES_EFFECT_S = 0.15
+"""Between the exhaustion and the kill: a process that cannot live with it has ended by then."""
+SETTLE_S = 0.4
+GONE_S = 1.0
+"""A standby that ends for what it lacks has ended by then."""
+REPLACED_S = 20.0
+"""For another standby, on a busy machine."""
+READY_S = 4.0
+"""For that one to have its stop channel: a Spot's logs in."""
+GROUPS = Path("/sys/fs/cgroup")
+_GROUP = f"strands-tests-{secrets.token_hex(4)}"  # the pid of another container may be the same
+
+
+class Roles(enum.StrEnum):
+    ROOT = "root"
+    WIRE = "wire"
+    STANDBY = "standby"
+    STOP = "stop process"  # the root's
+    EVERY = "every process"
+
+
+class Lacks(enum.StrEnum):
+    """What a process has no more."""
+
+    LEAK = "free files"  # something took all that were free; what the process holds in reserve is its own
+    FILES = "files"  # a limit of 0: what is freed cannot be opened again either
+    MEMORY = "memory"  # of address space
+    THREADS = "threads"  # nor processes
+    DISK = "disk"  # no file may grow
+    CPU = "cpu"  # the signal for it
+    GROUP_MEMORY = "cgroup memory"
+    GROUP_CPU = "cgroup cpu"
+
+
+KILLED = {
+    Roles.ROOT: (Roles.WIRE,),
+    Roles.WIRE: (Roles.ROOT,),
+    Roles.STANDBY: (Roles.ROOT, Roles.WIRE),
+    Roles.STOP: (Roles.WIRE,),
+    Roles.EVERY: (Roles.WIRE,),
+}
+"""Who is killed then, so that the exhausted one should act."""
+
+
+@dataclass(frozen=True)
+class Row:
+    role: Roles
+    lacks: Lacks
+
+    def __str__(self) -> str:
+        return f"{self.role}-{self.lacks}".replace(" ", "-")
+
+
+def take(lacks: Lacks, pid: int) -> None:
+    """Take a resource away from a process."""
+    match lacks:
+        case Lacks.FILES:
+            _limit(pid, resource.RLIMIT_NOFILE, 0)
+        case Lacks.MEMORY:
+            pages = int(Path(f"/proc/{pid}/statm").read_text().split()[0])
+            _limit(pid, resource.RLIMIT_AS, pages * resource.getpagesize())
+        case Lacks.THREADS if os.geteuid() == 0:  # whom RLIMIT_NPROC does not bind
+            _join("pids", pid, {"pids.max": 1})
+        case Lacks.THREADS:
+            _limit(pid, resource.RLIMIT_NPROC, 0)
+        case Lacks.DISK:
+            _limit(pid, resource.RLIMIT_FSIZE, 0)
+        case Lacks.CPU:
+            os.kill(pid, signal.SIGXCPU)  # as the kernel does when RLIMIT_CPU is used up
+        case Lacks.GROUP_MEMORY:
+            _join("memory", pid, {"memory.limit_in_bytes": 1 << 16})
+        case Lacks.GROUP_CPU:
+            # 1 ms a second, for those that run first as well.
+            ordinary = {"cpu.cfs_period_us": 1_000_000, "cpu.cfs_quota_us": 1_000}
+            _join("cpu", pid, {**ordinary, "cpu.rt_period_us": 1_000_000, "cpu.rt_runtime_us": 1_000})
+
+
+def _limit(pid: int, limit: int, value: int) -> None:
+    _, hard = resource.prlimit(pid, limit)
+    resource.prlimit(pid, limit, (value, hard))
+
+
+def _join(controller: str, pid: int, settings: dict[str, int]) -> None:
+    """Put a process into a control group (version 1) of its own, with these settings."""
+    group = GROUPS / controller / f"{_GROUP}-{pid}"
+    group.mkdir()
+    for name, value in settings.items():
+        (group / name).write_text(str(value))
+    (group / "cgroup.procs").write_text(str(pid))
+
+
+def leave_groups() -> None:
+    """Remove the control groups whose processes have ended."""
+    for group in GROUPS.glob(f"*/{_GROUP}-*"):
+        with contextlib.suppress(OSError):  # one that still ends
+            group.rmdir()
+
+
+def can_group(controller: str) -> bool:
+    """Return whether this user may make control groups of version 1."""
+    folder = GROUPS / controller
+    return os.geteuid() == 0 and os.access(folder, os.W_OK) and (folder / "tasks").exists()
+
+
+def processes(caller: Caller, role: Roles) -> list[int]:
+    """Return the processes of a role. Raise ``NotMoving`` when there is none."""
+    if role is Roles.STOP:
+        return _children(caller.pid("root"), "strands-stop")
+    if role is Roles.EVERY:
+        own = [caller.pid(each) for each in (Roles.ROOT, Roles.WIRE, Roles.STANDBY)]
+        return [*own, *_children(own[0], "strands-stop"), *_children(own[2], "strands-stop")]
+    return [caller.pid(role)]
+
+
+def _children(parent: int, name: str) -> list[int]:
+    found = Path(f"/proc/{parent}/task/{parent}/children").read_text().split()
+    return [int(pid) for pid in found if Path(f"/proc/{pid}/comm").read_text().startswith(name)]
+
+
+def motion_of(driver: Driver) -> str:
+    return "rollout" if driver.TASKS else "loop" if driver.ROLLOUTS else "task"
+
+
+def bound_s_of(driver: Driver) -> float:
+    """Return the bound: two processes act one after the other, each in its own time."""
+    return 2 * driver.bound_s
+
+
+def run_exhausted(bench: Bench, row: Row, settle_s: float = SETTLE_S) -> Outcome:
+    """Move the robot, exhaust a role, kill others, and read the wire."""
+
+    def trial(caller: Caller) -> Outcome:
+        return trio.run(_exhaust, bench, caller, row, settle_s)
+
+    try:
+        return persevere(bench, motion_of(bench.driver), trial, drop=True)
+    finally:
+        leave_groups()
+
+
+async def _exhaust(bench: Bench, caller: Caller, row: Row, settle_s: float) -> Outcome:
+    killed = [pid for role in KILLED[row.role] for pid in processes(caller, role)]
+    queue = bench.queue(caller)
+    exhausted_ns = monotonic_ns()
+    if row.lacks is Lacks.LEAK:  # from outside nobody can open a file in another process
+        await ask_to_break(caller, row.role, "leak")
+    else:
+        for pid in processes(caller, row.role):
+            take(row.lacks, pid)
+    await trio.sleep(TAKES_EFFECT_S)
+    if row.role is Roles.STANDBY:
+        await _replaced(caller)
+    killed_ns = monotonic_ns()
+    for pid in killed:
+        with contextlib.suppress(ProcessLookupError):  # the exhaustion has ended it
+            os.kill(pid, signal.SIGKILL)
+    await until_safe(bench.log, exhausted_ns, queue)
+    stood_ms = queue.stood_ms()
+    bound_s = bound_s_of(bench.driver)
+    await trio.sleep(settle_s + bound_s)
+    require_motion(bench.log, exhausted_ns)
+    fallbacks = bench.driver.fallbacks
+    states = tuple(dict.fromkeys(fallbacks[reason] for reason in (Reason.WIRE, Reason.ROOT, Reason.FAULT)))
+    if row.lacks is Lacks.LEAK and row.role is Roles.ROOT:
+        assert life_of(caller.pid(row.role)) == Life(), "the root needs nobody else"
+        assert exists(caller.pid(row.role)), "the root needs nobody else"
+    expected = Expected(row.role, row.lacks, states, bound_s * 1e3)
+    return told(read(bench.log, expected, exhausted_ns, killed_ns, 0.0, stood_ms), bench.log, exhausted_ns)
+
+
+async def _replaced(caller: Caller) -> None:
+    """Wait for the next standby, if the exhausted one ends for what it lacks."""
+    before, root = caller.pid(Roles.STANDBY), caller.pid(Roles.ROOT)
+    gone = False
+    with trio.move_on_after(GONE_S):
+        await wait_for_end_of(before)
+        gone = True
+    if gone:
+        with trio.fail_after(REPLACED_S):
+            while not _standby_of(root):  # noqa: ASYNC110  # another process's doing: there is no event
+                await trio.sleep(0.02)
+        await trio.sleep(READY_S)
+
+
+def _standby_of(root: int) -> bool:
+    """Return whether a root has a standby: its child, or its spawner's."""
+    for child in (root, *map(int, Path(f"/proc/{root}/task/{root}/children").read_text().split())):
+        with contextlib.suppress(OSError):  # it has ended meanwhile
+            if _children(child, "strands-standby"):
+                return True
+    return False

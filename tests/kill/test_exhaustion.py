@@ -1,0 +1,151 @@
+"""SAF-024: a process of a robot has no file, memory, thread, disk or processor time left, and then
+another one is killed. The wire shows the safe state, or the exhausted process ends and the next one
+acts.
+
+Real processes, real wires: a row is a wire, a cell a process and what it lacks. Limits are put on
+from outside (``exhausted.py``). Ordinary runs have one cell for each kind of stop channel.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from strands_actors.caller.robot import RealRobot
+from strands_actors.contract.loading import load
+from strands_actors.drivers import WIRES
+from strands_actors.testing import Bench, Twin
+from tests.answers import pids, status, until, why
+
+from .exhausted import SETTLE_S, Lacks, Roles, Row, can_group, run_exhausted, take
+
+Start = Callable[..., tuple[RealRobot, Twin]]
+
+SLACK_MS = 400.0
+FIRST = {"feetech": "so101"}  # the policy of the bench moves an SO-100 past its travel
+ROBOTS = [FIRST.get(wire, load(where).SUPPORTED_ROBOTS[0]) for wire, where in WIRES.items()]
+GROUPED = [lacks for lacks, at in ((Lacks.GROUP_MEMORY, "memory"), (Lacks.GROUP_CPU, "cpu")) if can_group(at)]
+"""Only where this user may make control groups of version 1."""
+PLAIN = [Lacks.FILES, Lacks.MEMORY, Lacks.THREADS, Lacks.DISK, Lacks.CPU]
+ROWS = [Row(role, lacks) for role in (Roles.ROOT, Roles.WIRE, Roles.STANDBY) for lacks in (*PLAIN, *GROUPED)]
+LEAKS = [Row(Roles.ROOT, Lacks.LEAK), Row(Roles.WIRE, Lacks.LEAK)]
+EVERYBODY = [Row(Roles.EVERY, Lacks.THREADS), Row(Roles.EVERY, Lacks.DISK)]
+"""What a whole container lacks: no process is left that has it."""
+
+QUICK = {
+    ("so101", Roles.ROOT, Lacks.FILES),  # DuplicateDescriptor
+    ("xarm7", Roles.ROOT, Lacks.FILES),  # ConnectWhenNeeded: it ends
+    ("panda", Roles.ROOT, Lacks.FILES),  # WatchedFirmware: it ends
+    ("rby1", Roles.ROOT, Lacks.FILES),  # KeptSession
+    ("spot", Roles.ROOT, Lacks.FILES),  # OwnProcess
+    ("ur3e", Roles.ROOT, Lacks.LEAK),  # three sockets, and the root stays
+}
+
+
+def marks_of(robot: str, row: Row) -> tuple[pytest.MarkDecorator, ...]:
+    return () if (robot, row.role, row.lacks) in QUICK else (pytest.mark.long,)
+
+
+CELLS = [
+    pytest.param(robot, row, marks=marks_of(robot, row), id=f"{robot}-{row}")
+    for robot in ROBOTS
+    for row in (*ROWS, *LEAKS, *EVERYBODY)
+]
+CELLS += [
+    pytest.param("spot", Row(Roles.STOP, lacks), marks=pytest.mark.long, id=f"spot-stop-process-{lacks}")
+    for lacks in PLAIN
+]
+
+
+@pytest.fixture(scope="module")
+def benches() -> Iterator[dict[str, Bench]]:
+    """The one bench in use. Cells come robot by robot: the one before is ended when the next
+    begins."""
+    benches: dict[str, Bench] = {}
+    yield benches
+    for bench in benches.values():
+        bench.__exit__(None, None, None)
+
+
+def bench_of(robot: str, benches: dict[str, Bench]) -> Bench:
+    if robot not in benches:
+        for other in list(benches):
+            benches.pop(other).__exit__(None, None, None)
+        benches[robot] = Bench(robot).__enter__()
+    return benches[robot]
+
+
+@pytest.mark.parametrize(("robot", "row"), CELLS)
+def test_saf_024_one_is_exhausted_and_the_wire_is_safe(robot: str, row: Row, benches: dict[str, Bench]) -> None:
+    outcome = run_exhausted(bench_of(robot, benches), row)
+    assert outcome.all_motors, f"no {outcome.safe_state} frame for all motors, but {outcome.story}"
+    assert outcome.setpoints_after == 0, outcome.story
+    assert outcome.safe_ms <= outcome.bound_ms + SLACK_MS, outcome.story
+
+
+def test_every_wire_has_a_row_of_every_process_and_resource() -> None:
+    rows = {(robot, row.role, row.lacks) for robot, row in (cell.values for cell in CELLS)}
+    wires = {robot for robot, _, _ in rows}
+    assert len(wires) == len(WIRES)
+    for robot in wires:
+        for role in (Roles.ROOT, Roles.WIRE, Roles.STANDBY):
+            assert {(robot, role, lacks) for lacks in PLAIN} <= rows
+    assert rows >= QUICK
+
+
+def test_saf_024_a_standby_that_lacks_files_is_replaced_and_motion_goes_on(strands_robot: Start) -> None:
+    arm, twin = strands_robot("xarm7")
+    before = pids(arm)
+    began_ns = time.monotonic_ns()
+    take(Lacks.FILES, before["standby"])
+    after = until(
+        lambda: now if (now := pids(arm)).get("standby", 0) not in (0, before["standby"]) else None, "another"
+    )
+    until(lambda: status(arm)["standby"] == "ready", "it is ready")
+    assert {role: after[role] for role in ("root", "wire")} == {role: before[role] for role in ("root", "wire")}
+    assert twin.log.first_safe(began_ns) is None
+
+
+def test_saf_024_a_wire_that_lacks_files_is_not_armed(strands_robot: Start) -> None:
+    arm, twin = strands_robot("so101")
+    assert arm.stop()["status"] == "success"
+    wire = pids(arm)["wire"]
+    before = resource.prlimit(wire, resource.RLIMIT_NOFILE)
+    asked_ns = time.monotonic_ns()
+    take(Lacks.FILES, wire)
+    assert "no file can be opened" in why(arm.resume())
+    assert twin.log.host("enable", asked_ns) == []
+    resource.prlimit(wire, resource.RLIMIT_NOFILE, before)
+    until(lambda: arm.resume()["status"] == "success", "it is armed")
+    assert twin.log.host("enable", asked_ns)
+
+
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize("killed", [("root", "wire"), ("wire",), ("root",)], ids="+".join)
+def test_saf_024_without_a_run_directory_the_wire_is_safe(
+    strands_robot: Start, strands_run_dir: Path, killed: tuple[str, ...]
+) -> None:
+    """No note, lock or report can be written: harder than a full disk, or one that is read-only."""
+    arm, twin = strands_robot("robotiq_2f85")
+    assert arm.send_action({"grip": arm.get_observation()["grip"] + 0.05})["status"] == "success"
+    found = pids(arm)
+    aside = strands_run_dir.with_name(f"{strands_run_dir.name}-aside")
+    strands_run_dir.rename(aside)
+    strands_run_dir.touch()
+    try:
+        killed_ns = time.monotonic_ns()
+        for role in killed:
+            os.kill(found[role], signal.SIGKILL)
+        safe = until(lambda: twin.log.first_safe(killed_ns), "nobody made it safe")
+        assert safe.safe_state == "hold"
+        time.sleep(SETTLE_S)
+        twin.log.no_setpoint_after_safe(killed_ns)
+    finally:
+        strands_run_dir.unlink()
+        aside.rename(strands_run_dir)
