@@ -24,7 +24,7 @@ from strands_actors.contract.wire import Observation
 
 from .arms import TABLES, arm_of
 from .config import URConfig
-from .gates import CONDITIONS, CONTROL_HZ, CONTROL_S, LOOKAHEAD_S, WATCHDOG_HZ, all_gates
+from .gates import CONDITIONS, CONTROL_HZ, CONTROL_S, LOOKAHEAD_S, START_S, WATCHDOG_HZ, all_gates
 from .protocol import RobotMode, SafetyMode, mode_name
 
 
@@ -67,6 +67,9 @@ class UR(Driver):
         oneshot_ttl_s=None,
         state_ttl_s=0.3,
         arm_s=5.0,  # a real controller takes a second or two to start a program
+        # An upload that is cut off is in a socket's buffer, in the network, or being started: the
+        # dashboard's "stop" ends only what has been taken. By START_S it has started, or never will.
+        late_s=START_S,
         silent_s=1.0,  # ur-rtde's constructors keep the lock: 10 ms here, network and load come on top
     )
     fallbacks: Mapping[Reason, SafeState] = fallbacks_for(late=SafeState.HOLD, otherwise=SafeState.STOP)

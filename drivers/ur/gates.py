@@ -32,6 +32,10 @@ for so long a controller that hears nothing goes on as if all were well. A joint
 behind does not follow: targets come quicker than it turns, or something holds it back. 0.94 rad at
 180 deg/s, where a stream at top speed is 0.2 rad ahead in the twin, and 0.3 [assumed] on an arm."""
 
+START_S = 3.0
+"""From the upload of the control script until it runs, at the latest. A real controller takes a
+second or two to start a program, and the network needs the rest [assumed]."""
+
 PAUSED = (RuntimeState.PAUSING, RuntimeState.PAUSED, RuntimeState.RESUMING)
 """A script that is paused takes no command and feeds no watchdog: a pause ends it."""
 

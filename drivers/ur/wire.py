@@ -18,13 +18,10 @@ from strands_actors.kernel.messages import Refused
 from . import plain
 from .arms import IDS, JOINTS
 from .config import URConfig
-from .gates import CONTROL_S, PAUSED, WATCHDOG_HZ, refuse_modes
+from .gates import CONTROL_S, PAUSED, START_S, WATCHDOG_HZ, refuse_modes
 from .protocol import RuntimeState
 from .sdk import Sdk
 from .stop_channel import STANDING_RAD_S, stop
-
-START_S = 3.0
-"""From the upload of the control script until it runs."""
 
 FEED_S = 0.025
 """Between kicks of a watchdog that waits 100 ms."""
@@ -192,9 +189,8 @@ class URWire(SessionWire[URSession]):
         if (await plain.ask_dashboard(self._config.host, "is in remote control"))[0].lower() == "false":
             raise WireDown("the controller is in local control. Switch it to remote on the pendant")
         await session.see_advance()
-        permit.check()
         await session.sdk.connect()
-        permit.check()
+        permit.check()  # not before: a connection starts no program
         await self._start_script(session, permit)
         session.lost, session.controls, session.servoing = "", True, False
         return session.observation()

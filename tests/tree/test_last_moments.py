@@ -55,6 +55,7 @@ def ending(tree: InlineTree, driver: Driver, seen: dict[str, Any]) -> Any:
         _waiting=[],
         guardian=tree.keeper,
         node=tree.node,
+        owed=tree.keeper._owed,
         driver=driver,
         at=SimpleNamespace(gate=tree.gate.address),
         cameras=SimpleNamespace(end=lambda: None),
@@ -63,7 +64,7 @@ def ending(tree: InlineTree, driver: Driver, seen: dict[str, Any]) -> Any:
         audit=SimpleNamespace(settle=settle),
         standby=SimpleNamespace(end=end_standby),
     )
-    for name in ("_stop_by_gate", "_report_of_guardian"):
+    for name in ("_stop_by_gate", "_report_of_guardian", "_settle_s"):
         setattr(made, name, MethodType(getattr(process.Tree, name), made))
     return made
 

@@ -42,6 +42,9 @@ class URTwinOptions(HostOption, frozen=True):
     """The ports are fixed."""
 
     program_start_s: Annotated[float, option("seconds from a program's text to its first line", ge=0)] = 0.05
+    program_load_s: Annotated[
+        float, option("seconds before those in which a program's text is loaded, and no stop ends it", ge=0)
+    ] = 0.0
 
 
 class Machine:
@@ -67,7 +70,7 @@ class Machine:
 class URServer(TcpServer):
     """Serves one controller at its ports, and makes its time pass."""
 
-    def __init__(self, robot: str, log: WireLog, host: str | None, program_start_s: float) -> None:
+    def __init__(self, robot: str, log: WireLog, given: URTwinOptions) -> None:
         def on_event(kind: str, text: str) -> None:
             log.write(time.monotonic_ns(), "robot", [(kind, text.encode())])
             if text and self._told:
@@ -75,14 +78,15 @@ class URServer(TcpServer):
 
         self._told = False  # the controller is there before its ports
 
-        self.controller = Controller(arm_of(robot), program_start_s=program_start_s, on_event=on_event)
+        self.controller = Controller(arm_of(robot), program_start_s=given.program_start_s, on_event=on_event)
         faults = Faults()
         self._rtde = RtdeServer(self.controller, faults)
         self._machine = Machine(self.controller, faults)
         self._body = URBody(self.controller)
+        load_s = given.program_load_s
         greeting = state_packets.version_message()
-        self._state = ScriptPort(self.controller, STATE_HZ, state_packets.state_message, greeting)
-        self._realtime = ScriptPort(self.controller, TICK_HZ, state_packets.realtime_message)
+        self._state = ScriptPort(self.controller, STATE_HZ, state_packets.state_message, greeting, load_s)
+        self._realtime = ScriptPort(self.controller, TICK_HZ, state_packets.realtime_message, load_s=load_s)
         self._told = True
         self._ticks = 0
         handlers = {
@@ -92,7 +96,7 @@ class URServer(TcpServer):
             p.SECONDARY_PORT: self._state.handle,
             p.REALTIME_PORT: self._realtime.handle,
         }
-        super().__init__(self._machine, handlers, log, host)
+        super().__init__(self._machine, handlers, log, given.host)
 
     @property
     def body(self) -> URBody:
@@ -145,6 +149,6 @@ def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpac
     arm_of(robot)
 
     def build(wire_log: WireLog) -> URServer:
-        return URServer(robot, wire_log, given.host, given.program_start_s)
+        return URServer(robot, wire_log, given)
 
     run_server(build, **start)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 
+import trio
+
 from strands_actors.drivers.common.twin import Connection
 from strands_actors.drivers.ur import protocol as p
 
@@ -177,12 +179,20 @@ class Dashboard:
 
 class ScriptPort:
     """Takes programs, and tells the state unasked. A program is complete at an unindented ``end``;
-    a line outside one is a program of its own."""
+    a line outside one is a program of its own.
 
-    def __init__(self, controller: Controller, hz: float, message: Message, greeting: bytes = b"") -> None:
+    Args:
+        load_s: Seconds from a program's text until the controller has loaded it. A stop of the
+            dashboard does not end what is still being loaded [assumed: the worst case].
+    """
+
+    def __init__(
+        self, controller: Controller, hz: float, message: Message, greeting: bytes = b"", load_s: float = 0.0
+    ) -> None:
         self._controller = controller
         self._every = round(TICK_HZ / hz)
         self._message, self._greeting = message, greeting
+        self._load_s = load_s
         self._clients: set[Connection] = set()
 
     async def handle(self, connection: Connection) -> None:
@@ -216,7 +226,10 @@ class ScriptPort:
             while (size := _complete(pending)) > 0:
                 text, pending = pending[:size], pending[size:]
                 if text.strip():
-                    connection.heard(t_ns, c.classify_script(text), text)
+                    kind = c.classify_script(text)
+                    connection.heard(t_ns, kind, text)
+                    if self._load_s and kind == "enable":
+                        await trio.sleep(self._load_s)
                     run_text(text, self._controller)
 
 

@@ -1,0 +1,49 @@
+"""A caller that is cut off: it prints its run directory's tree, then calls one verb of a stopped
+robot as soon as a line comes.
+
+Arguments: robot, port, the verb (``resume``, ``connect_eagerly``, or the name of a service), then
+the services that come before it, after a resume.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from typing import Any
+
+from strands_actors import Robot
+
+START_S = 60.0
+"""For a robot to be ready, on a busy machine."""
+
+
+def succeed(call: Any, *arguments: Any) -> None:
+    """Call a verb until it succeeds: a process may be late enough to count as frozen."""
+    deadline_s = time.monotonic() + START_S
+    while True:
+        answer = call(*arguments)
+        if answer is None or (isinstance(answer, dict) and answer["status"] == "success"):
+            return
+        if time.monotonic() > deadline_s:
+            raise SystemExit(f"not ready: {answer}")
+        time.sleep(0.05)
+
+
+def main(name: str, port: str, verb: str, *before: str) -> None:
+    robot = Robot(name, mode="real", port=port)
+    if verb != "connect_eagerly":
+        succeed(robot.connect_eagerly)
+        if verb == "resume":
+            succeed(robot.stop)
+        for service in before:
+            succeed(robot.service, service)
+    print(json.dumps("ready"), flush=True)
+    while line := sys.stdin.readline().strip():
+        call = getattr(robot, verb) if verb in ("resume", "connect_eagerly", "stop") else None
+        answer = {"stop": robot.stop}.get(line, call or (lambda: robot.service(verb)))()
+        print(json.dumps(answer if isinstance(answer, dict) else {"status": str(answer)}), flush=True)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,251 @@
+"""SAF-021: processes are killed while a robot is being energised, at moments spread over the verb.
+
+Real processes, the twin, and what the twin's simulation says of its motors. A request that is on its
+way then must not energise the robot after the last process has gone, or after a safe state that was
+reported as confirmed.
+
+To add a robot, add a ``Row``. The verb is ``resume``, ``connect_eagerly`` or the name of a service;
+``before`` names services that have to be done first. ``energised`` tells whether the twin's motors
+are on although they should be off. The ordinary suite runs ``QUICK`` moments of a row, and the long
+one ``MOMENTS``.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+import trio
+
+from strands_actors.drivers.common.simulation_control import protocol
+from strands_actors.drivers.common.simulation_control.body import Hand
+from strands_actors.drivers.common.simulation_control.client import SimulationClient
+from strands_actors.testing import Twin
+from strands_actors.testing.bench import driver_of
+from tests.answers import until
+
+MOMENTS, QUICK = 40, 2
+VICTIMS = ("caller", "wire", "root", "root and wire")
+GONE_S = 30.0
+"""For processes to end, beside what the wire declares."""
+ANSWER_S = 5.0
+
+
+@dataclass(frozen=True)
+class Row:
+    robot: str
+    verb: str
+    before: tuple[str, ...] = ()
+    options: Mapping[str, object] = field(default_factory=dict)
+    """Of the twin."""
+    energised: Callable[[Trial], bool] = lambda trial: trial.held_by_wire
+    quick: tuple[str, ...] = ()
+    """Victims in the ordinary suite."""
+
+    def __str__(self) -> str:
+        return "-".join((self.robot, self.verb, *self.options))
+
+
+ROWS = [
+    # The upload is still being loaded when a stop ends whatever runs: it starts behind the stop.
+    Row("ur5e", "resume", options={"program_load_s": 0.5}, quick=("caller", "root and wire")),
+    Row("ur5e", "resume"),
+    Row("ur5e", "connect_eagerly"),
+]
+CASES = [
+    pytest.param(row, victim, moments, id=f"{row}-{victim}-{moments}", marks=marks)
+    for row in ROWS
+    for victim in VICTIMS
+    for moments, marks in ((QUICK, ()), (MOMENTS, pytest.mark.long))
+    if moments == MOMENTS or victim in row.quick
+]
+
+
+class Trial:
+    """One caller on one twin."""
+
+    def __init__(self, row: Row, twin: Twin, directory: Path) -> None:
+        self.row = row
+        self.twin = twin
+        self.log = twin.log
+        self._control = str(directory / "control")
+        self._run = directory / "run"
+        self._errors = directory / "caller.err"
+        self._said = b""
+        command = [sys.executable, "-m", "tests.kill.arming_caller", row.robot, twin.port, row.verb, *row.before]
+        with self._errors.open("w") as errors:
+            self._caller = subprocess.Popen(
+                command,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=errors,
+                env={**os.environ, "STRANDS_ACTORS_RUN": str(self._run)},
+            )
+        assert self.line(90.0) == "ready"
+
+    def line(self, within_s: float) -> Any:
+        """What the caller says next."""
+        assert self._caller.stdout is not None
+        deadline_s = time.monotonic() + within_s
+        while b"\n" not in self._said:
+            ready, _, _ = select.select([self._caller.stdout], [], [], max(0.0, deadline_s - time.monotonic()))
+            assert ready, f"the caller said nothing for {within_s:g} s"
+            data = os.read(self._caller.stdout.fileno(), 65536)
+            assert data, self._errors.read_text()
+            self._said += data
+        text, _, self._said = self._said.partition(b"\n")
+        return json.loads(text) if text.startswith((b"{", b'"')) else self.line(within_s)
+
+    def begin(self, line: str = "go") -> None:
+        assert self._caller.stdin is not None
+        self._caller.stdin.write(f"{line}\n".encode())
+        self._caller.stdin.flush()
+
+    def roles(self) -> dict[str, int]:
+        """The processes of this caller's tree that live, by role."""
+        mark, found = f"STRANDS_ACTORS_RUN={self._run}".encode(), dict[str, int]()
+        for entry in Path("/proc").iterdir():
+            try:
+                if not entry.name.isdigit() or mark not in (entry / "environ").read_bytes():
+                    continue
+                name, state = (
+                    (entry / "comm").read_text(),
+                    (entry / "stat").read_text().rpartition(")")[2].split()[0],
+                )
+            except OSError:
+                continue
+            if state not in "ZX":
+                role = "caller" if int(entry.name) == self._caller.pid else name.removeprefix("strands-")
+                found[role.partition("-")[0].partition("/")[0]] = int(entry.name)
+        return found
+
+    def kill(self, victim: str) -> list[str]:
+        """Kill those of the victims that live; a tree that has not begun yet ends with its caller."""
+        roles = self.roles()
+        victims = [name for name in victim.split(" and ") if name in roles] or ["caller"]
+        for name in victims:
+            os.kill(roles[name], signal.SIGKILL)
+        if "caller" in victims:
+            self._caller.wait()
+        return victims
+
+    @property
+    def held_by_wire(self) -> bool:
+        """Whether the wire holds any motor, as the twin's simulation says."""
+        return trio.run(self._hands)
+
+    async def _hands(self) -> bool:
+        client = SimulationClient(self._control)
+        try:
+            await client.call(protocol.Handshake(0), protocol.Axes, ANSWER_S)
+            sample = await client.call(protocol.Read(0), protocol.Sample, ANSWER_S)
+            return Hand.WIRE in sample.hands
+        finally:
+            client.close()
+
+    def late_enables(self) -> int:
+        """Enabling frames behind the last safe frame, in the order of the wire."""
+        kinds = [entry.kind for entry in self.log.entries() if entry.sender == "host"]
+        last = max((at for at, kind in enumerate(kinds) if kind == "safe"), default=-1)
+        return kinds[last:].count("enable") if last >= 0 else 0
+
+    def end(self) -> None:
+        for pid in self.roles().values():
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        self._caller.communicate()
+
+
+class Bench:
+    """The twin in use, one at a time: a wire's ports may be fixed."""
+
+    def __init__(self, directories: pytest.TempPathFactory) -> None:
+        self._directories = directories
+        self._key: tuple[str, Mapping[str, object]] = "", {}
+        self._twin = contextlib.ExitStack()
+        self._took_s: dict[str, float] = {}
+
+    def trial(self, row: Row) -> Trial:
+        """A caller that is ready, on a twin with an empty log."""
+        if self._key != (row.robot, row.options):
+            self.close()
+            self._key, self._directory = (row.robot, row.options), self._directories.mktemp("arming")
+            twin = Twin(row.robot, self._directory, options=row.options, by_hand=True)
+            self.twin = self._twin.enter_context(twin)
+        os.truncate(self.twin.log.path, 0)
+        return Trial(row, self.twin, self._directory)
+
+    def took_s(self, row: Row) -> float:
+        """How long the verb takes when nobody is killed."""
+        if str(row) not in self._took_s:
+            self._took_s[str(row)] = duration_s(row, self.trial(row))
+        return self._took_s[str(row)]
+
+    def close(self) -> None:
+        self._twin.close()
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
+    made = Bench(tmp_path_factory)
+    yield made
+    made.close()
+
+
+def duration_s(row: Row, trial: Trial) -> float:
+    try:
+        began_s = time.monotonic()
+        trial.begin()
+        trial.line(60.0)
+        took_s = time.monotonic() - began_s
+        assert row.energised(trial), "the verb energises the robot"
+        trial.kill("caller")
+        until(partial(_is_gone, trial), "the tree ends", GONE_S)
+        return took_s
+    finally:
+        trial.end()
+
+
+def _is_gone(trial: Trial) -> bool:
+    return not trial.roles().keys() - {"caller"}
+
+
+@pytest.mark.parametrize(("row", "victim", "moments"), CASES)
+def test_saf_021_nothing_is_energised_after_a_kill_during_the_verb(
+    row: Row, victim: str, moments: int, bench: Bench
+) -> None:
+    took_s, late_s = bench.took_s(row), driver_of(row.robot).late_s
+    for number in range(moments):
+        trial = bench.trial(row)
+        try:
+            after_s = (number + 0.5) / moments * took_s
+            began_ns = time.monotonic_ns()
+            trial.begin()
+            time.sleep(after_s)
+            killed = trial.kill(victim)
+            story = f"{killed} killed {after_s * 1e3:.0f} ms after {row.verb}"
+            if "caller" in killed or "root" in killed:
+                until(partial(_is_gone, trial), f"no process is left, {story}", GONE_S + late_s)
+            else:  # the tree goes on: what it confirms has to stay so
+                trial.line(60.0)
+                trial.begin("stop")
+                answer = trial.line(60.0)
+                assert answer["status"] == "success", (story, answer)
+            assert not row.energised(trial), f"{story}: energised. {trial.log.story(began_ns)}"
+            time.sleep(late_s + 0.2)
+            assert not row.energised(trial), f"{story}: energised later. {trial.log.story(began_ns)}"
+            assert trial.late_enables() == 0, f"{story}: {trial.log.story(began_ns)}"
+        finally:
+            trial.end()
