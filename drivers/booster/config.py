@@ -15,6 +15,11 @@ TWIST_S = 0.3
 """How long the robot walks by one ``move``."""
 
 
+LATE_S = 1.0
+"""A request of a participant that was killed may be carried out so late [assumed: the vendor's client
+gives up after 1 s]. The root is another participant, and its requests may overtake it."""
+
+
 class BoosterConfig(msgspec.Struct, frozen=True):
     model: Model
     host: str

@@ -28,7 +28,7 @@ from strands_actors.drivers.common.motor_targets import Parser
 from strands_actors.drivers.common.network_interfaces import INTERFACE
 from strands_actors.kernel.messages import Refused
 
-from .config import CONTROL_HZ, CONTROL_S, TWIST_S, BoosterConfig
+from .config import CONTROL_HZ, CONTROL_S, LATE_S, TWIST_S, BoosterConfig
 from .gates import MODES, STATE_TTL_S, conditions, gates, refuse_arguments, refuse_others
 from .protocol import CommandType
 from .robots import BASE, TABLES, model_of
@@ -88,9 +88,14 @@ class BoosterDriver(Driver):
             within_s=2.0,
             in_motion=True,
             moves=True,
+            late_s=LATE_S,
         ),
         "disable_upper_body": Service(
-            "give the arms back to the robot's own controller", within_s=2.0, in_motion=True, moves=True
+            "give the arms back to the robot's own controller",
+            within_s=2.0,
+            in_motion=True,
+            moves=True,
+            late_s=LATE_S,
         ),
         "move": Service(
             f"walk so fast for {TWIST_S:g} s, m/s and rad/s in the robot's own frame, then stand",
@@ -98,6 +103,7 @@ class BoosterDriver(Driver):
             arguments=dict.fromkeys(BASE, 0.0),
             in_motion=True,
             moves=True,
+            late_s=LATE_S,
         ),
         "rotate_head": Service(
             "turn the head there, radians",
@@ -105,6 +111,7 @@ class BoosterDriver(Driver):
             arguments={"pitch": 0.0, "yaw": 0.0},
             in_motion=True,
             moves=True,
+            late_s=LATE_S,
         ),
         "change_mode": Service(
             f"change to {', '.join(MODES)}; in damping mode the robot sinks to the floor",
@@ -112,6 +119,7 @@ class BoosterDriver(Driver):
             arguments={"mode": "walking"},
             in_motion=True,
             moves=True,
+            late_s=LATE_S,
         ),
     }
     BEFORE_MOTION: ClassVar[str] = "enable_upper_body"

@@ -66,6 +66,11 @@ def parse_port(port: str) -> Endpoint:
     raise ValueError(f"port is {port!r}. Give {ACCEPTED}")
 
 
+LATE_S = 0.2
+"""A packet that was sent may arrive so late, behind one of the root [assumed: three repetitions by a radio,
+or a network of one access point]."""
+
+
 class CrazyflieConfig(msgspec.Struct, frozen=True):
     robot: str
     port: str

@@ -26,7 +26,7 @@ from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
 from strands_actors.contract.tool_verbs import STATUS, STOP, ToolVerb
 from strands_actors.kernel.messages import Refused
 
-from .config import LAND_S, TAKEOFF_M, TAKEOFF_S, CrazyflieConfig, parse_port
+from .config import LAND_S, LATE_S, TAKEOFF_M, TAKEOFF_S, CrazyflieConfig, parse_port
 from .gates import conditions_of, gates_of
 from .robots import AXES, TABLES, VZ, Z, part_of
 
@@ -71,6 +71,7 @@ class Crazyflie(Driver):
             within_s=28.0,
             arguments={"height": TAKEOFF_M, "duration": TAKEOFF_S},
             powers=True,
+            late_s=LATE_S,
         ),
         "land": Service("come down to the floor, motors off", within_s=20.0, arguments={"duration": LAND_S}),
         "emergency_stop": Service(

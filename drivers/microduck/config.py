@@ -21,6 +21,11 @@ _SSH = re.compile(
 )
 
 
+LATE_S = 0.5
+"""A request of a client that was killed may be carried out so late [assumed]. robotd serves each
+connection one request at a time, and the root has a connection of its own."""
+
+
 class Endpoint(msgspec.Struct, frozen=True):
     """Where robotd listens: a path here, or one on ``host``, which ssh reaches."""
 

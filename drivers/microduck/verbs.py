@@ -12,6 +12,7 @@ from strands_actors.contract.driver import Service
 from strands_actors.contract.tool_verbs import SENSORS, STATUS, STOP, ToolVerb
 from strands_actors.kernel.messages import Refused
 
+from .config import LATE_S
 from .protocol import SOUNDS
 
 CONFIRM = "confirm"
@@ -43,10 +44,10 @@ def services_for(timeout_s: float) -> dict[str, Service]:
         return Service(about, ask_s, dict(arguments or {}), in_motion=True)
 
     def moves(about: str, within_s: float, arguments: Mapping[str, Any] | None = None) -> Service:
-        return Service(about, within_s, dict(arguments or {}), in_motion=True, moves=True)
+        return Service(about, within_s, dict(arguments or {}), in_motion=True, moves=True, late_s=LATE_S)
 
     def powers(about: str, within_s: float = ask_s, arguments: Mapping[str, Any] | None = None) -> Service:
-        return Service(about, within_s, dict(arguments or {}), in_motion=True, powers=True)
+        return Service(about, within_s, dict(arguments or {}), in_motion=True, powers=True, late_s=LATE_S)
 
     return {
         "enable": powers("hand the duck to its policy: it stands up and balances", rise_s),

@@ -9,6 +9,10 @@ import msgspec
 from .class_location import ClassLocation
 from .members import Declared
 
+LATE_S = 0.5
+"""What a class has sent to its robot before its process was killed may take effect so late [assumed: a
+message on a local network]."""
+
 
 class Deadlines(msgspec.Struct, frozen=True):
     """Of the calls of an object, in seconds."""

@@ -31,7 +31,7 @@ from strands_actors.contract.wire import WireDown
 from strands_actors.kernel.messages import Refused
 
 from .class_location import location_of_class
-from .config import Deadlines, PlainConfig
+from .config import LATE_S, Deadlines, PlainConfig
 from .gates import CONDITIONS, all_gates
 from .members import SENSED, declared_by
 
@@ -83,6 +83,7 @@ class PlainDriver(Driver):
             oneshot_ttl_s=declared.lifetime_s,
             state_ttl_s=max(within.call_s, 3 / hz),
             arm_s=within.connect_s + within.call_s + MARGIN_S,
+            late_s=LATE_S,
             silent_s=within.connect_s + MARGIN_S,  # an import keeps the interpreter's lock
             heartbeat_ttl_s=0.3,  # a library of the class may keep the interpreter's lock for a while
             call_s=within.call_s + MARGIN_S,

@@ -8,6 +8,10 @@ from strands_actors.drivers.common.tcp_port import parse_address
 
 from .protocol import PORT
 
+LATE_S = 0.5
+"""An order to supplies, servos or control manager may take effect so long after it was given [assumed].
+One of a client that was killed is overtaken by the root's stop, which has a connection of its own."""
+
 
 class RBY1Config(msgspec.Struct, frozen=True):
     robot: str

@@ -17,7 +17,7 @@ from strands_actors.contract.options import DriverOptions, meanings, option, pla
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor
 
-from .config import RBY1Config
+from .config import LATE_S, RBY1Config
 from .gates import CONDITIONS, all_gates
 from .robots import TABLES, parts_of
 
@@ -89,6 +89,7 @@ class RBY1(Driver):
             oneshot_ttl_s=None,
             state_ttl_s=0.15,
             arm_s=20.0,
+            late_s=LATE_S,
             safe_s=3.0,
         )
         self.fallbacks: Mapping[Reason, SafeState] = {

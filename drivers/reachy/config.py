@@ -12,6 +12,11 @@ _LONGEST = 1024
 """Bytes of a place."""
 
 
+LATE_S = 1.5
+"""A request of a client that was killed may be carried out so late [assumed: the daemon takes as long to
+switch the motors]. The root asks on connections of its own, and may overtake it."""
+
+
 def tell_place(host: str, number: int) -> int:
     """Return a descriptor of memory that says where the daemon was found, for ``at_told``."""
     told = os.memfd_create("reachy")

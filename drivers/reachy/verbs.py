@@ -11,6 +11,7 @@ from strands_actors.contract.driver import Service
 from strands_actors.contract.tool_verbs import SENSORS, STATUS, STOP, ToolVerb
 from strands_actors.kernel.messages import Refused
 
+from .config import LATE_S
 from .gates import LONGEST_S, SHORTEST_S
 from .protocol import DATASET, MODES, NAME
 
@@ -38,14 +39,17 @@ _HEAD = {
 _REST = dict.fromkeys((*_HEAD, "body_yaw", "antenna_left", "antenna_right"), 0.0)
 
 SERVICES: Mapping[str, Service] = {
-    "wake": Service("wake up: the head rises and nods", 20.0, in_motion=True, moves=True),
-    "sleep": Service("go to sleep: the head sinks; torque stays on", 20.0, in_motion=True, moves=True),
+    "wake": Service("wake up: the head rises and nods", 20.0, in_motion=True, moves=True, late_s=LATE_S),
+    "sleep": Service(
+        "go to sleep: the head sinks; torque stays on", 20.0, in_motion=True, moves=True, late_s=LATE_S
+    ),
     "express": Service(
         "play a recorded move, an emotion or a dance, to its end",
         90.0,
         {"move": "", "dataset": DATASET},
         in_motion=True,
         moves=True,
+        late_s=LATE_S,
     ),
     "list_moves": Service("tell the recorded moves there are", 30.0, {"dataset": DATASET}, in_motion=True),
     "motors": Service(
@@ -54,6 +58,7 @@ SERVICES: Mapping[str, Service] = {
         {"mode": "enabled"},
         in_motion=True,
         powers=True,
+        late_s=LATE_S,
     ),
     "say": Service("say a text by the speaker", 30.0, {"text": ""}, in_motion=True),
     "play_sound": Service("play a sound file of the robot's", 5.0, {"file": ""}, in_motion=True),
@@ -65,13 +70,16 @@ SERVICES: Mapping[str, Service] = {
         {"enabled": True, "weight": 1.0},
         in_motion=True,
         moves=True,
+        late_s=LATE_S,
     ),
     "tracking_status": Service("tell the face that is seen", 5.0, in_motion=True),
     "camera": Service("tell what the camera is and where its pictures are streamed", 5.0, in_motion=True),
     "record_audio": Service(
         "refused: the daemon gives sound over WebRTC alone", 1.0, {"duration": 5.0}, in_motion=True
     ),
-    "turn_to_sound": Service("turn the head towards what is heard now", 15.0, in_motion=True, moves=True),
+    "turn_to_sound": Service(
+        "turn the head towards what is heard now", 15.0, in_motion=True, moves=True, late_s=LATE_S
+    ),
     "turn_to_sound_status": Service("tell where sound comes from", 5.0, in_motion=True),
 }
 

@@ -20,6 +20,11 @@ def is_serial(port: str) -> bool:
     return port.startswith(("/", "~")) or (port.upper().startswith("COM") and port[3:].isdigit())
 
 
+LATE_S = 0.3
+"""What a client has written that was killed may wait so long in a gateway [assumed]. The stop of the root
+comes by a connection of its own, and overtakes it."""
+
+
 class RobotiqConfig(msgspec.Struct, frozen=True):
     robot: str
     port: str

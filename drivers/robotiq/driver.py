@@ -18,7 +18,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
-from msgspec import Meta
+from msgspec import Meta, structs
 
 from strands_actors.contract.axis import Axis, Part, PartKind
 from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Timing
@@ -28,7 +28,7 @@ from strands_actors.contract.tool_verbs import SENSORS, STATUS, STOP, ToolVerb
 from strands_actors.contract.wire import Observation
 from strands_actors.kernel.messages import Refused
 
-from .config import AXIS, BAUD, BAUD_RATES, RobotiqConfig
+from .config import AXIS, BAUD, BAUD_RATES, LATE_S, RobotiqConfig
 from .gates import FORCE, POSITION, SPEED, Keys, all_gates
 from .protocol import ACTIVATION_S, counts_of
 from .robots import TABLES, UNIT
@@ -91,6 +91,7 @@ class Robotiq(Driver):
         oneshot_ttl_s=None,
         state_ttl_s=0.3,
         arm_s=ACTIVATION_S + 2.0,
+        late_s=LATE_S,
     )
     fallbacks: Mapping[Reason, SafeState] = dict.fromkeys(Reason, SafeState.HOLD)
     firmware_watchdog = "none: left alone it keeps its grip and finishes its last motion [assumed]"
@@ -123,6 +124,8 @@ class Robotiq(Driver):
         if port and chosen.baud is not None and not self.config.serial:
             raise ValueError(f"{robot}: port is {port!r}, an address, which has no baud. Leave it out")
         self.declare(Part(PartKind.GRIPPER, (Axis(key=AXIS, unit="", low=0.0, high=1.0, id=chosen.unit_id),)))
+        if self.config.serial:  # one line for all: nothing on it overtakes anything
+            self.timing = structs.replace(self.timing, late_s=0.0)
         self.keys = Keys(self.robot, stroke_mm, chosen.speed, chosen.force)
         self.gates = all_gates(self.table, self.timing.state_ttl_s)
 

@@ -26,6 +26,10 @@ SAFE_S = 8.0
 """Longest that making it safe may take: it sits, or its e-stop is asserted; and for the stop channel
 the start of a process and two answers."""
 
+LATE_S = 0.5
+"""So long after a power command or a stand was sent the robot reports what becomes of it [assumed]. What
+comes later is refused: its lease is older than that of a stop, or its e-stop is asserted."""
+
 _CA = "?ca="
 
 

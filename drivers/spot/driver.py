@@ -24,7 +24,7 @@ from strands_actors.contract.tool_verbs import STATE, STATUS, STOP, ToolVerb
 from strands_actors.drivers.common.velocity_base import parse_twist
 from strands_actors.kernel.messages import Refused
 
-from .config import SAFE_S, SpotConfig
+from .config import LATE_S, SAFE_S, SpotConfig
 from .gates import conditions_of, gates_of, refuse_leg, refuse_twist, with_parts
 from .protocol import TWIST_S
 from .robots import BASE, DRIVES, KEYS, TABLES, parts_of
@@ -80,7 +80,12 @@ class Spot(Driver):
     )
     SERVICES: ClassVar[Mapping[str, Service]] = {
         "stand": Service(
-            "power the motors on and stand up", within_s=STAND_S, in_motion=True, powers=True, needs_armed=True
+            "power the motors on and stand up",
+            within_s=STAND_S,
+            in_motion=True,
+            powers=True,
+            needs_armed=True,
+            late_s=LATE_S,
         ),
         "set_twist": Service(
             f"walk so fast for {TWIST_S:g} s, m/s and rad/s of the body, then stand",
@@ -88,6 +93,7 @@ class Spot(Driver):
             arguments=dict.fromkeys(BASE, 0.0),
             in_motion=True,
             moves=True,
+            late_s=LATE_S,
         ),
     }
     BEFORE_MOTION: ClassVar[str] = "stand"
@@ -114,6 +120,7 @@ class Spot(Driver):
             stream_ttl_s=max(STREAM_TTL_S, 1.5 / read.control_frequency),
             state_ttl_s=0.8,
             arm_s=6.0,
+            late_s=LATE_S,
             call_s=0.7,
             open_s=16.0,
             handover_s=6.0,

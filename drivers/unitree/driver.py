@@ -221,6 +221,7 @@ class Go2Driver(_Legs):
             arguments={"attempts": ATTEMPTS},
             counts={"attempts": ATTEMPTS},
             powers=True,
+            late_s=RELEASE_S,
         )
     }
     BEFORE_MOTION: ClassVar[str] = "release_sport_mode"

@@ -10,6 +10,10 @@ from strands_actors.drivers.common.tcp_port import parse_address
 from .arms import Arm, ArmType
 from .protocol import CONTROL_PORT, JOINTS, Version
 
+LATE_S = 0.3
+"""A request of a client that was killed may wait so long in the controller's queue [assumed: a controller
+that takes longer counts as lost, see ``silent_s``]. A stop on another connection overtakes it."""
+
 
 class XArmConfig(msgspec.Struct, frozen=True):
     robot: str

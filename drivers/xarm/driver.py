@@ -21,7 +21,7 @@ from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
 from strands_actors.contract.tool_verbs import STATE, STATUS, STOP, ToolVerb
 
 from .arms import TABLES, arm_of, axes_of
-from .config import XArmConfig
+from .config import LATE_S, XArmConfig
 from .gates import CONDITIONS, all_gates
 
 
@@ -68,6 +68,7 @@ class XArm(Driver):
             oneshot_ttl_s=None,
             state_ttl_s=0.1,
             arm_s=10.0,
+            late_s=LATE_S,
             tick_s=min(0.01, 1 / hz),
         )
         self.gates = all_gates(self.arm, self.table, 1 / hz, self.timing.state_ttl_s)

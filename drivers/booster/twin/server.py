@@ -91,6 +91,9 @@ class BoosterServer(DdsServer):
         if self.is_off:
             return
         body = bytes(payload[4:])
+        self.take(writer, t_ns, lambda t_ns: self._take_command(body, writer, t_ns))
+
+    def _take_command(self, body: bytes, writer: bytes, t_ns: int) -> None:
         try:
             command = p.decode_command(body)
         except MalformedFrame:
@@ -115,6 +118,9 @@ class BoosterServer(DdsServer):
         if self.is_off:
             return
         body = bytes(payload[4:])
+        self.take(writer, t_ns, lambda t_ns: self._take_request(body, writer, t_ns))
+
+    def _take_request(self, body: bytes, writer: bytes, t_ns: int) -> None:
         try:
             request = rpc.decode_request(body)
         except MalformedFrame:

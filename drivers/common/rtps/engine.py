@@ -119,6 +119,11 @@ class Engine:
     def peers(self) -> int:
         return len(self._peers)
 
+    def address_of(self, prefix: bytes) -> Address | None:
+        """Return where a peer is spoken to; None: it is not known."""
+        peer = self._peers.get(prefix)
+        return None if peer is None else peer.user
+
     # -- our endpoints
 
     def writer(self, topic: str, type_name: str, reliable: bool, transient_local: bool, depth: int) -> Writer:

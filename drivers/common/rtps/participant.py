@@ -100,6 +100,10 @@ class Participant:
     def guid_prefix(self) -> bytes:
         return self._engine.data.prefix
 
+    def address_of(self, prefix: bytes) -> Address | None:
+        """Return where a peer is spoken to; None: it is not known."""
+        return self._engine.address_of(prefix)
+
     @property
     def peers(self) -> int:
         """Participants we know."""

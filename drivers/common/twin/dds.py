@@ -9,15 +9,16 @@ from __future__ import annotations
 import time
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import aclosing
 from typing import Annotated, Protocol
 
 from strands_actors.contract.options import option
-from strands_actors.drivers.common.rtps import CDR, Participant, Writer
+from strands_actors.drivers.common.rtps import CDR, PREFIX_SIZE, Participant, Writer
 from strands_actors.kernel.clock import NS, MonotonicClock
 
 from .faults import Fault, Faults, Reply, parse_fault
+from .lateness import Lateness
 from .options import HostOption
 from .server import Frost
 from .tcp import own_host
@@ -56,6 +57,9 @@ class DdsServer(ABC):
         self._frost = Frost()
         self._held = b""  # the state that a stuck robot repeats
         self._late: deque[tuple[int, bytes]] = deque()
+        self._lateness = Lateness()
+        self._late_of: dict[bytes, float] = {}  # of each participant, by its prefix
+        self._waiting: deque[tuple[int, Callable[[int], None]]] = deque()  # when what is taken up
         self._domain = options.domain
         self._multicast = options.multicast
         self._host = options.host or own_host()
@@ -101,11 +105,28 @@ class DdsServer(ABC):
                 tick += 1
                 if self.participant is not None:
                     self.participant.poll()
+                while self._waiting and self._waiting[0][0] <= now_ns:
+                    self._waiting.popleft()[1](time.monotonic_ns())
                 self.advance(now_ns / NS)
                 if self.participant is not None:
                     self.say(tick, now_ns)
 
     # -- what it hears and says
+
+    def take(self, writer: bytes, t_ns: int, take_up: Callable[[int], None]) -> None:
+        """Take up what a writer has said: now, or later when its process is late. ``take_up`` is
+        given the time."""
+        late_s = self._late_of.get(writer[:PREFIX_SIZE])
+        if late_s is None:
+            late_s = self._late_of[writer[:PREFIX_SIZE]] = self._how_late(writer[:PREFIX_SIZE])
+        if late_s:
+            self._waiting.append((self.clock.now_ns() + round(late_s * NS), take_up))
+        else:
+            take_up(t_ns)
+
+    def _how_late(self, prefix: bytes) -> float:
+        address = None if self.participant is None else self.participant.address_of(prefix)
+        return 0.0 if address is None else self._lateness.of_address(address)
 
     @property
     def is_off(self) -> bool:
@@ -147,6 +168,11 @@ class DdsServer(ABC):
             raise ValueError(
                 f"a motor, {self._slots[0]} to {self._slots[-1]}, can be ok, stuck or off, not {fault}"
             )
+
+    def be_late(self, lateness: Lateness) -> None:
+        """Take up later what one process says."""
+        self._lateness = lateness
+        self._late_of.clear()
 
     def freeze(self, seconds: float) -> None:
         """The robot neither reads nor says anything for so long; then it takes up what waited."""

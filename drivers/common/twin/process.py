@@ -17,6 +17,7 @@ import trio
 from strands_actors.drivers.common.simulation_control.body import body_of
 from strands_actors.kernel.health.realtime import TWIN_PRIORITY, run_first
 
+from .lateness import Lateness
 from .line import Line
 from .server import Robot, Server
 from .wirelog import WireLog
@@ -48,6 +49,13 @@ class Orderly(Protocol):
     def order(self, words: Sequence[str]) -> bool:
         """Carry one out. False: it is none of this robot's."""
         ...
+
+
+@runtime_checkable
+class ManyClients(Protocol):
+    """A robot that takes up what its clients send in an order of its own."""
+
+    def be_late(self, lateness: Lateness) -> None: ...
 
 
 class Control(Protocol):
@@ -84,7 +92,7 @@ def run(robot: Robot, line: Line, *, wire_time: bool = True, **start: Unpack[Sta
     takes the robot's power away and gives it back.
 
     When stdin is a pipe it takes lines: ``fault WORD[:unit]``, ``power-cycle``, ``unplug``,
-    ``plug``, ``freeze SECONDS``.
+    ``plug``, ``freeze SECONDS``; with several clients also ``late PID SECONDS`` (see ``lateness``).
     """
 
     def build(wire_log: WireLog) -> Server:
@@ -204,6 +212,8 @@ def command(server: Served, line: str) -> None:
             server.plug()
         case ["freeze", seconds] if _is_number(seconds):
             server.freeze(float(seconds))
+        case ["late", pid, seconds] if isinstance(server, ManyClients) and pid.isdecimal() and _is_number(seconds):
+            server.be_late(Lateness(int(pid), float(seconds)))
         case words if isinstance(server, Orderly) and server.order(words):
             pass
         case _:

@@ -22,6 +22,7 @@ import trio
 from strands_actors.drivers.common.simulation_control.body import Body, body_of
 
 from .faults import parse_fault
+from .lateness import Lateness
 from .line import CHUNK
 from .server import Controls, Conversation, Frost, TwinSession
 from .wirelog import WireLog
@@ -40,6 +41,8 @@ class Connection:
 
     def __init__(self, sock: socket.socket, log: WireLog, frost: Frost) -> None:
         self._sock = sock
+        self.late_s = 0.0
+        """What it sends is taken up so much later, in its order."""
         self.log = log
         self.frost = frost
         self._owed = b""  # what the client has not taken yet of an offer
@@ -72,6 +75,8 @@ class Connection:
                 data = b""
             if not data:
                 raise ClientGone
+            if self.late_s:
+                await trio.sleep(self.late_s)
             return time.monotonic_ns(), data
 
     def send(self, data: bytes) -> None:
@@ -120,6 +125,10 @@ class Connection:
         self.log.write(time.monotonic_ns(), "robot", [(kind, data)])
         self.send(data)
 
+    def be_late(self, lateness: Lateness) -> None:
+        """Take up what this client sends later, if it is the one."""
+        self.late_s = lateness.of(self._sock)
+
     def hang_up(self) -> None:
         """End it in order: what was said arrives."""
         if self._sock.fileno() >= 0:
@@ -159,6 +168,7 @@ class StreamServer(ABC):
         self._log = log
         self._frost = Frost()
         self._connections: set[Connection] = set()
+        self._lateness = Lateness()
         self._plugged = trio.Event()
         self._listeners: list[socket.socket] = []
 
@@ -207,6 +217,12 @@ class StreamServer(ABC):
         """The robot neither reads nor answers for so long; then it takes up what waited."""
         self._frost.freeze(seconds)
 
+    def be_late(self, lateness: Lateness) -> None:
+        """Take up later what one process sends: on its connections of now, and on new ones."""
+        self._lateness = lateness
+        for connection in self._connections:
+            connection.be_late(lateness)
+
     async def serve(self) -> None:
         """Until cancelled."""
         async with trio.open_nursery() as nursery:
@@ -234,6 +250,7 @@ class StreamServer(ABC):
         if sock.family != socket.AF_UNIX:
             sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection = Connection(sock, self._log, self._frost)
+        connection.be_late(self._lateness)
         self._connections.add(connection)
         try:
             await handler(connection)

@@ -38,7 +38,7 @@ class UdpEnd:
         self._place = host, port
         self._sock: socket.socket | None = None
         self._plugged = trio.Event()
-        self._peer: tuple[str, int] | None = None
+        self.peer: tuple[str, int] | None = None
         self.plug()
 
     @property
@@ -72,13 +72,13 @@ class UdpEnd:
                 continue
             with suppress(OSError, ValueError, trio.ClosedResourceError):
                 await trio.lowlevel.wait_readable(sock)
-                data, self._peer = sock.recvfrom(LONGEST + 1)
+                data, self.peer = sock.recvfrom(LONGEST + 1)
                 return data
 
     def send(self, packet: bytes) -> None:
-        if self._sock is not None and self._peer is not None:
+        if self._sock is not None and self.peer is not None:
             with suppress(OSError):
-                self._sock.sendto(packet, self._peer)
+                self._sock.sendto(packet, self.peer)
 
 
 class TcpEnd:

@@ -30,6 +30,7 @@ from strands_actors.drivers.common.twin import (
     read_twin_options,
     run_server,
 )
+from strands_actors.drivers.common.twin.lateness import Lateness
 from strands_actors.drivers.common.twin.server import Frost
 from strands_actors.drivers.crazyflie.robots import TABLES
 from strands_actors.kernel.clock import NS, MonotonicClock
@@ -66,6 +67,8 @@ class CrazyflieServer:
         self._clock = MonotonicClock()
         self._chance = random.Random(SEED)
         self._loss, self._delay_s = options.loss, options.delay_s
+        self._lateness = Lateness()
+        self._late_of: dict[tuple[str, int], float] = {}
         self._underway: list[tuple[int, int, bool, bytes]] = []  # due, order, to the robot, packet
         self._order = itertools.count()
         self.firmware = Firmware(
@@ -93,7 +96,16 @@ class CrazyflieServer:
             packet = await self._end.receive()
             await self._frost.thawed()
             if self._faults.of(None) is not Fault.OFF:
-                self._pass_on(packet, to_robot=True)
+                self._pass_on(packet, to_robot=True, late_s=self._late_s())
+
+    def _late_s(self) -> float:
+        """Return how late the packet that came last is taken up."""
+        peer = self._end.peer if isinstance(self._end, UdpEnd) else None
+        if peer is None:
+            return 0.0
+        if peer not in self._late_of:
+            self._late_of[peer] = self._lateness.of_address(peer)
+        return self._late_of[peer]
 
     async def _tick(self) -> None:
         async with aclosing(self._clock.ticks(TICK_S)) as ticks:
@@ -171,6 +183,11 @@ class CrazyflieServer:
     def unplug(self) -> None:
         """Lose the link. The robot itself notices that setpoints are missing."""
         self._end.unplug()
+
+    def be_late(self, lateness: Lateness) -> None:
+        """Take up later what one process says over UDP."""
+        self._lateness = lateness
+        self._late_of.clear()
 
     def freeze(self, seconds: float) -> None:
         """Neither read nor answer for so long; then take up what waited."""

@@ -47,7 +47,7 @@ class LeRobotDriver(PlainDriver):
         self._own: Driver | None = None
         if self.kind.wire:
             self._own = load(self.kind.wire)(robot, port, options["own"])
-            self.timing = msgspec.structs.replace(self.timing, arm_s=ARM_S, safe_s=OWN_STOP_S)
+            self.timing = msgspec.structs.replace(self.timing, arm_s=ARM_S, safe_s=OWN_STOP_S, late_s=0.0)
         if self.kind.holds:
             self.gates = (*self.gates, _has_torque(self.axes))
             self.fallbacks = {

@@ -155,7 +155,9 @@ class SpotTwin:
             case "GetRobotState":
                 return {"robot_state": self._stuck or self.state()}, ("read", None)
             case "PowerCommand":
-                return self._power(request, lease), ("enable", None)
+                told = self._power(request, lease)
+                taken = told.get("status") in (p.Power.SUCCESS, p.Power.IN_PROGRESS)
+                return told, ("enable" if taken else "other", None)
             case "PowerCommandFeedback":
                 return {"status": int(self._power_status())}, ("read", None)
             case "RobotCommand":
@@ -266,6 +268,8 @@ class SpotTwin:
             told |= {"status": int(status), "robot_command_id": self._command}
         if kind == "safe" and told.get("status") not in (p.Command.OK, p.Command.NOT_POWERED_ON):
             safe_state = ""
+        if kind == "enable" and told.get("status") != p.Command.OK:
+            kind = "other"  # it is refused, and has no effect
         return told, (kind, safe_state)
 
     def _status_of(self, command: Message, clock: str) -> p.Command:

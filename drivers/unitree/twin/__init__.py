@@ -89,7 +89,9 @@ class UnitreeServer(DdsServer):
 
     def _serve_requests(self, part: Participant, service: str) -> None:
         def on_request(payload: memoryview, writer: bytes, t_ns: int) -> None:
-            self._on_request(service, payload, t_ns)
+            if not self.is_off:
+                body = bytes(payload[4:])
+                self.take(writer, t_ns, lambda t_ns: self._take_request(service, body, t_ns))
 
         part.reader(rpc.request_topic(service), rpc.REQUEST_TYPE, on_request, reliable=True)
 
@@ -102,6 +104,9 @@ class UnitreeServer(DdsServer):
         if self.is_off:
             return
         body = bytes(payload[4:])
+        self.take(writer, t_ns, lambda t_ns: self._take_command(body, t_ns))
+
+    def _take_command(self, body: bytes, t_ns: int) -> None:
         try:
             command = self._commands.decode(body)
         except MalformedFrame:
@@ -114,10 +119,7 @@ class UnitreeServer(DdsServer):
         self.log.write(t_ns, "host", [("safe" if safe_state else "setpoint", body)], safe_state)
         self.onboard.command(command, t_ns / NS)
 
-    def _on_request(self, service: str, payload: memoryview, t_ns: int) -> None:
-        if self.is_off:
-            return
-        body = bytes(payload[4:])
+    def _take_request(self, service: str, body: bytes, t_ns: int) -> None:
         try:
             request = rpc.decode_request(body)
         except MalformedFrame:
