@@ -16,8 +16,10 @@ from time import monotonic_ns
 import trio
 
 from strands_actors.contract.driver import Driver, Reason
+from strands_actors.kernel.health.failure_detector import LONGEST_S
 from strands_actors.kernel.health.processor import Life, life_of
 from strands_actors.kernel.processes.process import exists, wait_for_end_of
+from strands_actors.supervisors.standby.watch import look_s, silent_s
 from strands_actors.testing.bench import Bench, Caller
 from strands_actors.testing.cells import (
     Expected,
@@ -153,9 +155,11 @@ def motion_of(driver: Driver) -> str:
     return "rollout" if driver.TASKS else "loop" if driver.ROLLOUTS else "task"
 
 
-def bound_s_of(driver: Driver) -> float:
-    """Return the bound: two processes act one after the other, each in its own time."""
-    return 2 * driver.bound_s
+def bound_s_of(driver: Driver, lacks: Lacks) -> float:
+    """Return the bound: two processes act one after the other, each in its own time. One that gets no
+    processor is first noticed by its silence."""
+    noticed_s = LONGEST_S + silent_s(driver.timing) + look_s(driver.timing) if lacks is Lacks.GROUP_CPU else 0.0
+    return noticed_s + 2 * driver.bound_s
 
 
 def run_exhausted(bench: Bench, row: Row, settle_s: float = SETTLE_S) -> Outcome:
@@ -188,7 +192,7 @@ async def _exhaust(bench: Bench, caller: Caller, row: Row, settle_s: float) -> O
             os.kill(pid, signal.SIGKILL)
     await until_safe(bench.log, exhausted_ns, queue)
     stood_ms = queue.stood_ms()
-    bound_s = bound_s_of(bench.driver)
+    bound_s = bound_s_of(bench.driver, row.lacks)
     await trio.sleep(settle_s + bound_s)
     require_motion(bench.log, exhausted_ns)
     fallbacks = bench.driver.fallbacks
