@@ -75,6 +75,7 @@ class Attach(Message, frozen=True):
     session: int
     by: str
     format: int = FORMAT
+    pid: int = 0  # of the recorder's process
 
 
 class Attached(Message, frozen=True):
@@ -224,6 +225,7 @@ class _RecorderSession:
         self.id = attach.session
         self.to = attach.to
         self.by = attach.by
+        self.pid = attach.pid
         self.journal = journal
         self.heard_ns = now_ns
         self.sent = 0
@@ -254,6 +256,11 @@ class InstrumentKeeper(Actor):
         self._remember = remember
         self._dull = dull
         self._session: _RecorderSession | None = None
+
+    @property
+    def recorder_pid(self) -> int:
+        """Return the process that records, as it says itself; 0: there is none."""
+        return 0 if self._session is None else self._session.pid
 
     def receive(self, message: Attach | Acknowledge | Detach) -> Attached | Detached | Refused | Deferred | None:
         match message:

@@ -2,7 +2,9 @@
 
 It is closed with a reset, by the system too when its process is killed: what has not been taken yet
 is thrown away. After an orderly close it would go on being delivered for minutes, a setpoint to a
-robot whose cable was put back.
+robot whose cable was put back. The system also gives a connection up when its peer has taken nothing
+for ``UNTAKEN_S``: where another process has a duplicate of the socket, a death does not close it
+(``tcp_stall``).
 """
 
 from __future__ import annotations
@@ -19,8 +21,13 @@ from strands_actors.contract.wire import WireDown
 from strands_actors.kernel.channels.names import look_up
 from strands_actors.kernel.processes.reserve import RESERVE
 
+from . import tcp_stall
+
 CONNECT_S = 0.5
 """Within a local network; the first repetition of a lost packet would come after 1 s."""
+
+UNTAKEN_S = 2.0
+"""Longer than any wire here waits for its robot before it gives the link up."""
 
 _READ_SIZE = 4096
 
@@ -87,6 +94,16 @@ class TcpPort:
         connection."""
         return self._sock.fileno()
 
+    def reset_if_stalled(self) -> bool:
+        """Reset the connection for every process that has it open, where it does not get rid of what
+        was written to it: nothing of that is delivered any more. For who stops a robot by another
+        connection. Return whether it was reset."""
+        if self._sock.fileno() < 0 or not tcp_stall.is_stalled(self._sock):
+            return False
+        with contextlib.suppress(OSError):  # it is gone already
+            tcp_stall.reset(self._sock)
+        return True
+
     @property
     def own_host(self) -> str:
         """Return our address on the way to the peer. Raise ``WireDown``."""
@@ -110,6 +127,7 @@ class TcpPort:
         """As ``close``, but what has not been taken yet is still delivered: for a stop."""
         if self._sock.fileno() >= 0:
             self._sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 0, 0))
+            _give_up_after(self._sock, 0.0)
         self._sock.close()
 
     def _gone(self, error: Exception | None) -> WireDown:
@@ -163,6 +181,7 @@ async def _connect(sock: socket.socket, address: object) -> socket.socket:
         sock.setblocking(False)
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        _give_up_after(sock, UNTAKEN_S)
         with contextlib.suppress(BlockingIOError):
             sock.connect(address)  # type: ignore[arg-type]  # what getaddrinfo gave for this family
         await trio.lowlevel.wait_writable(sock)
@@ -172,6 +191,14 @@ async def _connect(sock: socket.socket, address: object) -> socket.socket:
         sock.close()
         raise
     return sock
+
+
+def _give_up_after(sock: socket.socket, seconds: float) -> None:
+    """Have the system end a connection whose peer takes nothing for so long; 0: as it usually does,
+    after minutes. Linux alone can."""
+    option = getattr(socket, "TCP_USER_TIMEOUT", None)
+    if option is not None and sock.family != socket.AF_UNIX:
+        sock.setsockopt(socket.IPPROTO_TCP, option, round(seconds * 1e3))
 
 
 def _words(error: Exception) -> str:

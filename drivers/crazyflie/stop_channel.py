@@ -3,7 +3,7 @@
 On UDP the drone answers whoever spoke last, so the socket is open and silent until then. A serial
 line is a duplicate of the wire's descriptor; where that is dead, the port opened anew. A radio's
 dongle is the wire process's; when that is gone, a process of its own opens it, so that no USB
-library is loaded in the root.
+library is loaded in the root. Two of them stand ready (``OwnProcess``).
 """
 
 from __future__ import annotations
@@ -40,6 +40,10 @@ class CrazyflieStopChannel(StopChannel):
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         await self._channel.serve(task_status)
+
+    @property
+    def lacks(self) -> str:
+        return self._channel.lacks
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         return await self._channel.make_safe(_within(safe_state))

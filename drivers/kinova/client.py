@@ -15,7 +15,7 @@ import trio
 
 from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.tcp_port import ByteStream
+from strands_actors.drivers.common.tcp_port import ByteStream, TcpPort
 from strands_actors.kernel.clock import NS, Clock
 
 from . import protocol as p
@@ -154,6 +154,10 @@ class KortexClient:
         except CallRefused as refused:
             raise WireDown(f"{refused}. Check username= and password=, and who else is connected") from None
         self.page.begin(created.session)
+
+    def reset_if_stalled(self) -> bool:
+        """As ``TcpPort.reset_if_stalled``."""
+        return isinstance(self._stream, TcpPort) and self._stream.reset_if_stalled()
 
     def close(self) -> None:
         self._stream.close()

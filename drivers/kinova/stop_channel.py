@@ -4,6 +4,9 @@ Nobody of us has seen whether a base lets a second session stop the arm. So the 
 has the wire's, too: a descriptor of its connection, and its id and counter in memory that both
 processes share. A stop is sent on both, and when neither is answered, on a session opened for it. A
 base that takes no second session is stopped on the wire's alone.
+
+When the wire's connection does not get rid of what was written to it, a stop would come behind joint
+speeds, and these behind the stop of the other session. So it is reset first.
 """
 
 from __future__ import annotations
@@ -66,6 +69,10 @@ class KinovaStopChannel(KeptSession[KinovaConfig, KortexClient]):
         if self._newest is not None:
             self.replace(self._newest)
             self._newest = None
+        if self._wires is not None and self._wires.reset_if_stalled():
+            if self._closes_wires:
+                self._wires.close()
+            self._wires = None
         clients = [client for client in (self.session, self._wires) if client is not None]
         why = "not connected"
 

@@ -55,7 +55,7 @@ class Spot(Driver):
     ALIASES: ClassVar[Mapping[str, str]] = TABLES.aliases
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
     WIRE: ClassVar[str] = "strands_actors.drivers.spot.wire:SpotWire"
-    STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.spot.stop_channel:SpotStopChannel"
+    STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.spot.stop_channel:EstopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.spot.twin:main"
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(SpotOptions)
     SENSORS: ClassVar[tuple[Sensor, ...]] = (
@@ -101,8 +101,8 @@ class Spot(Driver):
     config: SpotConfig
     unit = "radians; base: m/s and rad/s"
     bound_s = 0.2
-    """From a death to the safe frame: a process of its own asks the robot for its e-stop
-    configuration and for a challenge, and then stops it."""
+    """From a death to the safe frame: the root asks the robot for its e-stop configuration and for a
+    challenge, and then stops it."""
 
     @classmethod
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,25 +1,79 @@
-"""The root's way to a Spot: a process with a login and connections of its own, which asserts our
-e-stop endpoint. It needs no lease. When even that process is gone the endpoint lapses, and the robot
-settles and cuts its motors by itself."""
+"""The root's way to a Spot: a session of its own, kept up until it is needed, which asserts our e-stop
+endpoint. It needs no lease.
+
+It needs no process of its own either: gRPC is spoken by this package, on trio, so that nothing of it
+can hang. When root, wire and standby are all gone the endpoint lapses: the robot settles and cuts its
+motors by itself.
+"""
 
 from __future__ import annotations
 
-from typing import ClassVar
+from collections.abc import Sequence
 
-from strands_actors.contract.stop_process import OwnProcess
-from strands_actors.contract.wire import MotorReport
+import trio
+
+from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.stop_channels import KeptSession
+from strands_actors.contract.wire import MotorReport, WireDown
 from strands_actors.drivers.common.outcome import Outcome, names_of
+from strands_actors.kernel.clock import Clock
 
 from .config import SpotConfig
+from .control import EstopEndpoint
+from .session import OpenStream, SpotSession
+from .stopping import SERVICES, stop_by_estop
 
 Reports = tuple[MotorReport, ...]
 
-ANSWER_S = 2.0
+LOOK_AGAIN_S = 2.0
+"""Between two looks whether the session is still good."""
+STOP_S = 1.7
+"""How long an attempt may take. The guardian makes another one until it is confirmed."""
+WATCH_S = 1.5
+"""How long the robot is watched, where it need not be connected first."""
 
 
-class SpotStopChannel(OwnProcess[SpotConfig]):
-    CHANNEL: ClassVar[str] = "strands_actors.drivers.spot.stop_process:EstopChannel"
-    ANSWER_S: ClassVar[float] = ANSWER_S
+class EstopChannel(KeptSession[SpotConfig, SpotSession]):
+    """``open_stream``: for tests."""
 
-    def failed(self, why: str) -> Reports:
-        return Outcome(False, False, why).reports(*names_of(self.config.axes))
+    def __init__(
+        self,
+        config: SpotConfig,
+        descriptors: Sequence[int],
+        clock: Clock,
+        open_stream: OpenStream | None = None,
+    ) -> None:
+        super().__init__(config, descriptors, clock)
+        self._open_stream = open_stream
+
+    async def connect(self) -> SpotSession:
+        session = SpotSession(self.config, self.clock, self._open_stream)
+        opened = False
+        try:
+            await session.open(SERVICES)
+            opened = True
+        finally:
+            if not opened:
+                session.close()
+        return session
+
+    async def keep_up(self, session: SpotSession) -> None:
+        while True:
+            await session.call("GetEstopConfig", {})
+            await session.renew()
+            await trio.sleep(LOOK_AGAIN_S)
+
+    async def make_safe_by(self, session: SpotSession | None, safe_state: SafeState) -> Reports:
+        with trio.move_on_after(STOP_S):
+            try:
+                if session is None:
+                    session = await self.connect()
+                    self.replace(session)
+            except WireDown as down:
+                return Outcome(False, False, str(down)).reports(*names_of(self.config.axes))
+            endpoint = EstopEndpoint(session, self.config.estop_timeout_s)
+            outcome = await stop_by_estop(session, endpoint, safe_state, WATCH_S)
+            if not outcome.acknowledged:
+                self.replace(None)  # what it was given may be dead: the next attempt connects anew
+            return outcome.reports(*names_of(self.config.axes))
+        return Outcome(False, False, "silent").reports(*names_of(self.config.axes))

@@ -30,6 +30,7 @@ from strands_actors.supervisors.root.messages import Describe, Fence, ProcessInf
 from strands_actors.supervisors.root.process import Root
 from strands_actors.supervisors.stop_result import StopResult
 
+from .descendants import complete
 from .nodes import open_node
 from .run_directory import Note, notes
 
@@ -57,7 +58,7 @@ class Directory:
         except (AskTimeout, Unreachable):
             answer = None
         if isinstance(answer, TreeReport):
-            return answer
+            return complete(answer)
         return TreeReport(note.robot, UNREACHABLE, 0, (ProcessInfo("root", note.pid, 0),), ())
 
     async def status(self, note: Note) -> Status | None:

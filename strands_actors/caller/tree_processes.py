@@ -30,6 +30,7 @@ from strands_actors.supervisors.stop_result import StopResult
 from strands_actors.surfaces.drill.certificate import TWIN, clause
 
 from . import process_one
+from .descendants import complete
 from .descriptors import FOR_ROBOT, require
 from .last_standby import until_over
 from .nodes import Entrance
@@ -327,7 +328,7 @@ class TreeProcesses(Processes):
             answer = await self.root.ask(Describe(), self.patience.ask_s)
         except (AskTimeout, Unreachable):
             return None
-        return answer if isinstance(answer, TreeReport) else None
+        return complete(answer) if isinstance(answer, TreeReport) else None
 
     async def _answers(self) -> bool:
         """Return whether the root lives and still keeps a wire; once its restart budget is spent

@@ -1,9 +1,15 @@
-"""The fifth kind of stop channel: a process of its own, for what needs a vendor's SDK or gRPC.
+"""The fifth kind of stop channel: processes of its own, for what needs a vendor's SDK.
 
-Neither may be loaded in the root, which must never hang. The child loads ``CHANNEL``, an ordinary
-stop channel, and makes safe when it is asked to, over a socket pair; a newer order ends the one
-that is being carried out. A child that does not answer in time (its SDK hangs, or keeps the
-interpreter's lock) is killed, and another one is started and asked.
+An SDK may not be loaded in the root, which must never hang. A child loads ``CHANNEL``, an ordinary
+stop channel, and makes the robot safe when it is ordered to, over a socket pair. A newer order ends
+the one that is being carried out.
+
+``READY`` children stand ready, because importing an SDK takes longer than a robot's bound. Only one
+of them acts on an order: the first, unless the system says that it has been killed or stopped. It
+acknowledges the order before it carries it out. One that does not acknowledge within ``HEARD_S`` is
+killed, and the next one is ordered at once: so two never write at a time, and a frozen one that is
+continued later writes nothing. The last one is given ``ANSWER_S``. While nobody needs them they are
+asked for a sign of life; whoever has ended, or does not answer, is replaced.
 """
 
 from __future__ import annotations
@@ -16,42 +22,35 @@ import socket
 import sys
 from abc import abstractmethod
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, ClassVar, Generic
 
 import msgspec
 import trio
 
 from strands_actors.kernel.clock import Clock, MonotonicClock
+from strands_actors.kernel.health.failure_detector import FailureDetector
+from strands_actors.kernel.health.processor import suspected
 from strands_actors.kernel.health.realtime import STANDBY_PRIORITY, run_first
 from strands_actors.kernel.processes.identity import be_taken_last, take_name
-from strands_actors.kernel.processes.process import ChildProcess, start
+from strands_actors.kernel.processes.process import start
 from strands_actors.kernel.processes.reserve import RESERVE, raise_limits
 
 from .loading import load, place_of
 from .safe_state import SafeState
 from .stop_channels import ConfigT, Reports
-from .wire import MotorReport, StopChannel, WireDown
+from .stop_orders import Answer, Frames, Order, StopChild, short_name
+from .wire import StopChannel, WireDown
 
 _ENTRY = "strands_actors.contract.stop_process:main"
 _DEATH_SIGNAL = 1
 """``PR_SET_PDEATHSIG`` of Linux."""
 _KILLED_S = 0.2
 """How long the end of a killed child is waited for, before the next one is started."""
-_HEADER = 4
-
-
-class _Order(msgspec.Struct, frozen=True):
-    number: int
-    safe_state: SafeState
-
-
-class _Answer(msgspec.Struct, frozen=True):
-    """``number``: of the order, 0 before the first: the child is ready. ``trouble``: why it cannot
-    be used."""
-
-    number: int = 0
-    reports: tuple[MotorReport, ...] = ()
-    trouble: str = ""
+LOOK_S = 0.1
+"""How often an idle child is asked for a sign of life."""
+SILENT_S = 0.3
+"""An idle child that has given none for so long is frozen, or its SDK keeps the interpreter's lock."""
 
 
 class OwnProcess(StopChannel, Generic[ConfigT]):
@@ -60,76 +59,139 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
     CHANNEL: ClassVar[str]
     """``module:class`` of the stop channel, made in the child as ``class(config, descriptors,
     clock)``."""
+    READY: ClassVar[int] = 2
+    """Children that stand ready: one may be dead or frozen when it is needed."""
     START_S: ClassVar[float] = 4.0
-    """Within which a child has loaded and connected what it needs. Two of them begin at a time, the
-    root's and the standby's, on a busy machine."""
+    """Within which a child has loaded and connected what it needs. Four of them begin at a time, two
+    of the root's and two of the standby's, on a busy machine."""
+    HEARD_S: ClassVar[float] = 0.02
+    """Within which a child acknowledges an order, as long as there is another one to ask."""
     ANSWER_S: ClassVar[float] = 0.6
     """Within which it has made safe. Two answers and a start are to fit into ``Timing.safe_s``."""
     AGAIN_S: ClassVar[float] = 0.2
-    """Pause before a child that ended by itself is replaced."""
+    """Pause before a child that was lost is replaced."""
     ATTEMPTS: ClassVar[int] = 2
+    """Children that may fail to carry out one order."""
 
     def __init__(self, config: ConfigT, descriptors: Sequence[int], clock: Clock) -> None:
         self.config = config
+        self.clock = clock
         self._descriptors = tuple(descriptors)
-        self._child: _Child | None = None
-        self._starting = trio.Lock()
-        self._serving = trio.CancelScope()
+        self._children: list[StopChild] = []  # that are ready, the one to ask first
+        self._beginning = 0  # children that are not ready yet
+        self._begun = trio.Event()  # the next of them is ready, or was given up
+        self._closed = False
 
     @abstractmethod
     def failed(self, why: str) -> Reports:
         """Report that no motor is confirmed."""
 
+    @property
+    def lacks(self) -> str:
+        return "" if self._children else f"no process of {short_name(self.CHANNEL)} is ready to stop the robot"
+
+    @property
+    def processes(self) -> tuple[int, ...]:
+        """Return the ids of the children that stand ready, the one to ask first in front."""
+        return tuple(child.process.pid for child in self._children)
+
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        told = False
-        with self._serving:
-            child = await self._ready()
-            told = True
-            task_status.started()
-            while True:
-                await child.process.wait()
-                await trio.sleep(self.AGAIN_S)
-                with contextlib.suppress(WireDown):
-                    await self._end()
-                    child = await self._ready()
-        if not told:
-            task_status.started()  # it has been used meanwhile
+        try:
+            async with trio.open_nursery() as nursery:
+                async with trio.open_nursery() as beginning:
+                    for _ in range(self.READY):
+                        beginning.start_soon(nursery.start, self._keep_one)
+                task_status.started()
+        except* WireDown as down:
+            raise _first_of(down) from None
 
     async def make_safe(self, safe_state: SafeState) -> Reports:
-        self._serving.cancel()
-        why = ""
-        for _ in range(self.ATTEMPTS):
+        """The first order leaves before the first wait, where a child is ready. When cancelled, the
+        child lives on: the guardian cancels what it ordered before a fence to order it again after
+        that, and a new child would have to load everything again."""
+        why, failures = "", 0
+        while failures < self.ATTEMPTS:
             try:
                 child = await self._ready()
-                return await self._ask(child, safe_state)
+            except WireDown as down:
+                why, failures = str(down), failures + 1
+                continue
+            try:
+                number = child.send(safe_state)
+                if len(self._children) == 1 or await child.acknowledges(number, self.HEARD_S):
+                    failures += 1
+                    return await child.carried_out(number, self.ANSWER_S)
             except WireDown as down:
                 why = str(down)
-                await self._end()
+            await self._discard(child)
         return self.failed(why)
 
     def close(self) -> None:
-        child, self._child = self._child, None
-        if child is not None:
+        self._closed = True
+        children, self._children = self._children, []
+        for child in children:
             child.abandon()
         for descriptor in self._descriptors:
             os.close(descriptor)
         self._descriptors = ()
 
-    async def _ask(self, child: _Child, safe_state: SafeState) -> Reports:
-        """Raise ``WireDown``. When cancelled, the child lives on: the guardian cancels what it asked
-        before a fence to ask again after it, and a new child would need a new login."""
-        number = child.send(safe_state)
-        return (await child.receive(number, self.ANSWER_S)).reports
+    # -- the children
 
-    async def _ready(self) -> _Child:
-        """Return the child to ask, started when there is none. Raise ``WireDown``."""
-        # A stop may come while ``serve`` starts one: whoever is second takes that one, or starts
-        # another when it was given up, so that none is left that nobody knows of.
-        async with self._starting:
-            return self._child or await self._begin()
+    async def _ready(self) -> StopChild:
+        """Return the child to order next; start one when there is none. Raise ``WireDown``."""
+        while not self._children:
+            if self._beginning:
+                await self._begun.wait()
+            else:
+                await self._begin()
+        while len(self._children) > 1 and self._children[0].is_lost:
+            self._children.pop(0).abandon()
+        return self._children[0]
 
-    async def _begin(self) -> _Child:
-        """Start a child that is ready to be asked. Raise ``WireDown``."""
+    async def _keep_one(self, task_status: trio.TaskStatus[None]) -> None:
+        """Keep a child ready, and another when it is lost. Raise ``WireDown`` when the first one
+        cannot begin."""
+        child = await self._begin()
+        task_status.started()
+        while True:
+            await self._until_lost(child)
+            await self._discard(child)
+            await trio.sleep(self.AGAIN_S)
+            with contextlib.suppress(WireDown):
+                child = await self._begin()
+
+    async def _until_lost(self, child: StopChild) -> None:
+        """Return when it has ended or was given up, and when it is silent although it is idle."""
+        detector = FailureDetector(SILENT_S, LOOK_S, partial(suspected, child.process.pid))
+        while child in self._children and child.process.alive:
+            now_ns = self.clock.now_ns()
+            if child.is_alive(now_ns, self.ANSWER_S):
+                detector.heard(now_ns)
+            if detector.tick(now_ns):
+                return
+            await trio.sleep(LOOK_S)
+
+    async def _begin(self) -> StopChild:
+        """Start a child, and return it when it is ready. Raise ``WireDown``."""
+        self._beginning += 1
+        kept = False
+        child: StopChild | None = None
+        try:
+            child = self._start()
+            await child.ready(self.START_S)
+            kept = not self._closed
+            if kept:
+                self._children.append(child)
+            return child
+        finally:
+            if child is not None and not kept:
+                child.abandon()
+            self._beginning -= 1
+            begun, self._begun = self._begun, trio.Event()
+            begun.set()
+
+    def _start(self) -> StopChild:
+        """Raise ``WireDown``."""
         told = {
             "channel": self.CHANNEL,
             "config_class": place_of(type(self.config)),
@@ -142,89 +204,23 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
         except OSError as error:
             RESERVE.lacked(error)
             raise WireDown(f"stop channel: no process for {self.CHANNEL} ({error.strerror})") from None
-        child = _Child(process, self.CHANNEL)
-        try:
-            await child.receive(0, self.START_S)
-            self._child = child
-            return child
-        finally:
-            if self._child is not child:
-                child.abandon()
+        return StopChild(process, self.CHANNEL, self.clock)
 
-    async def _end(self) -> None:
-        child, self._child = self._child, None
-        if child is not None:
+    async def _discard(self, child: StopChild) -> None:
+        """Kill it. The next one is ordered at once: who was killed runs no code of its own."""
+        if child not in self._children:
+            return  # somebody else has
+        self._children.remove(child)
+        if self._children:
+            child.abandon()
+        else:
+            child.hang_up()
             await child.process.fence(_KILLED_S)
 
 
-class _Child:
-    """The root's end of the conversation."""
-
-    def __init__(self, process: ChildProcess, name: str) -> None:
-        self.process = process
-        self._name = name.rpartition(":")[2]
-        self._frames = _Frames(process.socket)
-        self._orders = 0
-
-    def send(self, safe_state: SafeState) -> int:
-        """Return the order's number. Raise ``WireDown``."""
-        self._orders += 1
-        try:
-            self._frames.send(_Order(self._orders, safe_state))
-        except OSError as error:
-            raise WireDown(f"stop channel: the process of {self._name} takes no order ({error.strerror})") from None
-        return self._orders
-
-    async def receive(self, number: int, within_s: float) -> _Answer:
-        """Return the answer to that order; those before it are dropped. Raise ``WireDown`` when it
-        does not come in time, the child ends, or it tells of trouble."""
-        with trio.move_on_after(within_s):
-            while (data := await self._frames.receive()) is not None:
-                answer = msgspec.msgpack.decode(data, type=_Answer)
-                if answer.trouble:
-                    raise WireDown(answer.trouble)
-                if answer.number == number:
-                    return answer
-            raise WireDown(f"stop channel: the process of {self._name} has ended. What it says is above")
-        raise WireDown(f"stop channel: the process of {self._name} did not answer within {within_s:g} s")
-
-    def abandon(self) -> None:
-        """Kill it; nobody waits for its end."""
-        self.process.kill()
-        self.process.part()
-        self.process.socket.close()
-
-
-class _Frames:
-    """Messages on a stream: four bytes of length, then msgpack."""
-
-    def __init__(self, sock: socket.socket) -> None:
-        sock.setblocking(False)
-        self._socket = sock
-        self._heard = b""
-
-    def send(self, message: msgspec.Struct) -> None:
-        """Raise ``OSError``: at once, or not at all."""
-        data = msgspec.msgpack.encode(message)
-        self._socket.send(len(data).to_bytes(_HEADER, "little") + data)
-
-    async def receive(self) -> bytes | None:
-        """Return the next message; None: the other end is gone."""
-        while True:
-            size = int.from_bytes(self._heard[:_HEADER], "little")
-            if len(self._heard) >= _HEADER + size and self._heard:
-                data, self._heard = self._heard[_HEADER : _HEADER + size], self._heard[_HEADER + size :]
-                return data
-            await trio.lowlevel.wait_readable(self._socket)
-            try:
-                more = self._socket.recv(1 << 16)
-            except BlockingIOError:
-                continue
-            except OSError:
-                return None
-            if not more:
-                return None
-            self._heard += more
+def _first_of(group: BaseExceptionGroup[WireDown]) -> WireDown:
+    first = group.exceptions[0]
+    return _first_of(first) if isinstance(first, BaseExceptionGroup) else first
 
 
 # -- in the child
@@ -232,40 +228,43 @@ class _Frames:
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
     _end_with_parent(args["parent"])
-    take_name(args["channel"].rpartition(":")[2], "stop")
+    take_name(short_name(args["channel"]), "stop")
     config = msgspec.convert(args["config"], load(args["config_class"]))
     channel: StopChannel = load(args["channel"])(config, args["descriptors"], MonotonicClock())
     be_taken_last()
     raise_limits()
     RESERVE.begin(lambda: True)
     run_first(STANDBY_PRIORITY)  # it is what makes the robot safe when the wire cannot
-    trio.run(_answer, channel, _Frames(sock))
+    trio.run(_answer, channel, Frames(sock))
 
 
-async def _answer(channel: StopChannel, frames: _Frames) -> None:
+async def _answer(channel: StopChannel, frames: Frames) -> None:
     try:
         async with trio.open_nursery() as nursery:
             try:
                 await nursery.start(channel.serve)
             except WireDown as down:
-                frames.send(_Answer(trouble=str(down)))
+                frames.send(Answer(trouble=str(down)))
                 return
-            frames.send(_Answer())
+            frames.send(Answer())
             one_at_a_time, carried_out = trio.Lock(), trio.CancelScope()
 
-            async def carry_out(order: _Order, scope: trio.CancelScope) -> None:
+            async def carry_out(number: int, safe_state: SafeState, scope: trio.CancelScope) -> None:
                 async with one_at_a_time:
                     with scope:
                         with RESERVE.freed():
-                            reports = await channel.make_safe(order.safe_state)
+                            reports = await channel.make_safe(safe_state)
                         if not all(report.safe for report in reports):
                             RESERVE.end_if_short()  # the parent starts another process
-                        frames.send(_Answer(order.number, reports))
+                        frames.send(Answer(number, reports))
 
-            while (data := await frames.receive()) is not None:
-                carried_out.cancel()  # nobody waits for it any more
-                carried_out = trio.CancelScope()
-                nursery.start_soon(carry_out, msgspec.msgpack.decode(data, type=_Order), carried_out)
+            while data := await frames.receive():
+                order = msgspec.msgpack.decode(data, type=Order)
+                frames.send(Answer(order.number))
+                if order.safe_state is not None:
+                    carried_out.cancel()  # nobody waits for it any more
+                    carried_out = trio.CancelScope()
+                    nursery.start_soon(carry_out, order.number, order.safe_state, carried_out)
             nursery.cancel_scope.cancel()
     finally:
         channel.close()

@@ -171,6 +171,12 @@ class StopChannel(ABC):
         before anything is energised."""
         return ()
 
+    @property
+    def lacks(self) -> str:
+        """Return why it could not make safe at once, after ``serve`` has started; empty: it could.
+        While the root's lacks something, nothing is armed."""
+        return ""
+
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         """What has to be done before the path is needed, and kept up until it is: discovery, a
         session. ``started`` once it could be used at once; the wire does not count as up before.

@@ -13,7 +13,7 @@ import select
 import signal
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -23,15 +23,22 @@ from strands_actors.contract.driver import Driver
 from strands_actors.kernel.processes.interpreter import environment
 from strands_actors.supervisors.introspection import ALLOW_FAULTS
 
+from .faults import Victims
 from .queueing import Queue
+from .recorder_process import RecorderProcess
 from .registering import where_is
+from .still_camera import SETTINGS
 from .template import Template
 from .twin import Twin
 from .wirelog import WireLog
 
 START_S = 60.0
 """Within which a caller's robot moves, on a busy machine."""
-
+CAMERA, RECORDER = "camera/eye", "recorder"
+"""Roles of processes that a robot has only when it is asked for them."""
+EXTRAS = frozenset({CAMERA, RECORDER})
+EXTRAS_S = 20.0
+"""Within which these are there: a camera begins only when the robot has."""
 
 SILENT_NS = 200_000_000
 """A host that has said nothing for so long says nothing more: none has a longer period."""
@@ -44,7 +51,10 @@ class NotMoving(Exception):
 class Caller:
     """``testing.caller`` as a process."""
 
-    def __init__(self, directory: Path, template: Template, wanted: dict[str, str]) -> None:
+    def __init__(self, directory: Path, template: Template, wanted: dict[str, Any], extras: frozenset[str]) -> None:
+        """``extras``: of ``EXTRAS``, that this robot has."""
+        self.extras = extras
+        self._recorder: RecorderProcess | None = None
         self.trigger = directory / "trigger"
         self.tree: dict[str, Any] = {}
         self.run_dir = directory / "run"
@@ -70,6 +80,18 @@ class Caller:
     def pids(self) -> dict[str, int]:
         """Each process of the tree when the robot began to move."""
         return {entry["role"]: entry["pid"] for entry in self.tree.get("processes", ())}
+
+    def begin_extras(self) -> None:
+        """Return when the robot has its extras. Raise ``NotMoving`` when it does not get them."""
+        if RECORDER in self.extras and self._recorder is None:
+            self._recorder = RecorderProcess(self.tree["robot"], self.run_dir)
+        deadline_s = time.monotonic() + EXTRAS_S
+        while self.extras - self.pids().keys():
+            if time.monotonic() > deadline_s:
+                raise NotMoving(f"there is no {', '.join(self.extras - self.pids().keys())} process")
+            time.sleep(0.05)
+            self.tell("tree")
+            self.tree = self.line()
 
     def line(self) -> dict[str, Any]:
         """What it says next. Raise ``NotMoving`` when it has ended, or says nothing for
@@ -105,6 +127,8 @@ class Caller:
             path.unlink(missing_ok=True)
 
     def end(self) -> None:
+        if self._recorder is not None:
+            self._recorder.end()
         self.process.end()
         for pid in self.pids().values():
             with contextlib.suppress(ProcessLookupError):
@@ -150,28 +174,31 @@ class Bench:
             self._caller.end()
             self._caller = None
 
-    def moving(self, motion: str) -> Caller:
-        """A caller whose robot moves: the present one again, or a new one. Raise ``NotMoving``."""
+    def moving(self, motion: str, extras: frozenset[str] = frozenset()) -> Caller:
+        """Return a caller whose robot moves: the present one again, or a new one. ``extras``: of
+        ``EXTRAS``, that its tree has, too. Raise ``NotMoving``."""
         self.twin.go_on()
         self.twin.fault("ok")
         self.twin.plug()
         caller = self._caller
-        if caller is not None and caller.process.alive:
+        if caller is not None and caller.process.alive and caller.extras == extras:
             caller.forget_trigger()
             os.truncate(self.log.path, 0)  # a log that is read again and again is kept short
             caller.tell(f"again {motion}")
             try:
                 caller.tree = caller.line()
+                caller.begin_extras()
                 return caller
             except NotMoving:
                 pass
         self.drop()
         self._wait_for_silence()
         os.truncate(self.log.path, 0)
-        caller = self._caller = Caller(self._directory, self.template, self._wanted(motion))
+        caller = self._caller = Caller(self._directory, self.template, self._wanted(motion, extras), extras)
         caller.forget_trigger()
         try:
             caller.tree = caller.line()
+            caller.begin_extras()
         except NotMoving:
             self.drop()
             self._begin_twin()  # a hold by wrong readings may have left a joint where it cannot be armed
@@ -195,13 +222,14 @@ class Bench:
         )
         return Template(theirs, self.robot, self._where, self._directory / "template.err")
 
-    def _wanted(self, motion: str) -> dict[str, str]:
+    def _wanted(self, motion: str, extras: frozenset[str]) -> dict[str, Any]:
         return {
             "robot": self.robot,
             "port": self.twin.port,
             "driver": self._where,
             "motion": motion,
             "far": str(self.far),
+            "cameras": {"eye": SETTINGS} if CAMERA in extras else {},
         }
 
     def queue(self, caller: Caller, victim: int = 0) -> Queue:
@@ -218,6 +246,21 @@ class Bench:
             if time.monotonic_ns() - last_ns > SILENT_NS:
                 return
             time.sleep(0.02)
+
+
+def roles_of(bench: Bench) -> tuple[str, ...]:
+    """Return the roles of all processes that the robot's tree can have: of the running one, with its
+    extras. The robot is no process of ours. Raise ``NotMoving``."""
+    driver = bench.driver
+    motion = "rollout" if driver.TASKS else "loop" if driver.ROLLOUTS else "task"
+    roles = bench.moving(motion, EXTRAS).pids()
+    bench.drop()
+    return tuple(dict.fromkeys((Victims.CALLER, Victims.POLICY, *roles)))
+
+
+def extras_for(members: Iterable[str]) -> frozenset[str]:
+    """Return the extras that are among some roles."""
+    return EXTRAS & frozenset(members)
 
 
 @contextlib.contextmanager

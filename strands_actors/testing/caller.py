@@ -2,10 +2,11 @@
 
 ``main`` is told ``robot``, ``port``, ``driver`` (``module:Class``, or empty), ``motion`` (``loop``:
 it moves the first joint itself at 50 Hz; ``task``: a policy process does; ``rollout``: a policy of
-this process), ``far`` (how far, in the driver's units) and ``trigger`` (see ``testing.policies``).
+this process), ``far`` (how far, in the driver's units), ``trigger`` (see ``testing.policies``) and
+``cameras`` (of the robot).
 It prints one JSON line, the robot's tree, when the robot moves. Lines it obeys: ``exception``,
 ``exit``, ``spin``; ``stop`` (prints the report); ``again MOTION`` (resumes, moves, prints the
-tree).
+tree); ``tree`` (prints it).
 """
 
 from __future__ import annotations
@@ -33,7 +34,9 @@ class Caller:
             register(wanted["driver"], wanted["robot"])
         self._far = float(wanted["far"])
         self._trigger: str = wanted["trigger"]
-        self.robot: Any = Robot(wanted["robot"], mode="real", port=wanted["port"])
+        self.robot: Any = Robot(
+            wanted["robot"], mode="real", port=wanted["port"], cameras=wanted["cameras"] or None
+        )
         problem: str | None = "never tried"
         for _ in range(3):  # a robot that a busy machine lets wait counts as silent
             problem = self.robot.connect_eagerly()
@@ -120,6 +123,8 @@ class Caller:
         match line.split():
             case ["again", motion]:
                 self.again(motion)
+            case ["tree"]:
+                print(json.dumps(self.robot.tree()), flush=True)
             case ["stop"]:
                 at_ns = time.monotonic_ns()
                 answer = self.robot.stop()

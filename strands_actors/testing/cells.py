@@ -26,8 +26,18 @@ from strands_actors.kernel.processes.process import wait_for_end_of
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.introspection import Break
 
-from .bench import Bench, Caller, NotMoving
-from .faults import CONFIRMED, LIVING, SIGNALS, Cell, Faults, Victims, bound_s, expected_safe_state
+from .bench import Bench, Caller, NotMoving, extras_for
+from .faults import (
+    CONFIRMED,
+    LIVING,
+    SIGNALS,
+    Cell,
+    Faults,
+    Victims,
+    bound_s,
+    expected_safe_state,
+    is_bystander,
+)
 from .queueing import DISTURBED_MS, Queue
 from .wirelog import Entry, WireLog
 
@@ -44,6 +54,9 @@ PATIENCE_S = 5.0
 """For the safe frame; on any wire it is a failure long before."""
 AWAY_S = 1.0
 """How long a robot is frozen or its cable out: longer than any wire takes to notice."""
+GOES_ON_S = 0.5
+"""How long a robot must go on after a fault of a bystander before it is stopped: a process that is
+missed is missed sooner."""
 SICK_S = 0.15
 """How long a robot has its fault before it is stopped: many replies are affected, the link is not
 given up yet."""
@@ -93,29 +106,38 @@ def _motion(cell: Cell, driver: Driver) -> str:
 def run_cell(cell: Cell, bench: Bench, settle_s: float = SETTLE_S) -> Outcome:
     """Move the robot, break the victim, read the log until ``settle_s`` after the safe frame. Raise
     ``NotMoving`` when it cannot be made to move."""
-    breaks = _break_robot if cell.victim is Victims.TWIN else _break_process
+    bystander = is_bystander(cell.victim)
+    breaks = _break_robot if cell.victim is Victims.TWIN else _break_bystander if bystander else _break_process
     motion = _motion(cell, bench.driver)
 
     def trial(caller: Caller) -> Outcome:
         return trio.run(breaks, bench, caller, cell, settle_s)
 
-    return persevere(bench, motion, trial, cell.victim is Victims.CALLER)
+    return persevere(bench, motion, trial, bystander or cell.victim is Victims.CALLER, extras_for(cell.members))
 
 
-def persevere(bench: Bench, motion: str, trial: Callable[[Caller], Outcome], drop: bool) -> Outcome:
-    """A trial of a caller whose robot moves. ``drop``: that caller is not used again. Raise
-    ``NotMoving``."""
+def persevere(
+    bench: Bench,
+    motion: str,
+    trial: Callable[[Caller], Outcome],
+    drop: bool,
+    extras: frozenset[str] = frozenset(),
+) -> Outcome:
+    """Make a trial with a caller whose robot moves. ``drop``: that caller is not used again.
+    ``extras``: what its tree has beside. Raise ``NotMoving``."""
     for attempt in range(STARTS):
         try:
-            return _once(bench, motion, trial, drop)
+            return _once(bench, motion, trial, drop, extras)
         except NotMoving:
             if attempt == STARTS - 1:
                 raise
     raise AssertionError
 
 
-def _once(bench: Bench, motion: str, trial: Callable[[Caller], Outcome], drop: bool) -> Outcome:
-    caller = bench.moving(motion)
+def _once(
+    bench: Bench, motion: str, trial: Callable[[Caller], Outcome], drop: bool, extras: frozenset[str]
+) -> Outcome:
+    caller = bench.moving(motion, extras)
     try:
         return trial(caller)
     except BaseExceptionGroup as group:  # of the nursery in which the victim is watched
@@ -173,6 +195,42 @@ async def _break_process(bench: Bench, caller: Caller, cell: Cell, settle_s: flo
     require_motion(bench.log, began_ns)
     expected = expected_of(bench.driver, cell)
     return told(read(bench.log, expected, began_ns, since_ns, gone_ms, stood_ms), bench.log, began_ns)
+
+
+async def _break_bystander(bench: Bench, caller: Caller, cell: Cell, settle_s: float) -> Outcome:
+    pid = caller.pid(cell.victim)
+    queue = bench.queue(caller, pid)
+    broken_ns = await _inflict(caller, cell, pid)
+    expected = expected_of(bench.driver, cell)
+    outcome = await stop_after(bench, caller, expected, broken_ns, queue, settle_s)
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(pid, signal.SIGCONT)
+    await trio.sleep(settle_s)
+    after = bench.log.setpoints_after_safe(broken_ns)
+    return replace(outcome, setpoints_after=max(outcome.setpoints_after, after))
+
+
+async def stop_after(
+    bench: Bench, caller: Caller, expected: Expected, broken_ns: int, queue: Queue, settle_s: float
+) -> Outcome:
+    """See the robot go on after a fault of bystanders alone, then stop it. One that was stopped or held
+    by the fault is not safe: a process that does not move the robot would stop it. ``queue``: since the
+    fault."""
+    await trio.sleep(GOES_ON_S)
+    require_motion(bench.log, broken_ns)
+    ended_by_fault = bench.log.host("safe", broken_ns)
+    if ended_by_fault and queue.stood_ms() > DISTURBED_MS:
+        raise NotMoving("this computer is busy: the robot was held before it was stopped")
+    queue = bench.queue(caller)
+    caller.tell("stop")
+    answer = await trio.to_thread.run_sync(caller.line)
+    since_ns: int = answer["at_ns"]
+    await until_safe(bench.log, since_ns, queue)
+    stood_ms = queue.stood_ms()
+    await trio.sleep(settle_s)
+    outcome = read(bench.log, expected, since_ns, since_ns, 0.0, stood_ms)
+    confirmed = answer["confirmed"] and not ended_by_fault
+    return told(outcome if confirmed else replace(outcome, all_motors=False), bench.log, broken_ns)
 
 
 async def _inflict(caller: Caller, cell: Cell, pid: int) -> int:

@@ -1,15 +1,19 @@
 """What can break, who can break, what the wire must show then, which requirements that proves.
 Tables only.
 
-A cell is one victim with one fault. Each of ``Victims`` x ``Faults`` exists; one that makes no
-sense says why.
+A cell is one victim with one fault. Victims are the roles of the processes that a running tree has,
+and the robot (``Victims.TWIN``). Four kinds decide what the wire shows: caller, policy, wire, root.
+Every other process is a *bystander*: alone it changes nothing that the wire shows, so its trial ends
+with a stop, which must be as quick as ever. A process of a new kind is a bystander, too.
+
+Each victim x fault exists; one that makes no sense says why.
 """
 
 from __future__ import annotations
 
 import enum
 import signal
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from strands_actors.contract.driver import Driver, Reason
@@ -19,6 +23,8 @@ from strands_actors.supervisors.wire.transport import BACKOFF_S
 
 
 class Victims(enum.StrEnum):
+    """Those whose fault the wire shows. Other victims are known by their role in the tree."""
+
     CALLER = "caller"  # the user's script
     POLICY = "policy"
     WIRE = "wire"
@@ -68,6 +74,8 @@ ROBOT_FAULTS = (
 )
 LIVING = (Faults.FREEZE, Faults.SPIN)
 """Faults that leave the process there."""
+BYSTANDER_FAULTS = (Faults.KILL, Faults.FREEZE)
+"""It runs no code of ours that could be asked for another fault."""
 RETURNING = (Faults.FREEZE, Faults.LINK_LOSS)
 """Faults of the robot during which nothing can be written: measured from their end. The others:
 from a stop."""
@@ -83,13 +91,17 @@ with room."""
 class Cell:
     """``why_not``: why it is not applicable; empty: it is. ``proves``: ids of requirements."""
 
-    victim: Victims
+    victim: str
     fault: Faults
     why_not: str = ""
     proves: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         return f"{self.victim}-{self.fault}".replace(" ", "-")
+
+    @property
+    def members(self) -> tuple[str, ...]:
+        return (self.victim,)
 
     @property
     def returns(self) -> bool:
@@ -102,15 +114,34 @@ class Cell:
         return self.victim is Victims.TWIN and self.fault not in RETURNING
 
 
-def cells_of(driver: Driver) -> Iterator[Cell]:
-    """Every victim with every fault."""
-    for victim in Victims:
+def is_bystander(role: str) -> bool:
+    """Return whether the wire shows nothing of a fault of this process alone."""
+    return role not in list(Victims)
+
+
+def victim_named(role: str) -> str:
+    """Return the member of ``Victims`` of that name, else the role as it is."""
+    return role if is_bystander(role) else Victims(role)
+
+
+def cells_of(driver: Driver, roles: Iterable[str] = ()) -> Iterator[Cell]:
+    """Return every victim with every fault.
+
+    Args:
+        driver: Whose robot it is.
+        roles: Of the processes that its running tree has (``bench.roles_of``). Those in ``Victims``
+            are there in any case.
+    """
+    bystanders = [role for role in dict.fromkeys(roles) if is_bystander(role)]
+    for victim in (*Victims, *bystanders):
         for fault in Faults:
             why_not = _why_not(driver, victim, fault)
             yield Cell(victim, fault, why_not, () if why_not else proves(victim, fault))
 
 
-def _why_not(driver: Driver, victim: Victims, fault: Faults) -> str:
+def _why_not(driver: Driver, victim: str, fault: Faults) -> str:
+    if is_bystander(victim):
+        return "" if fault in BYSTANDER_FAULTS else "nothing in it can be asked for this fault"
     if victim is Victims.TWIN:
         if fault is Faults.KILL:
             return "no robot is left to read a safe frame"
@@ -122,7 +153,7 @@ def _why_not(driver: Driver, victim: Victims, fault: Faults) -> str:
     return ""
 
 
-def proves(victim: Victims, fault: Faults) -> tuple[str, ...]:
+def proves(victim: str, fault: Faults) -> tuple[str, ...]:
     """The requirements (docs/safety.md) that a safe outcome of this cell shows."""
     if victim is Victims.TWIN:
         if fault in RETURNING:
@@ -143,6 +174,8 @@ def proves(victim: Victims, fault: Faults) -> tuple[str, ...]:
 def bound_s(driver: Driver, victim: str, fault: str) -> float:
     """Published: the driver's after a death or a stop; after a freeze or a spin what has to lapse
     before it too."""
+    if is_bystander(victim):
+        return driver.bound_s
     if victim == Victims.TWIN:
         return RETURN_S if fault in RETURNING else driver.bound_s
     if fault not in LIVING:
@@ -159,7 +192,9 @@ def bound_s(driver: Driver, victim: str, fault: str) -> float:
 
 
 def expected_safe_state(driver: Driver, victim: str, fault: str) -> str:
-    """The driver's, for the reason that the fault becomes."""
+    """The driver's, for the reason that the fault becomes; of a bystander: for a stop."""
+    if is_bystander(victim):
+        return driver.fallbacks[Reason.STOP]
     living = fault in LIVING
     reasons = {
         "caller": Reason.LEASE if living else Reason.CALLER,

@@ -17,7 +17,7 @@ from strands_actors.contract.driver import Driver
 from strands_actors.kernel.processes.interpreter import PYTHON, environment
 
 from .bench import driver_of
-from .faults import Cell, cells_of
+from .faults import Cell
 from .pairs import Pair
 from .registering import where_is
 from .trials import Done, Trial, Trials, decode
@@ -36,13 +36,21 @@ Drivers = Mapping[str, type[Driver] | None]
 """Robots; with the driver's class, where this package does not know it."""
 
 
-Cells = Callable[[Driver], Iterable[Cell | Pair]]
+Cells = Callable[[str, Driver], Iterable[Cell | Pair]]
+"""Of a robot and its driver."""
 
 
 class Plan:
-    """What is left to do. ``cells``: of a driver; ``pairs_of`` for a matrix of pairs."""
+    """What is left to do. ``victims``: only cells with one of these; empty: all."""
 
-    def __init__(self, drivers: Drivers, repeats: int, trials: Trials, cells: Cells = cells_of) -> None:
+    def __init__(
+        self,
+        drivers: Drivers,
+        repeats: int,
+        trials: Trials,
+        cells: Cells,
+        victims: frozenset[str] = frozenset(),
+    ) -> None:
         self._left: dict[str, deque[Order]] = {}
         self._benches = dict.fromkeys(drivers, 0)
         self._alone = set[str]()
@@ -51,7 +59,11 @@ class Plan:
             where = "" if driver_class is None else where_is(driver_class)
             if driver.bound_s < SHORT_S:
                 self._alone.add(robot)
-            wanted = [cell for cell in cells(driver) if not cell.why_not]
+            wanted = [
+                cell
+                for cell in cells(robot, driver)
+                if not cell.why_not and (not victims or victims & frozenset(cell.members))
+            ]
             self._left[robot] = deque(
                 order
                 for cell in wanted

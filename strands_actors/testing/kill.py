@@ -21,7 +21,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--robot", default="so101")
     parser.add_argument("--repeats", type=int, default=1)
-    parser.add_argument("--victim", choices=list(Victims), action="append")
+    parser.add_argument("--victim", action="append", help=f"{', '.join(Victims)}, or another role of its tree")
     parser.add_argument("--fault", choices=list(Faults), action="append")
     options = parser.parse_args()
     # a shell's background job ignores it, and so its children
@@ -30,7 +30,7 @@ def main() -> int:
     def wanted(cell: Cell) -> bool:
         return (
             not cell.why_not
-            and cell.victim in (options.victim or list(Victims))
+            and (not options.victim or cell.victim in options.victim)
             and cell.fault in (options.fault or list(Faults))
         )
 

@@ -22,7 +22,7 @@ import msgspec
 
 from strands_actors.contract.driver import Driver
 
-from .bench import Bench, driver_of
+from .bench import Bench, driver_of, roles_of
 from .cells import Outcome, run_cell, tries
 from .faults import Cell, cells_of
 from .jobs import Cells, Drivers
@@ -73,7 +73,7 @@ def measure(
 ) -> Iterator[Row]:
     """Each cell of one robot, in the order of the tables."""
     with Bench(robot, driver_class) as bench:
-        for cell in cells_of(bench.driver):
+        for cell in cells_of(bench.driver, roles_of(bench)):
             if not only(cell):
                 continue
             if cell.why_not:
@@ -86,10 +86,10 @@ def measure(
             yield summary(robot, cell, outcomes)
 
 
-def rows_of(drivers: Drivers, trials: Trials, cells: Cells = cells_of) -> Iterator[Row]:
+def rows_of(drivers: Drivers, trials: Trials, cells: Cells) -> Iterator[Row]:
     """Each cell of each robot, in the order of the tables."""
     for robot, driver_class in drivers.items():
-        for cell in cells(driver_of(robot, driver_class)):
+        for cell in cells(robot, driver_of(robot, driver_class)):
             yield summary(robot, cell, () if cell.why_not else trials.of(robot, cell))
 
 

@@ -14,10 +14,20 @@ import trio
 
 from strands_actors.contract.driver import Driver
 
-from .bench import Bench, Caller, NotMoving
-from .cells import SETTLE_S, Expected, Outcome, persevere, read, require_motion, told, until_safe
-from .faults import SIGNALS, Faults
-from .pairs import APART_S, Members, Pair, expected_safe_states, pair_bound_s
+from .bench import Bench, Caller, NotMoving, extras_for
+from .cells import (
+    SETTLE_S,
+    Expected,
+    Outcome,
+    persevere,
+    read,
+    require_motion,
+    stop_after,
+    told,
+    until_safe,
+)
+from .faults import SIGNALS, Faults, Victims, is_bystander
+from .pairs import APART_S, Pair, expected_safe_states, pair_bound_s
 
 
 def run_pair(pair: Pair, bench: Bench, settle_s: float = SETTLE_S) -> Outcome:
@@ -28,8 +38,8 @@ def run_pair(pair: Pair, bench: Bench, settle_s: float = SETTLE_S) -> Outcome:
     def trial(caller: Caller) -> Outcome:
         return trio.run(_break_pair, bench, caller, pair, apart_s, settle_s)
 
-    drop = Members.CALLER in pair.members or not pair.members
-    return persevere(bench, _motion(pair, bench.driver), trial, drop)
+    drop = not pair.members or any(member == Victims.CALLER or is_bystander(member) for member in pair.members)
+    return persevere(bench, _motion(pair, bench.driver), trial, drop, extras_for(pair.members))
 
 
 def _motion(pair: Pair, driver: Driver) -> str:
@@ -38,7 +48,7 @@ def _motion(pair: Pair, driver: Driver) -> str:
         return "rollout"
     if driver.ROLLOUTS:
         return "loop"
-    return "loop" if Members.CALLER in pair.members and Members.POLICY not in pair.members else "task"
+    return "loop" if Victims.CALLER in pair.members and Victims.POLICY not in pair.members else "task"
 
 
 async def _break_pair(bench: Bench, caller: Caller, pair: Pair, apart_s: float, settle_s: float) -> Outcome:
@@ -55,25 +65,27 @@ async def _break_pair(bench: Bench, caller: Caller, pair: Pair, apart_s: float, 
             if not number:
                 raise NotMoving(f"a process of {pair.victim} had ended before it was to break") from None
             # the first fault has ended it: a trial all the same
+    bound_ms = pair_bound_s(bench.driver, pair) * 1e3
+    expected = Expected(pair.victim, pair.fault, expected_safe_states(bench.driver, pair), bound_ms)
+    if pair.stops:
+        return await stop_after(bench, caller, expected, broken_ns, queue, settle_s)
     await until_safe(bench.log, began_ns, queue)
     stood_ms = queue.stood_ms()
     await trio.sleep(settle_s + pair_bound_s(bench.driver, pair))
     for member, fault in pair.faults:
-        if fault is Faults.FREEZE and member is not Members.CALLER:
+        if fault is Faults.FREEZE and member != Victims.CALLER:
             # A frozen process that is let go again must not write: it was fenced, or has no way to.
             with contextlib.suppress(ProcessLookupError):
                 os.kill(caller.pid(member), signal.SIGCONT)
     await trio.sleep(settle_s)
     require_motion(bench.log, began_ns)
-    bound_ms = pair_bound_s(bench.driver, pair) * 1e3
-    expected = Expected(pair.victim, pair.fault, expected_safe_states(bench.driver, pair), bound_ms)
     return told(read(bench.log, expected, began_ns, broken_ns, 0.0, stood_ms), bench.log, began_ns)
 
 
 def _orders(pair: Pair, caller: Caller) -> list[tuple[int, signal.Signals]]:
     """Whom to send which signal, in turn."""
     if not pair.members:
-        own = [pid for role, pid in caller.pids().items() if role != "twin"]
+        own = [pid for role, pid in caller.pids().items() if role != Victims.TWIN]
         return [(pid, signal.SIGTERM) for pid in own if "python" in Path(f"/proc/{pid}/comm").read_text()]
     orders = [(caller.pid(member), SIGNALS[fault]) for member, fault in pair.faults]
     random.shuffle(orders)

@@ -4,28 +4,17 @@ Tables only."""
 from __future__ import annotations
 
 import enum
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import combinations, permutations
 
 from strands_actors.contract.driver import HOLDING_REASONS, Driver, Reason
 from strands_actors.supervisors.standby.watch import look_s, silent_s
 
-from .faults import Faults, Victims, bound_s
+from .faults import Faults, Victims, bound_s, is_bystander, victim_named
 
 APART_S = 0.05
 """Longest time between the two."""
-
-
-class Members(enum.StrEnum):
-    """Processes of a tree. The standby is none of ``Victims``: alone it changes nothing that the
-    wire shows."""
-
-    CALLER = "caller"
-    POLICY = "policy"
-    WIRE = "wire"
-    ROOT = "root"
-    STANDBY = "standby"
 
 
 class Ways(enum.StrEnum):
@@ -41,14 +30,14 @@ FAULTS = {
     Ways.FREEZES: (Faults.FREEZE, Faults.FREEZE),
 }
 ALL = "all"
-_LAST_TWO = {Members.ROOT, Members.WIRE}
+_LAST_TWO = {Victims.ROOT, Victims.WIRE}
 
 
 @dataclass(frozen=True)
 class Pair:
-    """As ``faults.Cell``, of two. ``members``: empty for a row of its own, ``PKILL``."""
+    """As ``faults.Cell``, of two roles of a tree. ``members``: empty for a row of its own, ``PKILL``."""
 
-    members: tuple[Members, ...]
+    members: tuple[str, ...]
     way: Ways
     why_not: str = ""
     proves: tuple[str, ...] = ()
@@ -62,46 +51,57 @@ class Pair:
         return self.way
 
     @property
-    def faults(self) -> tuple[tuple[Members, Faults], ...]:
+    def faults(self) -> tuple[tuple[str, Faults], ...]:
         """What is done to whom."""
         return tuple(zip(self.members, FAULTS[self.way], strict=True)) if self.members else ()
+
+    @property
+    def stops(self) -> bool:
+        """Return whether the wire shows nothing of either: the trial ends with a stop."""
+        return bool(self.members) and all(map(is_bystander, self.members))
 
     def __str__(self) -> str:
         return f"{self.victim}-{self.fault}".replace(" + ", "+").replace(" ", "-")
 
 
-def pairs_of(driver: Driver) -> Iterator[Pair]:
-    """Every two of ``Members`` in every way, and the row of ``PKILL``."""
+def pairs_of(driver: Driver, roles: Iterable[str]) -> Iterator[Pair]:
+    """Return every two processes of a tree in every way, and the row of ``PKILL``.
+
+    Args:
+        driver: Whose robot it is.
+        roles: Of the processes that its running tree has (``bench.roles_of``).
+    """
+    victims = [victim_named(role) for role in dict.fromkeys(roles) if role != Victims.TWIN]
     for way in FAULTS:
-        twos = permutations(Members, 2) if way is Ways.FREEZE_AND_KILL else combinations(Members, 2)
+        twos = permutations(victims, 2) if way is Ways.FREEZE_AND_KILL else combinations(victims, 2)
         for members in twos:
-            why_not = (driver.ROLLOUTS or driver.TASKS) if Members.POLICY in members else ""
+            why_not = (driver.ROLLOUTS or driver.TASKS) if Victims.POLICY in members else ""
             yield Pair(members, way, why_not, () if why_not else ("SAF-002", "SAF-016"))
     yield Pair((), Ways.PKILL, "", ("SAF-002", "SAF-016"))
 
 
 def pair_named(victim: str, fault: str) -> Pair:
     """The pair whose ``victim`` and ``fault`` these are. Raise ``ValueError``."""
-    members = () if victim == ALL else tuple(map(Members, victim.split(" + ")))
+    members = () if victim == ALL else tuple(map(victim_named, victim.split(" + ")))
     return Pair(members, Ways(fault))
 
 
 _LIVING = {
-    Members.CALLER: Reason.LEASE,
-    Members.POLICY: Reason.EXPIRED,
-    Members.WIRE: Reason.WIRE,
-    Members.ROOT: Reason.ROOT,
+    Victims.CALLER: Reason.LEASE,
+    Victims.POLICY: Reason.EXPIRED,
+    Victims.WIRE: Reason.WIRE,
+    Victims.ROOT: Reason.ROOT,
 }
-_ENDED = _LIVING | {Members.CALLER: Reason.CALLER, Members.POLICY: Reason.POLICY}
+_ENDED = _LIVING | {Victims.CALLER: Reason.CALLER, Victims.POLICY: Reason.POLICY}
 
 
-def _decisive(pair: Pair) -> dict[Members, tuple[Faults, Reason]]:
+def _decisive(pair: Pair) -> dict[str, tuple[Faults, Reason]]:
     """The faults that the wire shows: those that stop the robot; when none does, those that hold
     it."""
-    found: dict[Members, tuple[Faults, Reason]] = {
-        member: (fault, (_LIVING if fault is Faults.FREEZE else _ENDED)[member])
+    found: dict[str, tuple[Faults, Reason]] = {
+        member: (fault, (_LIVING if fault is Faults.FREEZE else _ENDED)[Victims(member)])
         for member, fault in pair.faults
-        if member is not Members.STANDBY
+        if not is_bystander(member)
     }
     stops = {member: each for member, each in found.items() if each[1] not in HOLDING_REASONS}
     return stops or found
@@ -109,7 +109,8 @@ def _decisive(pair: Pair) -> dict[Members, tuple[Faults, Reason]]:
 
 def expected_safe_states(driver: Driver, pair: Pair) -> tuple[str, ...]:
     """One of these."""
-    reasons = [reason for _, reason in _decisive(pair).values()] or [Reason.CALLER]
+    usual = Reason.STOP if pair.stops else Reason.CALLER
+    reasons = [reason for _, reason in _decisive(pair).values()] or [usual]
     return tuple(dict.fromkeys(driver.fallbacks[reason] for reason in reasons))
 
 
@@ -120,5 +121,5 @@ def pair_bound_s(driver: Driver, pair: Pair) -> float:
     if set(pair.members) == _LAST_TWO:
         frozen = pair.way is not Ways.KILLS
         return driver.bound_s + (silent_s(timing) + look_s(timing) if frozen else 0.0)
-    alone = (bound_s(driver, Victims(member), fault) for member, (fault, _) in _decisive(pair).items())
+    alone = (bound_s(driver, member, fault) for member, (fault, _) in _decisive(pair).items())
     return max(alone, default=driver.bound_s)

@@ -24,7 +24,7 @@ from strands_actors import kernel as runtime
 from strands_actors.version import __version__
 
 from .cells import Outcome
-from .faults import Cell, Faults, Victims
+from .faults import Cell, Faults, victim_named
 from .pairs import Pair, pair_named
 
 _MEASURED = (".py", ".toml")
@@ -57,7 +57,7 @@ class Run(msgspec.Struct, frozen=True, tag="run"):
 
 def cell_named(victim: str, fault: str) -> Cell | Pair:
     """Raise ``ValueError``."""
-    return Cell(Victims(victim), Faults(fault)) if fault in list(Faults) else pair_named(victim, fault)
+    return Cell(victim_named(victim), Faults(fault)) if fault in list(Faults) else pair_named(victim, fault)
 
 
 class Done(msgspec.Struct, frozen=True, tag="done"):

@@ -72,7 +72,7 @@ OBSERVATION_S = 1.0
 class Gate(Actor):
     """``start`` is where the failsafe machine begins: a restarted wire goes on from the epoch it
     had. ``cause``: what led there. ``no_standby``: why nothing may be energised, until the root
-    says that there is a standby."""
+    says that the standby, and the root itself, could stop the robot."""
 
     def __init__(
         self,
@@ -591,8 +591,8 @@ class Gate(Actor):
     def _begin_to_arm(self) -> Refused | None:
         mode = self._state.mode
         if self._no_standby and (mode, Event.RESUME) in failsafe.TRANSITIONS:
-            why = f"resume: nothing is energised without a standby process: {self._no_standby}"
-            return Refused("no_standby", why, "try again in a moment: one is started as soon as there is none")
+            why = f"resume: a process that could stop the robot is missing: {self._no_standby}"
+            return Refused("no_standby", why, "try again in a moment: another one is being started")
         action = self._advance(Event.RESUME)
         if action is not Action.ARM:
             if mode in failsafe.OVER:

@@ -218,7 +218,7 @@ class Status(Message, frozen=True):
     last_stop: StopReport | None
     facts: dict[str, Any] = msgspec.field(default_factory=dict)
     locked_since: str = ""  # ISO 8601, UTC
-    no_standby: str = ""  # why there is no standby, so that nothing may be energised
+    no_standby: str = ""  # why standby or root could not stop the robot, so that nothing may be energised
     no_motion: Refused | None = None  # what a command would be told now, whatever it says; None: it is looked at
     rollout: Writing | None = None
 
@@ -308,8 +308,8 @@ class StoppedAt(Message, frozen=True):
 
 
 class StandbyIs(Message, frozen=True):
-    """Whether a standby lives and could make the robot safe. ``problem``: why not; empty: it
-    could."""
+    """Whether the standby, and the root's own stop channel, could make the robot safe at once.
+    ``problem``: why not; empty: both could."""
 
     lane = "urgent"
 

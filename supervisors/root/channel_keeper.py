@@ -2,7 +2,8 @@
 standby's.
 
 A wire's link counts as up only when both could be used. The root's is closed before the next wire
-opens the port, which is locked while it is open.
+opens the port, which is locked while it is open. The gate is told when the standby, or the root's
+channel, could not be used at once any more: nothing is armed until it can.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ class ChannelKeeper:
         self.standby = standby
         self._broken = broken
         self.own: StopChannel | None = None
+        self._standby_problem = self._lacks = ""
         self._scope = trio.CancelScope()
         self._again = trio.CancelScope()  # of a handover to a standby that replaces another
 
@@ -67,11 +69,28 @@ class ChannelKeeper:
                 os.close(fd)
             return Refused("no_descriptor", f"the standby cannot be given the port: {error}", "ulimit -n 1024")
         self._drop()
+        if self.standby is not None:
+            self._standby_problem = "the standby process has no way to the hardware yet"
         self.own = path = self._driver.stop_channel(message.descriptors, self._context.clock)
         self._scope = trio.CancelScope()
         deferred = self._context.defer()
         self._context.start_soon(self._keep, path, self._scope, deferred, spare)
         return deferred
+
+    def look(self) -> None:
+        """Tell the gate when the root's channel lacks something, and when it does not any more."""
+        lacks = "" if self.own is None else self.own.lacks
+        if lacks != self._lacks:
+            self._lacks = lacks
+            self._tell_gate()
+
+    def tell_standby(self, problem: str) -> None:
+        """Tell the gate why there is no standby; empty: there is one."""
+        self._standby_problem = problem
+        self._tell_gate()
+
+    def _tell_gate(self) -> None:
+        self._gate.tell(StandbyIs(self._standby_problem or self._lacks))
 
     async def let_go(self) -> None:
         """Close both: they would keep the next wire from the port."""
@@ -131,7 +150,8 @@ class ChannelKeeper:
         finally:
             for fd in descriptors:
                 os.close(fd)
-        self._gate.tell(StandbyIs("" if refusal is None else f"it has no way to the hardware: {refusal.reason}"))
+        why = "" if refusal is None else f"the standby process has no way to the hardware: {refusal.reason}"
+        self.tell_standby(why)
         return refusal
 
     def _drop(self) -> None:
@@ -140,6 +160,7 @@ class ChannelKeeper:
             self._scope.cancel()
             self.own.close()
             self.own = None
+            self._lacks = ""
 
 
 def _duplicates(descriptors: Sequence[int]) -> tuple[int, ...]:

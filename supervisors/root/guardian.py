@@ -31,7 +31,7 @@ from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import Ref
 from strands_actors.kernel.processes.child import report_failure
 from strands_actors.supervisors.gate.failsafe import SAFE, Mode, State
-from strands_actors.supervisors.gate.messages import LockKept, StandbyIs, Stopped, StoppedAt, StopReport
+from strands_actors.supervisors.gate.messages import LockKept, Stopped, StoppedAt, StopReport
 from strands_actors.supervisors.page import Owed
 from strands_actors.supervisors.root.messages import (
     Decided,
@@ -192,6 +192,7 @@ class Guardian(Actor):
         if self._ticks % LOOK_EVERY == 0:
             self._look_at_writers()
             self._look_at_start()
+            self.channels.look()
         if now_ns >= self._silent_until_ns and self._failure_detector.tick(now_ns):
             silent = self._failure_detector.told(now_ns)
             self._break(Reason.WIRE, busy.explained(f"the wire process stopped answering ({silent})"))
@@ -231,7 +232,7 @@ class Guardian(Actor):
         another."""
         self.context.note(Happened("there is no standby", why))
         if self._guarded is not None:
-            self._gate.tell(StandbyIs(f"{why}; another is being started"))
+            self.channels.tell_standby(f"{why}; another is being started")
 
     def begin_standby(self) -> None:
         """A new one has begun. The wire that is open hands over again; one that is not does when it

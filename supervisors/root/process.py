@@ -227,6 +227,7 @@ class Tree:
         self.standby.on_begun = self.guardian.begin_standby
         RESERVE.begin(lambda: self.standby.is_ready)
         self.wire: WireProcess | None = None
+        self._instrument: InstrumentKeeper | None = None  # of this process, once it runs
         self.supervisor = Supervisor([ChildSpec("wire", self.guardian.keep)], budget=WIRE_BUDGET)
         self.failed = ""
         self._shutdown = trio.Event()
@@ -273,7 +274,8 @@ class Tree:
         at, driver = self.at, self.driver
         names = {address: name_of(address) for address in (at.guardian, at.tasks, at.root)}
         description = without_secrets(self.args["driver"], type(driver))
-        return InstrumentKeeper(names, Attached(description, driver.axes, driver.unit), dull=_DULL)
+        self._instrument = InstrumentKeeper(names, Attached(description, driver.axes, driver.unit), dull=_DULL)
+        return self._instrument
 
     async def run(self, sock: socket.socket) -> None:
         async with trio.open_nursery() as nursery:
@@ -452,7 +454,11 @@ class Tree:
     async def describe(self, asker: str) -> TreeReport:
         state = self.guardian.state
         mode = Mode.FAILED if self.failed else Mode(state.mode)
-        report = [ProcessInfo("caller", self.args["caller_pid"], 0), ProcessInfo("root", os.getpid(), 0)]
+        report = [
+            ProcessInfo("caller", self.args["caller_pid"], 0),
+            ProcessInfo("root", os.getpid(), 0),
+            ProcessInfo("spawner", self.spawner.pid, 0),
+        ]
         if self.wire is not None and self.wire.process.alive:
             report.append(ProcessInfo("wire", self.wire.process.pid, self.supervisor.restarts["wire"]))
         if self.standby.process is not None:
@@ -461,6 +467,8 @@ class Tree:
             report.append(ProcessInfo("policy", self.tasks.process.pid, max(0, self.tasks.starts - 1)))
         for name, camera in self.cameras.processes.items():
             report.append(ProcessInfo(f"camera/{name}", camera.pid, max(0, self.cameras.starts[name] - 1)))
+        if self._instrument is not None and self._instrument.recorder_pid:
+            report.append(ProcessInfo("recorder", self._instrument.recorder_pid, 0))
         if self.args.get("twin_pid"):
             report.append(ProcessInfo("twin", self.args["twin_pid"], 0))
         cameras = [f"camera/{name}" for name in self.cameras.processes]

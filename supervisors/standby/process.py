@@ -120,6 +120,7 @@ class Standby(Actor):
         self._leave = leave
         self._channel: StopChannel | None = None
         self._channel_scope = trio.CancelScope()
+        self._channel_ready = False
         self._acts = False
         self._check_at_ns = 0
 
@@ -192,6 +193,8 @@ class Standby(Actor):
                     now_ns, process.heartbeat.heard_ns, False, may_be_silent_until_ns
                 )
         self._decide()
+        if not self._acts and self._channel is not None and self._channel_ready and self._channel.lacks:
+            self._leave(NO_CHANNEL)  # the root starts another, and arms nothing until that one is ready
 
     def _check_reserve(self, now_ns: int) -> None:
         """End when this process lacks what a stop needs. As long as the root lives it starts another."""
@@ -307,7 +310,7 @@ class Standby(Actor):
             try:
                 async with trio.open_nursery() as nursery:
                     await nursery.start(serve, channel)
-                    ready = True
+                    ready = self._channel_ready = True
                     deferred.send(Guarding())
             except* WireDown as down:
                 if not ready:
@@ -322,6 +325,7 @@ class Standby(Actor):
             self._channel_scope.cancel()
             self._channel.close()
             self._channel = None
+            self._channel_ready = False
 
 
 def _parts_of(told: WatchOver) -> tuple[int, int | None, int | None]:

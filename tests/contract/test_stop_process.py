@@ -172,18 +172,109 @@ async def cancelled(channel: Channel, folder: Folder, noted: str) -> None:
         nursery.cancel_scope.cancel()
 
 
-def test_it_is_ready_before_the_link_counts_as_up_and_replaced_when_it_dies(tmp_path: Path) -> None:
-    async def test(channel: Channel, folder: Folder) -> None:
+Served = Callable[[Channel, Folder, list[int]], Awaitable[None]]
+
+
+def with_two_ready(tmp_path: Path, test: Served) -> None:
+    """``test`` is given the children that stand ready, the one to ask first in front."""
+
+    async def served(channel: Channel, folder: Folder) -> None:
         async with trio.open_nursery() as nursery:
             await nursery.start(channel.serve)
-            (first,) = folder.notes("began")
-            os.kill(first, signal.SIGKILL)
-            await folder.until("began", 2)
-            await channel.make_safe("stop")
-        assert len(folder.notes("stop")) == 1
-        assert not alive(first)
+            assert channel.lacks == "" and set(channel.processes) == set(folder.notes("began"))
+            await test(channel, folder, list(channel.processes))
+            nursery.cancel_scope.cancel()
 
-    with_channel(tmp_path, test)
+    with_channel(tmp_path, served)
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    with trio.fail_after(PATIENCE_S):
+        while not condition():  # noqa: ASYNC110  # other processes' doing
+            await trio.sleep(0.005)
+
+
+def test_saf_016_two_are_ready_before_the_link_counts_as_up_and_one_alone_carries_out_an_order(
+    tmp_path: Path,
+) -> None:
+    async def test(channel: Channel, folder: Folder, ready: list[int]) -> None:
+        assert len(ready) == 2
+        for safe_state in ("hold", "stop"):
+            assert all(report.safe for report in await channel.make_safe(safe_state))
+            assert folder.notes(safe_state) == ready[:1]
+        assert list(channel.processes) == ready, "both live on"
+
+    with_two_ready(tmp_path, test)
+
+
+@pytest.mark.quick_cases(2)
+@pytest.mark.parametrize("fault", ["freeze", "block", "kill"])
+def test_saf_016_the_second_one_acts_at_once_when_the_first_is_dead_frozen_or_hangs(
+    tmp_path: Path, fault: str
+) -> None:
+    async def test(channel: Channel, folder: Folder, ready: list[int]) -> None:
+        first, second = ready
+        if fault == "block":
+            folder.tell(f"block {first}")
+            await folder.until("blocks")
+        else:
+            os.kill(first, signal.SIGKILL if fault == "kill" else signal.SIGSTOP)
+        assert all(report.safe for report in await channel.make_safe("stop"))
+        assert folder.notes("stop") == [second], "it was there before: no import was waited for"
+        assert set(folder.notes("began")) == set(ready), "nor was another one begun for it"
+        await gone(first)  # a frozen one that is continued writes nothing
+
+    with_two_ready(tmp_path, test)
+
+
+def test_saf_016_an_order_that_was_cancelled_and_not_acknowledged_is_given_to_the_second_one(
+    tmp_path: Path,
+) -> None:
+    """As a guardian does: one order before the fence, another after it."""
+
+    async def test(channel: Channel, folder: Folder, ready: list[int]) -> None:
+        first, second = ready
+        folder.tell(f"block {first}")
+        await folder.until("blocks")
+        with trio.move_on_after(0.001):
+            await channel.make_safe("hold")
+        assert all(report.safe for report in await channel.make_safe("stop"))
+        assert folder.notes("stop") == [second] and not folder.notes("hold")
+
+    with_two_ready(tmp_path, test)
+
+
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize("fault", ["block", "freeze", "kill"])
+def test_saf_016_an_idle_one_that_is_lost_is_replaced(tmp_path: Path, fault: str) -> None:
+    async def test(channel: Channel, folder: Folder, ready: list[int]) -> None:
+        for pid in ready:
+            if fault == "block":
+                folder.tell(f"block {pid}")
+            else:
+                os.kill(pid, signal.SIGKILL if fault == "kill" else signal.SIGSTOP)
+        await until(lambda: bool(channel.lacks))
+        assert "no process of VendorStopChannel is ready to stop the robot" in channel.lacks
+        await until(lambda: len(channel.processes) == 2)
+        assert channel.lacks == "" and not set(channel.processes) & set(ready)
+        for pid in ready:
+            await gone(pid)
+        assert all(report.safe for report in await channel.make_safe("stop"))
+
+    with_two_ready(tmp_path, test)
+
+
+@pytest.mark.long
+def test_saf_016_while_both_are_replaced_an_order_waits_for_the_next_one(tmp_path: Path) -> None:
+    async def test(channel: Channel, folder: Folder, ready: list[int]) -> None:
+        for pid in ready:
+            os.kill(pid, signal.SIGKILL)
+        await until(lambda: not channel.processes)
+        assert all(report.safe for report in await channel.make_safe("stop"))
+        (acted,) = folder.notes("stop")
+        assert acted not in ready
+
+    with_two_ready(tmp_path, test)
 
 
 def test_a_robot_that_cannot_be_reached_from_there_is_told(tmp_path: Path) -> None:

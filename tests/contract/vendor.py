@@ -1,7 +1,7 @@
 """A stop channel on a vendor's SDK that hangs, for the tests of one in a process of its own.
 
 What it does next is said by the files in its folder: ``hang``, ``spin``, ``slow`` and ``crash`` are
-obeyed once, the others always.
+obeyed once, the others always; ``block PID`` by an idle one of that number.
 """
 
 from __future__ import annotations
@@ -36,6 +36,11 @@ class VendorStopChannel(StopChannel):
         if (self._folder / "unreachable").exists():
             raise WireDown("no route to the robot")
         task_status.started()
+        while True:
+            if self._once(f"block {os.getpid()}"):
+                self._note("blocks")
+                time.sleep(3600)  # noqa: ASYNC251  # an SDK that keeps the interpreter's lock
+            await trio.sleep(0.01)
 
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
         if (self._folder / "hang-always").exists() or self._once("hang"):

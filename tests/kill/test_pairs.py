@@ -15,10 +15,9 @@ import pytest
 from strands_actors.supervisors.standby.watch import look_s, silent_s
 from strands_actors.testing import Bench
 from strands_actors.testing.bench import driver_of
-from strands_actors.testing.faults import Faults
+from strands_actors.testing.faults import Faults, Victims
 from strands_actors.testing.pair_trials import run_pair
 from strands_actors.testing.pairs import (
-    Members,
     Pair,
     Ways,
     expected_safe_states,
@@ -32,11 +31,12 @@ SLACK_MS = 400.0
 SETTLE_S = 0.2
 ROBOTS = ("so101", "robotiq_2f85")
 """A serial bus, and a connection made when it is needed."""
+ROLES = ("caller", "policy", "wire", "root", "standby", "spawner", "camera/eye", "recorder", "standby/stop")
 CELLS = [
     (robot, pair)
     for robot in ROBOTS
-    for pair in pairs_of(driver_of(robot))
-    if not pair.why_not and (Members.ROOT in pair.members or not pair.members)
+    for pair in pairs_of(driver_of(robot), ROLES[:5])
+    if not pair.why_not and (Victims.ROOT in pair.members or not pair.members)
 ]
 
 
@@ -64,43 +64,45 @@ def test_saf_016_two_break_and_the_wire_is_safe(robot: str, pair: Pair, benches:
 
 
 def test_every_two_in_every_way_are_a_pair_or_say_why_not() -> None:
-    pairs = list(pairs_of(driver_of("so101")))
-    for first, second in permutations(Members, 2):
+    pairs = list(pairs_of(driver_of("so101"), ROLES))
+    for first, second in permutations(ROLES, 2):
         for way in (Ways.KILLS, Ways.FREEZES):
             assert any(set(pair.members) == {first, second} and pair.way is way for pair in pairs)
         assert Pair((first, second), Ways.FREEZE_AND_KILL, "", ("SAF-002", "SAF-016")) in pairs
-    assert len(pairs) == len(set(pairs)) == 10 + 20 + 10 + 1
+    assert len(pairs) == len(set(pairs)) == 36 + 72 + 36 + 1
     gripper = driver_of("robotiq_2f85")
-    for pair in pairs_of(gripper):
-        assert pair.why_not == (gripper.ROLLOUTS if Members.POLICY in pair.members else "")
+    for pair in pairs_of(gripper, ROLES):
+        assert pair.why_not == (gripper.ROLLOUTS if Victims.POLICY in pair.members else "")
 
 
-@pytest.mark.parametrize("pair", [*pairs_of(driver_of("so101"))], ids=str)
+@pytest.mark.parametrize("pair", [*pairs_of(driver_of("so101"), ROLES)], ids=str)
 def test_a_pair_is_found_by_what_its_trials_are_called(pair: Pair) -> None:
     found = cell_named(pair.victim, pair.fault)
     assert isinstance(found, Pair) and (found.members, found.way) == (pair.members, pair.way)
     assert pair_named(pair.victim, pair.fault) == found
 
 
-def test_a_stop_counts_for_more_than_a_hold_and_the_standby_for_nothing() -> None:
+def test_a_stop_counts_for_more_than_a_hold_and_a_bystander_for_nothing() -> None:
     arm = driver_of("so101")
 
-    def of(*members: Members, way: Ways = Ways.FREEZES) -> tuple[tuple[str, ...], float]:
+    def of(*members: str, way: Ways = Ways.FREEZES) -> tuple[tuple[str, ...], float]:
         pair = Pair(members, way)
         return expected_safe_states(arm, pair), round(pair_bound_s(arm, pair), 3)
 
-    assert of(Members.CALLER, Members.POLICY) == (("hold",), 0.13)
-    assert of(Members.POLICY, Members.WIRE) == (("limp",), 0.15)
-    assert of(Members.POLICY, Members.STANDBY) == (("hold",), 0.13)
-    assert of(Members.ROOT, Members.STANDBY) == (("limp",), 0.15)
-    assert of(Members.POLICY, Members.ROOT, way=Ways.FREEZE_AND_KILL) == (("limp",), 0.05)
-    assert of(Members.WIRE, Members.ROOT, way=Ways.KILLS) == (("limp",), 0.05)
+    assert of(Victims.CALLER, Victims.POLICY) == (("hold",), 0.13)
+    assert of(Victims.POLICY, Victims.WIRE) == (("limp",), 0.15)
+    assert of(Victims.POLICY, "standby") == (("hold",), 0.13)
+    assert of(Victims.ROOT, "standby") == (("limp",), 0.15)
+    assert of(Victims.WIRE, "a kind that is new") == (("limp",), 0.15)
+    assert of("standby", "spawner") == (("limp",), 0.05), "a stop ends the trial"
+    assert of(Victims.POLICY, Victims.ROOT, way=Ways.FREEZE_AND_KILL) == (("limp",), 0.05)
+    assert of(Victims.WIRE, Victims.ROOT, way=Ways.KILLS) == (("limp",), 0.05)
     both_s = round(0.05 + silent_s(arm.timing) + look_s(arm.timing), 3)
-    assert of(Members.WIRE, Members.ROOT) == of(Members.ROOT, Members.WIRE) == (("limp",), both_s)
+    assert of(Victims.WIRE, Victims.ROOT) == of(Victims.ROOT, Victims.WIRE) == (("limp",), both_s)
     assert of(way=Ways.PKILL) == (("limp",), 0.05)
 
 
 def test_what_is_done_to_whom() -> None:
-    pair = Pair((Members.ROOT, Members.WIRE), Ways.FREEZE_AND_KILL)
-    assert pair.faults == ((Members.ROOT, Faults.FREEZE), (Members.WIRE, Faults.KILL))
+    pair = Pair((Victims.ROOT, Victims.WIRE), Ways.FREEZE_AND_KILL)
+    assert pair.faults == ((Victims.ROOT, Faults.FREEZE), (Victims.WIRE, Faults.KILL))
     assert f"{pair}" == "root+wire-freeze+kill"

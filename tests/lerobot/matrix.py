@@ -85,13 +85,13 @@ def _measure(given: argparse.Namespace) -> int:
     drivers = {robot: measured.CLASSES[robot] for robot in given.robots.split(",")}
     trials = Trials(given.resume, 1)
 
-    def wanted(driver: Driver) -> Iterator[Cell]:
+    def wanted(robot: str, driver: Driver) -> Iterator[Cell]:
         return (cell for cell in cells_of(driver) if not given.only or cell.victim == given.only)
 
     problems = []
     for robot, driver_class in drivers.items():
         with TheirBench(robot, driver_class) as its_bench:
-            for cell in wanted(its_bench.driver):
+            for cell in wanted(robot, its_bench.driver):
                 try:
                     _try(cell, its_bench, trials, given.repeats)
                 except bench.NotMoving as why:

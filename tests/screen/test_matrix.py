@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
@@ -184,7 +185,7 @@ def test_a_run_that_was_ended_is_continued(tmp_path: Path) -> None:
     assert [run.jobs for run in again.runs] == [2, 4]
     taken = conditions(again, "so101")
     assert (taken["trials"], taken["jobs"]) == ("2, of which disturbed: 0", "2 or 4 side by side")
-    orders = left(Plan(drivers, 3, again))
+    orders = left(Plan(drivers, 3, again, usual_cells))
     assert [order.trials for order in orders if (order.victim, order.fault) == ("wire", "kill")] == [1]
     assert [order.trials for order in orders if (order.victim, order.fault) == ("wire", "freeze")] == [3]
     path.write_bytes(path.read_bytes().replace(b"cores", b"CORES"))
@@ -205,10 +206,12 @@ def test_one_robot_is_measured_again_and_the_page_keeps_the_others(
     kept = load(out.with_suffix(".json"))
     assert kept["koch"].rows == [koch] and kept["koch"].rows[0].worst_ms is None
     monkeypatch.setattr("strands_actors.surfaces.cli.matrix.trio.run", no_bench)  # nothing is measured
+    monkeypatch.setattr("strands_actors.surfaces.cli.matrix._roles_of", lambda _: {"so101": ("root", "standby")})
     assert run(["matrix", "--drivers", "so101", "-o", str(out)]) == 1
     written = load(out.with_suffix(".json"))
     assert list(written) == ["koch", "so101"] and written["koch"] == kept["koch"]
-    assert len(written["so101"].rows) == len(list(cells_of(driver_of("so101"))))
+    assert len(written["so101"].rows) == len(list(cells_of(driver_of("so101"), ["standby"])))
+    assert run(["matrix", "--drivers", "so101", "--victims", "nobody"]) == 2
     text = out.read_text()
     assert "| never **not safe** |" in text and "**not measured**" in text
 
@@ -224,6 +227,10 @@ def test_what_is_no_page_is_not_written_over(
     assert there.read_text() == '{"so101": 1}' and len(list(tmp_path.iterdir())) == 1
 
 
+def usual_cells(robot: str, driver: Driver) -> Iterator[Cell]:
+    return cells_of(driver)
+
+
 def left(plan: Plan, robot: str = "") -> list[Order]:
     """What a worker is given that has a bench of ``robot``."""
     orders: list[Order] = []
@@ -234,7 +241,7 @@ def left(plan: Plan, robot: str = "") -> list[Order]:
 
 def test_a_robot_that_runs_first_has_one_bench_and_every_order_is_given_once() -> None:
     drivers: dict[str, type[Driver] | None] = {"so101": None, "unitree_g1": None}
-    plan = Plan(drivers, 11, some_trials())
+    plan = Plan(drivers, 11, some_trials(), usual_cells)
     first = [order for _ in range(4) if (order := plan.next_for("")) is not None]
     assert [order.robot for order in first] == ["unitree_g1", "so101", "so101", "so101"]
     trials = sum(order.trials for order in [*first, *left(plan, "unitree_g1")])
@@ -299,7 +306,7 @@ def test_two_trials_of_a_driver_of_somebody_elses() -> None:
 def test_trials_side_by_side_of_a_driver_of_somebody_elses() -> None:
     """Through the worker processes; what they cannot measure they say."""
     drivers: dict[str, type[Driver] | None] = {"blinky": Blinky}
-    plan, trials = Plan(drivers, 1, some_trials()), some_trials()
+    plan, trials = Plan(drivers, 1, some_trials(), usual_cells), some_trials()
     orders = [order for order in left(plan) if (order.victim, order.fault) == ("wire", "kill")]
     problems = trio.run(
         measure_all, Given([*orders, msgspec.structs.replace(orders[0], driver="no:Where")]), 1, trials.add

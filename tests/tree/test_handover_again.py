@@ -10,6 +10,7 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
+import pytest
 import trio
 
 from strands_actors.contract.driver import Reason
@@ -26,7 +27,7 @@ from strands_actors.supervisors.page import ROOT, STANDBY, WIRE, Owed
 from strands_actors.supervisors.root.guardian import Guardian
 from strands_actors.supervisors.root.standby_keeper import StandbyKeeper
 from strands_actors.supervisors.standby.messages import WatchOver
-from strands_actors.supervisors.standby.process import Standby
+from strands_actors.supervisors.standby.process import NO_CHANNEL, Standby
 from strands_actors.supervisors.wire.group import InlineWire
 from strands_actors.testing import FakeHardware, run_virtual
 from strands_actors.testing.fake import HARDWARE, FakeDriver, FakeStopChannel, FakeWire
@@ -39,6 +40,11 @@ class Session(FakeStopChannel):
 
     LONG_S = 0.2
     refusals = 0
+    lack = ""
+
+    @property
+    def lacks(self) -> str:
+        return self.lack
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         await trio.sleep(self.LONG_S)
@@ -77,6 +83,7 @@ class Robot:
 
     def __init__(self, guardian: Guardian, gate: Any, node: Node, wires: list[InlineWire]) -> None:
         self.guardian, self.gate, self.node, self.wires = guardian, gate, node, wires
+        self.left: list[int] = []  # exit codes of its standby
 
     async def until(self, mode: Mode, standby: bool) -> None:
         """Wait for the mode of the gate that lives, and for whether it has a standby."""
@@ -129,11 +136,11 @@ async def robot(report: Path) -> AsyncIterator[Robot]:
             )
             await nursery.start(node.cell(at.path("guardian"), lambda: guardian).run)
             told = WatchOver(root.pid, 0, (os.dup(page),))
-            standby = Standby(driver, ROBOT, ROBOT, report, told, lambda code: None)
+            made = Robot(guardian, node.ref(at.gate, Gate), node, wires)
+            standby = Standby(driver, ROBOT, ROBOT, report, told, made.left.append)
             await nursery.start(node.cell(at.path("standby"), lambda: standby).run)
             async with trio.open_nursery() as tree:
                 tree.start_soon(Supervisor([ChildSpec("wire", guardian.keep)], budget=Budget(100, 5.0)).run)
-                made = Robot(guardian, node.ref(at.gate, Gate), node, wires)
                 await made.until(Mode.DISARMED, standby=True)
                 assert isinstance(await made.gate.ask(Resume("a test"), 1.0), Resumed)
                 yield made
@@ -174,5 +181,18 @@ def test_saf_016_a_standby_whose_session_was_refused_asks_again(tmp_path: Path) 
             await made.gate.ask(Stop(Reason.STOP, "a test"), 3.0)
             await made.until(Mode.DISARMED, standby=True)
             assert isinstance(await made.gate.ask(Resume("a test"), 1.0), Resumed)
+
+    run_virtual(run)
+
+
+def test_saf_016_a_standby_whose_stop_processes_are_gone_ends_and_is_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def run() -> None:
+        async with robot(tmp_path / "report") as made:
+            assert made.left == []
+            monkeypatch.setattr(Session, "lack", "no process of UsbStop is ready to stop the robot")
+            await trio.sleep(0.1)
+            assert made.left and set(made.left) == {NO_CHANNEL}
 
     run_virtual(run)

@@ -168,6 +168,11 @@ class Spawner:
         self._replaced = trio.Event()
         self._one_at_a_time = trio.Lock()
 
+    @property
+    def pid(self) -> int:
+        """Return the id of the process that starts others now."""
+        return self._server.process.pid
+
     async def start(
         self, entry: str, args: Mapping[str, Any], session: bool = False, descriptors: Sequence[int] = ()
     ) -> ChildProcess:

@@ -430,12 +430,15 @@ def matrix(
     jobs: Annotated[int, typer.Option(min=1, help="Robots that are broken side by side.")] = 1,
     resume: Annotated[Path | None, typer.Option(help="Keep each trial there, and repeat none that it has.")] = None,
     pairs: Annotated[bool, typer.Option(help="Break two processes, one shortly after the other.")] = False,
+    victims: Annotated[
+        str | None, typer.Option(help="Measure only cells with one of these, with commas. Default: all.")
+    ] = None,
     json: Json = False,
 ) -> None:
     """Break everything there is to break on the twins, and measure."""
     from .matrix import run as measure
 
-    raise typer.Exit(measure(drivers, repeats, out, json, jobs, resume, pairs))
+    raise typer.Exit(measure(drivers, repeats, out, json, jobs, resume, pairs, victims))
 
 
 def main() -> None:

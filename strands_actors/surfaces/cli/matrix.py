@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import msgspec
@@ -13,11 +14,12 @@ import trio
 from strands_actors.contract.driver import Driver
 from strands_actors.drivers import get_native_driver_class, list_native_drivers
 from strands_actors.testing import trials as testing_trials
-from strands_actors.testing.faults import cells_of
+from strands_actors.testing.bench import Bench, NotMoving, roles_of
+from strands_actors.testing.faults import Cell, Victims, cells_of
 from strands_actors.testing.jobs import Cells, Plan, measure_all
 from strands_actors.testing.matrix import Row, rows_of, shown, summary, verdict
 from strands_actors.testing.matrix_page import INTRODUCTION, PAIRS, Columns, columns_of, encode, load, page
-from strands_actors.testing.pairs import pairs_of
+from strands_actors.testing.pairs import Pair, pairs_of
 from strands_actors.testing.trials import Trial, Trials, cell_named
 
 from .errors import Problem
@@ -33,17 +35,27 @@ def run(
     jobs: int = 1,
     resume: Path | None = None,
     pairs: bool = False,
+    victims: str | None = None,
 ) -> int:
-    """1 when a cell is unsafe or past its bound. What cannot be measured does not take the other
-    rows with it: they are written, and then it is a problem."""
+    """Return 1 when a cell is unsafe or past its bound. ``victims``: measure only cells with one of
+    these. What cannot be measured does not take the other rows with it: they are written, and then it
+    is a problem."""
     robots = dict.fromkeys(_chosen(drivers) if drivers else one_of_each())
-    cells: Cells = pairs_of if pairs else cells_of
+    roles = _roles_of(robots)
+    of: Callable[[Driver, Iterable[str]], Iterable[Cell | Pair]] = pairs_of if pairs else cells_of
+    cells: Cells = lambda robot, driver: of(driver, roles[robot])  # noqa: E731
+    only = frozenset(name.strip() for name in (victims or "").split(",") if name.strip())
+    known = {role for found in roles.values() for role in found} | set(Victims)
+    if unknown := sorted(only - known):
+        raise Problem(f"matrix: no process {', '.join(unknown)}. there are {', '.join(sorted(known))}")
     kept = {} if out is None else _kept(out)
     try:
         trials = Trials(resume, jobs)
     except testing_trials.Problem as problem:
         raise Problem(f"matrix: {problem}") from None
-    problems = trio.run(measure_all, Plan(robots, repeats, trials, cells), jobs, _Progress(trials, repeats).heard)
+    problems = trio.run(
+        measure_all, Plan(robots, repeats, trials, cells, only), jobs, _Progress(trials, repeats).heard
+    )
     rows = list(rows_of(robots, trials, cells))
     columns = columns_of(rows, trials)
     written = page(kept | columns, PAIRS if pairs else INTRODUCTION)
@@ -57,6 +69,18 @@ def run(
     if problems:
         raise Problem(f"matrix: {problems[0]}" + (f" (and {len(problems) - 1} more)" if problems[1:] else ""))
     return 0 if all(row.safe for row in rows) else 1
+
+
+def _roles_of(robots: Iterable[str]) -> dict[str, tuple[str, ...]]:
+    """Run each robot's tree once, for the processes that it has."""
+    found = {}
+    for robot in robots:
+        try:
+            with Bench(robot) as bench:
+                found[robot] = roles_of(bench)
+        except NotMoving as why:
+            raise Problem(f"matrix: {robot} does not move: {why}") from None
+    return found
 
 
 def _kept(out: Path) -> Columns:

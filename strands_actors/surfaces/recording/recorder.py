@@ -144,7 +144,8 @@ class Source(Actor):
             self.attached = True  # the first batch may overtake the answer
             try:
                 answer = await self._instrument.ask(
-                    Attach(self.context.address, self._session, f"process {os.getpid()}"), ASK_S
+                    Attach(self.context.address, self._session, f"process {os.getpid()}", pid=os.getpid()),
+                    ASK_S,
                 )
             except (AskTimeout, Unreachable):
                 answer = None

@@ -1,16 +1,20 @@
-"""Addresses as they are written, and a connection to the first of a host's addresses that takes
-it."""
+"""Addresses as they are written, a connection to the first of a host's addresses that takes it, and
+what becomes of what a dead process had written."""
 
 from __future__ import annotations
 
+import os
+import signal
 import socket
+import time
 from collections.abc import Iterator
 
 import pytest
 import trio
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.tcp_port import open_tcp, parse_address
+from strands_actors.drivers.common import tcp_port
+from strands_actors.drivers.common.tcp_port import TcpPort, open_tcp, parse_address
 
 
 @pytest.mark.parametrize("port", ["", ":502", "host:", "host:0", "host:70000", "[::1]:x", "/dev/ttyUSB0:x"])
@@ -64,3 +68,103 @@ def test_a_host_that_nobody_answers_at_is_told_with_the_reason(monkeypatch: pyte
     answer_with(monkeypatch, "127.0.0.2", "127.0.0.3")
     with pytest.raises(WireDown, match=r"robot.local:9: cannot connect \(Connection refused\)"):
         trio.run(open_tcp, "robot.local", 9)
+
+
+SETPOINT = b"setpoint" * 125
+PATIENCE_S = 10.0
+
+
+def take_all(peer: socket.socket) -> tuple[bytes, bool]:
+    """Return what the peer gets to read, and whether the connection was reset after that."""
+    received = b""
+    with peer:
+        peer.settimeout(PATIENCE_S)
+        try:
+            while data := peer.recv(1 << 16):
+                received += data
+        except ConnectionResetError:
+            return received, True
+    return received, False
+
+
+def killed_while_it_writes(port: TcpPort) -> None:
+    """Write setpoints in a process of its own until the peer takes no more, and kill it. As a root,
+    this process has the connection, too."""
+    pid = os.fork()
+    if pid == 0:
+        try:
+            while True:
+                port.write(SETPOINT)
+        except WireDown:
+            os.kill(os.getpid(), signal.SIGKILL)
+        finally:
+            os._exit(1)
+    _, status = os.waitpid(pid, 0)
+    assert os.WIFSIGNALED(status)
+
+
+@pytest.fixture
+def slow_listener() -> Iterator[socket.socket]:
+    """Of a peer that reads nothing for now."""
+    with socket.socket() as server:
+        server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        server.bind(("127.0.0.1", 0))
+        server.listen()
+        yield server
+
+
+def test_saf_010_what_a_killed_process_had_not_sent_does_not_come_behind_a_stop(
+    slow_listener: socket.socket,
+) -> None:
+    async def main() -> None:
+        number = slow_listener.getsockname()[1]
+        wires = await open_tcp("127.0.0.1", number)
+        peer, _ = slow_listener.accept()
+        killed_while_it_writes(wires)
+        assert wires.reset_if_stalled()
+        stop = await open_tcp("127.0.0.1", number)
+        stops_peer, _ = slow_listener.accept()
+        stop.write(b"stop")
+        stop.close_in_order()
+        assert take_all(stops_peer) == (b"stop", False)
+        received, was_reset = take_all(peer)
+        assert was_reset and len(received) < 10 * len(SETPOINT), "what its system had taken, and no more"
+        wires.close()
+
+    trio.run(main)
+
+
+def test_saf_010_a_peer_that_takes_nothing_is_given_up_though_the_connection_is_open_elsewhere(
+    slow_listener: socket.socket, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tcp_port, "UNTAKEN_S", 0.2)
+
+    async def main() -> None:
+        wires = await open_tcp("127.0.0.1", slow_listener.getsockname()[1])
+        peer, _ = slow_listener.accept()
+        killed_while_it_writes(wires)
+        with trio.fail_after(PATIENCE_S):
+            with pytest.raises(WireDown):
+                await wires.read()
+        received, _ = take_all(peer)
+        assert len(received) < 10 * len(SETPOINT)
+        wires.close()
+
+    trio.run(main)
+
+
+def test_a_connection_whose_peer_takes_what_is_written_is_left_alone(listener: socket.socket) -> None:
+    async def main() -> None:
+        port = await open_tcp("127.0.0.1", listener.getsockname()[1])
+        peer, _ = listener.accept()
+        for _ in range(20):
+            port.write(SETPOINT)
+            assert not port.reset_if_stalled()
+            time.sleep(0.002)  # noqa: ASYNC251  # the peer's system takes it
+        port.write(b"stop")
+        port.close_in_order()
+        received, was_reset = take_all(peer)
+        assert received.endswith(b"stop") and not was_reset
+        assert not port.reset_if_stalled(), "a closed one neither"
+
+    trio.run(main)

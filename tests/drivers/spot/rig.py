@@ -15,7 +15,7 @@ from strands_actors.drivers.common.twin.grpc import GrpcClient, ServerCall
 from strands_actors.drivers.spot.driver import Spot
 from strands_actors.drivers.spot.messages import decode
 from strands_actors.drivers.spot.protocol import ESTOP_ROLE, METHODS, Motors, challenge_response, duration
-from strands_actors.drivers.spot.stop_process import EstopChannel
+from strands_actors.drivers.spot.stop_channel import EstopChannel
 from strands_actors.drivers.spot.twin import SpotTwin
 from strands_actors.drivers.spot.wire import SpotWire
 from strands_actors.kernel.clock import VirtualClock

@@ -1,0 +1,75 @@
+"""Processes of a tree that its root does not keep itself: a stop process, a program that a driver
+started. They are found in the system's list of processes. Linux alone tells."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+
+from strands_actors.supervisors.root.messages import ProcessInfo, TreeReport
+
+_NOT_OURS = ("caller", "twin")
+"""What these start is a user's."""
+_PREFIX = "strands-"
+
+
+class Entry(NamedTuple):
+    """One process of the system's list."""
+
+    parent: int
+    name: str
+
+
+def complete(report: TreeReport, table: Mapping[int, Entry] | None = None) -> TreeReport:
+    """Return the report with every descendant of its processes that it does not list.
+
+    Args:
+        report: What the root says of its tree.
+        table: The system's list of processes, by id. None: it is read now.
+
+    Returns:
+        The same report. An added process has the role ``<who started it>/<its name>``: a stop process
+        of the standby is ``standby/stop``, a second one ``standby/stop/2``.
+    """
+    table = dict(_read_table()) if table is None else table
+    roles = {process.pid: process.role for process in report.processes}
+    counts: Counter[str] = Counter()
+    added: list[ProcessInfo] = []
+    for pid in sorted(table):
+        parent = "" if pid in roles else _listed_ancestor(pid, table, roles)
+        if parent and parent not in _NOT_OURS:
+            role = f"{parent}/{table[pid].name}"
+            counts[role] += 1
+            added.append(ProcessInfo(role if counts[role] == 1 else f"{role}/{counts[role]}", pid, 0))
+    return msgspec.structs.replace(report, processes=(*report.processes, *added))
+
+
+def _listed_ancestor(pid: int, table: Mapping[int, Entry], roles: Mapping[int, str]) -> str:
+    """Return the role of the nearest ancestor that has one; empty: it descends from none."""
+    at: int | None = pid
+    while at is not None and at not in roles:
+        at = table[at].parent if at in table else None
+    return "" if at is None else roles[at]
+
+
+def _read_table() -> Iterator[tuple[int, Entry]]:
+    """Every process that has not ended. Source: proc(5), /proc/pid/stat."""
+    try:
+        entries = os.listdir("/proc")
+    except OSError:
+        return
+    for entry in entries:
+        if entry.isdigit():
+            try:
+                before, _, after = Path("/proc", entry, "stat").read_bytes().rpartition(b")")
+            except OSError:  # it has just ended
+                continue
+            state, parent, *_ = after.split()
+            if state not in (b"Z", b"X"):
+                name = before.partition(b"(")[2].decode(errors="replace")
+                yield int(entry), Entry(int(parent), name.removeprefix(_PREFIX))

@@ -1,0 +1,33 @@
+"""A recorder beside a moving robot, for the kill matrix."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import tempfile
+from pathlib import Path
+
+from strands_actors.kernel.processes.interpreter import PYTHON, environment
+
+
+class RecorderProcess:
+    """As ``strands_actors.record`` starts one, into a file that nobody reads."""
+
+    def __init__(self, robot: str, run_dir: Path) -> None:
+        self._directory = tempfile.TemporaryDirectory(prefix="sa-")
+        self._process = subprocess.Popen(
+            [*PYTHON, "-m", "strands_actors.surfaces.recording.script", robot, f"{self._directory.name}/run.mcap"],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            env=environment(STRANDS_ACTORS_RUN=str(run_dir)),
+        )
+
+    def end(self) -> None:
+        """Kill it, also where it was stopped."""
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(self._process.pid, signal.SIGKILL)
+        self._process.wait()
+        self._directory.cleanup()
