@@ -15,6 +15,7 @@ from strands_actors.kernel.clock import Clock
 from .client import GripperClient, hold
 from .config import RobotiqConfig
 from .connect import OpenPort, OpenStream, open_gripper
+from .protocol import Status
 from .serial_client import SerialGripper
 
 
@@ -28,6 +29,7 @@ class RobotiqStopChannel(DuplicateDescriptor[RobotiqConfig, GripperClient]):
         open_port: OpenPort = open_serial,
     ) -> None:
         super().__init__(config, descriptors, clock)
+        self._lost = False  # a connection, before the gripper answered
         self._open = partial(open_gripper, config, clock, open_stream, open_port)
 
     @property
@@ -45,11 +47,17 @@ class RobotiqStopChannel(DuplicateDescriptor[RobotiqConfig, GripperClient]):
 
     async def make_safe_on(self, port: GripperClient, safe_state: SafeState) -> tuple[MotorReport, ...]:
         report = await hold(port, None, self.config)
-        if not report.written:
+        if not report.written and not self._lost:
+            self._lost = True
             raise WireDown(report.detail)
+        if not report.written:  # lost again before it answered: a reset needs no answer
+            port.close()
+            self.port = await self.open_port()
+            report = await hold(self.port, Status(), self.config)
         return (report,)
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
+        self._lost = False
         try:
             return await super().make_safe(safe_state)
         finally:
