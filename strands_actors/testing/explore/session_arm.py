@@ -18,7 +18,6 @@ from .world import World
 
 TICK_S = 0.01
 """As often as it reports. A real one reckons 250 times a second."""
-LATE_S = 0.06
 GARBLED = 0.05
 """Share of replies."""
 TOLERATED_RAD = 0.02
@@ -115,32 +114,18 @@ class SessionArm(RobotModel):
         )
 
     def effect(self, event: Event) -> Effect | None:
-        network = self.network
         match event.kind:
-            case "pull":
-                return lambda: network.cut("out", "in"), lambda: network.mend("out", "in")
-            case "hold requests":
-                return lambda: network.cut("out"), lambda: network.mend("out")
-            case "hold replies":
-                return lambda: network.cut("in"), lambda: network.mend("in")
-            case "stall":
-                return lambda: setattr(network, "stalled", True), network.go_on
-            case "late":
-                return put(network, "late_s", LATE_S, 0.0)
             case "mute":
                 return put(self, "mute", True, False)
             case "garble":
                 return put(self, "garbled", GARBLED, 0.0)
-            case "reset":
-                return network.reset, nothing
             case "brown out":
                 return self.brown_out, nothing
-        return None
+        return self.network.effect(event)
 
     def mend(self) -> None:
-        self.network.mend("out", "in")
-        self.network.go_on()
-        self.network.late_s = self.garbled = 0.0
+        self.network.mend_all()
+        self.garbled = 0.0
         self.mute = False
 
     def brown_out(self) -> None:
