@@ -7,10 +7,12 @@ from .robot_model import RobotModel
 from .service_robot import Base, Drone, SlowArm
 from .servo_arm import ServoArm
 from .session_arm import SessionArm
+from .upload_arm import UploadArm
 
 MODELS: dict[str, type[RobotModel]] = {
     "so101": ServoArm,
     "xarm7": SessionArm,
+    "ur5e": UploadArm,
     "unitree_go2": LeggedRobot,
     "fake_base": Base,
     "fake_drone": Drone,

@@ -51,20 +51,25 @@ class ArmPlant(Joints):
 
 
 class SlowActions:
-    """Gives the last joint an angle that no other action has; the first one swings."""
+    """Gives one joint, ``mark``, an angle that no other action has; another one, ``swing``, swings.
+    ``third`` is moved by single commands."""
 
-    def __init__(self, rng: random.Random) -> None:
+    def __init__(
+        self, rng: random.Random, mark: str = "joint7", swing: str = "joint1", third: str = "joint3"
+    ) -> None:
         self._rng = rng
+        self._keys = mark, swing, third
         self._given = 0
 
     def next(self, far: bool) -> dict[str, float]:
         self._given += 1
+        mark, swing, third = self._keys
         action = {
-            "joint7": 1e-4 * self._given,
-            "joint1": abs((STEP_RAD * self._given + 0.4) % 1.6 - 0.8) - 0.4,
+            mark: 1e-4 * self._given,
+            swing: abs((STEP_RAD * self._given + 0.4) % 1.6 - 0.8) - 0.4,
         }
         if far:
-            action["joint3"] = self._rng.uniform(-0.015, 0.015)
+            action[third] = self._rng.uniform(-0.015, 0.015)
         return action
 
 
