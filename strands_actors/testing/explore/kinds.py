@@ -101,6 +101,7 @@ WIRE_FAULTS: dict[str, dict[str, int]] = {
     "fake_base": SERVICE,
     "fake_drone": {**SERVICE, **CONDITIONS},
     "fake_http": SERVICE,
+    "fake_queue": SERVICE,
 }
 """By robot: what its wire does, and how often."""
 AT_A_POINT = ("unload", "brown out", "reset")

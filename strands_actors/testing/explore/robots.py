@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from .legs import LeggedRobot
+from .queued_robot import QueuedRobot
 from .robot_model import RobotModel
 from .service_robot import Base, Drone, SlowArm
 from .servo_arm import ServoArm
@@ -17,5 +18,6 @@ MODELS: dict[str, type[RobotModel]] = {
     "fake_base": Base,
     "fake_drone": Drone,
     "fake_http": SlowArm,
+    "fake_queue": QueuedRobot,
 }
 ROBOTS = tuple(MODELS)
