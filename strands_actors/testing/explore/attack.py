@@ -12,7 +12,7 @@ from strands_actors.supervisors import addresses
 from strands_actors.supervisors.gate.messages import Acquire, Resume, Stop, StopReport
 
 from .links import Net, SimMesh
-from .plan import CALLER
+from .kinds import CALLER
 
 PESTER_S = 0.01
 

@@ -40,6 +40,7 @@ class SimChild(ChildProcess):
             self._child.kill(-sig)
 
     def pidfds(self) -> tuple[int, ...]:
+        self._sock.process.require("files")
         return (os.memfd_create(f"pidfd {self.pid}"),)
 
     async def wait(self) -> int:
@@ -76,6 +77,7 @@ class Starter:
     ) -> SimChild:
         role, main = self._entries[entry]
         parent = self.world.current
+        parent.require("files")
         boot_s = most_s * (0.3 + 0.7 * self._rng.random())
         ends: list[Socket] = []
         if descriptors:
@@ -168,8 +170,13 @@ class SimOs:
         parent = self._world.current.parent
         return 1 if parent is None or parent.gone else parent.pid
 
+    def dup(self, fd: int) -> int:
+        self._world.current.require("files")
+        return os.dup(fd)
+
     def pidfd_open(self, pid: int) -> int:
         """A descriptor to give away; who gets it goes by the number that comes with it."""
+        self._world.current.require("files")
         return os.memfd_create(f"pidfd {pid}")
 
     def urandom(self, size: int) -> bytes:

@@ -14,6 +14,7 @@ from typing import Any
 
 import trio
 
+from strands_actors.caller import processes, rollouts, tree, writer
 from strands_actors.kernel.clock import VirtualClock
 from strands_actors.kernel.health import busy
 from strands_actors.supervisors import policy
@@ -21,10 +22,12 @@ from strands_actors.supervisors.root import guardian, lock_keeper, process, stan
 from strands_actors.supervisors.standby import process as standby
 from strands_actors.supervisors.wire import group
 
+from .askers import START_S
 from .children import SimOs, SimPeer, Starter, life_of, suspected, until_ended
 from .links import Net, SimLink, SimMesh
 from .locks import SimLocks
 from .robot_model import RobotModel, Seam
+from .script import SimProcesses
 from .world import World
 
 
@@ -66,6 +69,7 @@ def _threads(world: World) -> Callable[..., Any]:
     async def run_sync(
         do: Callable[..., Any], *args: Any, abandon_on_cancel: bool = False, limiter: object = None
     ) -> Any:
+        world.current.require("threads")
         took_s = 0.004 * rng.random() if rng.random() < 0.95 else 1.5 * rng.random()
         with trio.CancelScope(shield=not abandon_on_cancel):
             await trio.sleep(took_s)
@@ -142,6 +146,10 @@ def seams(world: World, net: Net, starter: Starter, model: RobotModel) -> Iterat
         (tasks, "Link", SimLink),
         (tasks, "ZenohMesh", SimMesh),
         (policy, "os", system),
+        (tree, "processes_of", SimProcesses),
+        (processes, "os", system),
+        (rollouts, "START_S", START_S),
+        (writer, "os", system),
         (policy, "gc_freeze", SimpleNamespace(left_alone=contextlib.nullcontext)),
         *model.seams(),
     )

@@ -49,6 +49,10 @@ class SerialLine:
 
     def open(self, path: str, baud: int) -> SimPort:
         """As ``open_serial``."""
+        try:
+            self.world.current.require("files")
+        except OSError as error:
+            raise WireDown(f"{path}: cannot open at {baud} baud ({error.strerror})") from None
         if not self.plugged:
             raise WireDown(f"{path}: cannot open at {baud} baud (no such file). Check port= and who else has it")
         if self._open is not None and self._open.handles and self._open.locked:
