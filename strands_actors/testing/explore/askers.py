@@ -188,8 +188,9 @@ class Asker:
             action = self.actions.next(far=False)
             setpoint = Setpoint(lease.id, lease.epoch, deadline_ns, action, PERIOD_S)
             answer = await self._ask(self.gate, setpoint, ASK_S)
-            refused = isinstance(answer, Refused) and answer.code not in GOES_ON
-            if not hasty and (answer is None or refused):
+            if hasty and isinstance(answer, Refused):
+                await self._acquire()  # the robot holds since the last setpoint expired
+            elif answer is None or (isinstance(answer, Refused) and answer.code not in GOES_ON):
                 return
 
 

@@ -291,6 +291,7 @@ def nothing_takes_effect_after_a_confirmed_stop(seen: Evidence) -> Found:
     """What was asked before the stop energises nothing after its report."""
     ends = seen.safe_states(Reason.STOP, Reason.ESTOP)
     asks = [asked for asked in seen.asked if isinstance(asked.message, Resume | Perform) and asked.who != "policy"]
+    asks += [asked for _, asked in seen.setpoints()]  # of a robot that a setpoint energises
     for asked in seen.asked:
         report = asked.answer
         if not isinstance(report, StopReport) or not report.confirmed or report.safe_state not in ends:
