@@ -208,7 +208,7 @@ class Evidence:
         return [
             process
             for process in self.world.processes
-            if process.role in TREE and process.code == 1 and not process.lacked
+            if process.role in TREE and process.code == 1 and not process.resources.lacked
         ]
 
     def alive(self) -> list[str]:

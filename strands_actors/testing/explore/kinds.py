@@ -32,11 +32,12 @@ FAULTS = {
     "slow spawner": 2,
     "restart": 2,  # of the script, by systemd
     "attack": 2,  # by the policy process
+    "leak": 1,
     "no files": 1,
     "no threads": 1,
     "no memory": 1,
 }
-EXHAUSTION = ("no files", "no threads", "no memory")
+EXHAUSTION = ("leak", "no files", "no threads", "no memory")
 """What a process cannot get any more: it opens, duplicates or starts nothing."""
 EXHAUSTED = ("root", "wire", "standby")
 MOMENTS = {

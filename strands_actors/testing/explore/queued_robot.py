@@ -55,7 +55,7 @@ class FakeQueue(fake_kinds._Kind):
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = ("fake_queue",)
     WIRE: ClassVar[str] = "strands_actors.testing.explore.queued_robot:QueueWire"
     SERVICES: ClassVar[Mapping[str, Service]] = {
-        "power_on": Service("switch the motors on", within_s=1.0, powers=True, in_motion=True)
+        "power_on": Service("switch the motors on", within_s=1.0, powers=True, in_motion=True, late_s=QUEUE_S)
     }
     PARTS = (
         Part(
@@ -66,7 +66,9 @@ class FakeQueue(fake_kinds._Kind):
             ),
         ),
     )
-    timing = Timing(control_hz=20.0, keepalive_s=0.05, stream_ttl_s=0.3, oneshot_ttl_s=0.3, state_ttl_s=0.5)
+    timing = Timing(
+        control_hz=20.0, keepalive_s=0.05, stream_ttl_s=0.3, oneshot_ttl_s=0.3, state_ttl_s=0.5, late_s=QUEUE_S
+    )
     fallbacks: Mapping[Reason, SafeState] = dict.fromkeys(Reason, SafeState.OFF)
 
 

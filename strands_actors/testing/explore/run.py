@@ -112,10 +112,11 @@ class Run:
         now_s = self.world.now_s - self.world.began_s
         self._start_asker(CALLER, self._asks(CALLER, now_s))
 
-    def _start_root(self, caller: str) -> SimChild:
+    def _start_root(self, caller: str) -> tuple[SimChild, memoryview]:
+        """Return it, and the page that its processes share."""
         world, model = self.world, self.model
         page = new_page()
-        world.pages[os.fstat(page).st_ino] = private_page()
+        words = world.pages[os.fstat(page).st_ino] = private_page()
         world.descriptors.append(page)
         args = {
             "robot": ROBOT,
@@ -139,7 +140,7 @@ class Run:
             "standby": {"lock": "", "place": model.PORT, "report": ""},
             "mesh": {"listen": [], "connect": [], "settings": {}},
         }
-        return self.starter.start("strands_actors.supervisors.root.process:main", args, FORKED_S)
+        return self.starter.start("strands_actors.supervisors.root.process:main", args, FORKED_S), words
 
     async def _root(self, args: dict[str, Any], sock: Socket) -> None:
         starter = self.starter
@@ -195,8 +196,8 @@ class Run:
                 return victim.freeze, victim.go_on
             case "lag":
                 return put(victim, "lag_s", event.value, 0.0)
-            case "no files" | "no threads" | "no memory":
-                return lambda: victim.lack(event.kind.removeprefix("no ")), lambda: setattr(victim, "lacks", "")
+            case kind if kind in EXHAUSTION:
+                return lambda: victim.resources.lack(kind), lambda: setattr(victim.resources, "lacks", "")
         raise ValueError(f"{event.kind} is no event")
 
     def _mend(self) -> None:
@@ -207,7 +208,7 @@ class Run:
         self.net.cut.clear()
         for process in self.world.processes:
             process.lag_s = 0.0
-            process.lacks = ""
+            process.resources.lacks = ""
             process.go_on()
         while (caller := self.world.find(CALLER)) is not None:
             caller.kill()

@@ -13,7 +13,7 @@ from typing import Any
 import trio
 
 from strands_actors.caller import verbs
-from strands_actors.caller.envelopes import Answer
+from strands_actors.caller.envelopes import Answer, stop_result
 from strands_actors.caller.nodes import Entrance
 from strands_actors.caller.plan import Plan
 from strands_actors.caller.real_robot import RealRobot
@@ -25,6 +25,7 @@ from strands_actors.kernel.node import AskTimeout, Unreachable
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors import permissions as channels
 from strands_actors.supervisors.gate.messages import Lease
+from strands_actors.supervisors.page import Owed
 from strands_actors.supervisors.root.process import Root
 
 from .askers import PERIOD_S, ROBOT, Asker
@@ -42,7 +43,7 @@ class SimProcesses(TreeProcesses):
     """The caller's end of the processes. The root starts in the simulation; all that is decided
     about it is decided by ``TreeProcesses``."""
 
-    start_root: Callable[[str], SimChild]
+    start_root: Callable[[str], tuple[SimChild, memoryview]]
 
     async def start(self, beside: Callable[[], Awaitable[None]]) -> None:
         self.require_open()
@@ -52,7 +53,8 @@ class SimProcesses(TreeProcesses):
         from strands_actors.supervisors.root.guardian import Guardian
         from strands_actors.supervisors.root.tasks import Tasks
 
-        process = type(self).start_root(self.node.address)
+        process, page = type(self).start_root(self.node.address)
+        self._owed = Owed(page)
         at = addresses.of(self.robot)
         self.gate = self.node.ref(at.gate, Gate, sender=f"{self.node.address}/{self.robot}")
         self.guardian = self.node.ref(at.guardian, Guardian)
@@ -174,12 +176,12 @@ class Script(Asker):
 
 
 async def _estop(tree: RobotTree) -> Answer:
-    return verbs._stopped(await tree.stop(Reason.ESTOP, lock=True))
+    return stop_result("estop", await tree.stop(Reason.ESTOP, lock=True))
 
 
 async def _clean_up(tree: RobotTree) -> Answer:
     """As ``RealRobot.cleanup``, which waits in a thread for what is awaited here."""
-    report = await tree.cleanup()
+    result = await tree.cleanup()
     handle = object.__new__(RealRobot)
-    handle.__dict__.update(_opened=tree, _pid=os.getpid(), _call=lambda verb: report)
+    handle.__dict__.update(_opened=tree, _pid=os.getpid(), _call=lambda verb: result)
     return handle.cleanup()

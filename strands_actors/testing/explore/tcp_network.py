@@ -20,6 +20,7 @@ from .hostile_peer import HostilePeer
 from .kinds import PEER
 from .plan import Event
 from .robot_model import Effect, nothing, put
+from .exhaustion import open_file
 from .world import Process, World
 
 CONNECT_S = 0.5
@@ -62,10 +63,7 @@ class TcpNetwork:
     async def open(self, host: str, port: int) -> SimStream:
         """As ``open_tcp``."""
         process, name = self.world.current, f"{host}:{port}"
-        try:
-            process.require("files")
-        except OSError as error:
-            raise WireDown(f"{name}: cannot connect ({error.strerror})") from None
+        open_file(process, name)
         await trio.sleep(self._way_s())
         if self.unreachable:
             await trio.sleep(CONNECT_S)
@@ -227,6 +225,7 @@ class SimStream:
 
     def _end(self) -> None:
         self._closed = True
+        self.process.resources.close_file()
         if self._waits and not self.process.dead:
             self._news.set()
         if self._gone:

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import trio
 
 from .hostile_peer import HostilePeer, Stream
+from .exhaustion import open_file
 from .world import Process, World
 
 Address = tuple[str, int]
@@ -49,7 +50,7 @@ class UdpNetwork:
     def open_sockets(self, domain: int, address: str, multicast: bool) -> tuple[UdpSocket, ...]:
         """As ``rtps.sockets.open_sockets``; there is no multicast."""
         if self.world.running is not None:
-            self.world.running.require("files")
+            open_file(self.world.running, address)
         index = 0
         while any((address, port) in self.sockets for port in self._ports(domain, index)):
             index += 1

@@ -153,7 +153,7 @@ class UploadArm(RobotModel):
     async def call_in_thread(self, function: Callable[..., Any], *args: Any) -> Any:
         """Do a call of the SDK some time later, whether it is still waited for or not."""
         world, process = self.world, self.world.current
-        process.require("threads")
+        process.resources.start_thread()
         done, results = trio.Event(), list[outcome.Outcome[Any]]()
 
         def finish(result: outcome.Outcome[Any]) -> None:
@@ -241,7 +241,7 @@ class _Interface:
         """Connect. Raise ``RuntimeError`` when nobody answers; a controller that is frozen keeps the
         constructor for ever."""
         arm, process = self._arm, self._arm.world.current
-        process.require("files")
+        process.resources.open_file()
         arm.kept.add(process.pid)
         if arm.network.unreachable:
             raise RuntimeError("Timeout connecting to UR dashboard server.")

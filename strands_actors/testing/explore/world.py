@@ -3,7 +3,6 @@ seed."""
 
 from __future__ import annotations
 
-import errno
 import heapq
 import itertools
 import os
@@ -13,6 +12,7 @@ from typing import Any, NamedTuple
 
 from .conversation import Conversation, type_name
 from .loop import Loop
+from .resources import Resources
 
 BEGIN_S = 1000.0
 """A clock that begins at 0 would let "never" pass for "now"."""
@@ -61,6 +61,8 @@ class World:
         self._order = itertools.count()
         self._pids = itertools.count(100)
         self._streams: dict[str, random.Random] = {}
+        self.enter: Callable[[Process], None] = lambda process: None
+        """Called before a process runs."""
         self.over = False
         self.restarts = 0  # how often the script is to be started again
         self.befell: list[tuple[float, Any]] = []
@@ -150,9 +152,7 @@ class Process:
         """The system tells so, and has closed what it had open."""
         self.frozen = False
         self.lag_s = 0.0
-        self.lacks = ""
-        """What this process cannot get any more: files, threads, memory."""
-        self.lacked = False
+        self.resources = Resources()
         self.code: int | None = None
         self.began_s = world.now_s
         self.until_s = float("inf")
@@ -196,17 +196,6 @@ class Process:
         for moment in [each for each in self._moments if each[0] == kind]:
             self._moments.remove(moment)
             self._countdowns.append(moment[1:])
-
-    def lack(self, what: str) -> None:
-        self.lacks, self.lacked = what, True
-
-    def require(self, what: str) -> None:
-        """Raise what the system raises when a process has no ``what`` any more."""
-        if self.lacks == "memory" or self.lacks == what:
-            if what == "threads":
-                raise RuntimeError("can't start new thread")
-            number = errno.ENOMEM if self.lacks == "memory" else errno.EMFILE
-            raise OSError(number, os.strerror(number))
 
     def kill(self, code: int = -9, by_plan: bool = False) -> None:
         if self.dead:
@@ -269,6 +258,7 @@ class Process:
             return
         world = self.world
         world.running = self
+        world.enter(self)
         try:
             more_s = self.loop.step(self._deliver)
         finally:
