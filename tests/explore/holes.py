@@ -26,6 +26,7 @@ from strands_actors.supervisors.page import Owed
 from strands_actors.supervisors.root import process
 from strands_actors.supervisors.root.lock_keeper import Kept, LockKeeper
 from strands_actors.supervisors.root.tasks import Tasks
+from strands_actors.supervisors.wire import transport
 from strands_actors.supervisors.wire.group import WireProcess
 from strands_actors.supervisors.wire.transport import Transport
 from strands_actors.testing.explore.askers import Asker
@@ -177,3 +178,13 @@ def the_root_has_not_found_the_legs(patch: pytest.MonkeyPatch) -> None:
 
 async def _nothing(self: Any) -> None:
     pass
+
+
+def a_permit_forgets_deadlines(patch: pytest.MonkeyPatch) -> None:
+    """The transport writes a setpoint however late it is."""
+    init = transport._Permit.__init__
+
+    def forgetful(self: Any, owner: Transport, epoch: int, deadline_ns: int, *others: Any) -> None:
+        init(self, owner, epoch, 0, *others)
+
+    patch.setattr(transport._Permit, "__init__", forgetful)
