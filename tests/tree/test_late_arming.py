@@ -34,7 +34,7 @@ from strands_actors.testing.fake import AXES, HARDWARE, FakeDriver, FakeWire
 from .writer import Writer
 
 LATE_S = 0.2
-MOMENTS = [n * LATE_S / 10 for n in range(1, 11)]
+MOMENTS = [n * LATE_S / 6 for n in range(1, 7)]
 """Moments of an arming at which it is cut off."""
 LIMP, ON = [False, False], [True, True]
 
@@ -324,6 +324,46 @@ def test_saf_021_a_service_that_was_given_up_may_still_take_effect() -> None:
             assert isinstance(report, StopReport) and report.confirmed
             await trio.sleep(1.5 * LATE_S)
             stays_safe(hardware)
+
+    run_virtual(run)
+
+
+def test_saf_021_a_link_that_was_lost_during_a_service_is_made_safe_when_nothing_can_follow() -> None:
+    """The first safe frame on the new link is confirmed by every motor, and the robot is energised after
+    it."""
+
+    async def run() -> None:
+        hardware, driver = robot("lost")
+        async with open_inline_tree(hardware, driver=driver) as tree, trio.open_nursery() as nursery:
+            nursery.start_soon(power, tree)
+            await trio.sleep(LATE_S / 4)
+            hardware.plugged = False
+            await tree.until("down")
+            hardware.plugged = True
+            linked = await tree.until("stopping")
+            assert linked.last_stop is not None and not linked.last_stop.confirmed
+            await tree.until("disarmed")
+            disarmed_ns = tree.node.clock.now_ns()
+            await trio.sleep(1.5 * LATE_S)
+            assert not hardware.of("enable", disarmed_ns)
+            stays_safe(hardware)
+
+    run_virtual(run)
+
+
+def test_saf_021_a_robot_that_a_service_has_powered_is_owed_a_safe_state() -> None:
+    """When root and wire die then, the standby acts, although the robot was never armed."""
+
+    async def run() -> None:
+        hardware, driver = robot("powered")
+        async with open_inline_tree(hardware, driver=driver) as tree:
+            owed = transport_of(tree)._owed
+            assert not owed.safe_state
+            await power(tree)
+            assert hardware.energised == ON and owed.safe_state
+            report = await tree.gate.ask(Stop(Reason.STOP, "test"), 5.0)
+            assert isinstance(report, StopReport) and report.confirmed
+            assert hardware.energised == LIMP and not owed.safe_state
 
     run_virtual(run)
 
