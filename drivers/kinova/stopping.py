@@ -47,6 +47,7 @@ class _Way:
         self._stands_still = False  # the feedback: the last answer had the frame of the one before
         self._moved_s = [math.inf] * JOINTS  # when each was last seen to move
         self._seen_s = 0.0
+        self.is_over = False  # the present order has been followed to its end
         self.detail = "silent"
 
     @property
@@ -67,6 +68,7 @@ class _Way:
     def order(self, call: Call) -> None:
         """Send it. Never raises."""
         try:
+            self.is_over = False
             self._orders = [self._client.ask(call)]
             self.written = True
         except WireDown as down:
@@ -156,14 +158,17 @@ async def _try(call: Call, ways: list[_Way], another: Another | None = None) -> 
     with trio.move_on_after(STANDS_S[call]):
         async with trio.open_nursery() as nursery:
             for way in ways:
-                nursery.start_soon(_follow, way, call, nursery.cancel_scope)
+                nursery.start_soon(_follow, way, call, ways, nursery.cancel_scope)
             if another is not None:
                 nursery.start_soon(_follow_another, another, ways, call, nursery.cancel_scope)
 
 
-async def _follow(way: _Way, call: Call, scope: trio.CancelScope) -> None:
+async def _follow(way: _Way, call: Call, ways: Sequence[_Way], scope: trio.CancelScope) -> None:
+    """End with the first way that shows the arm at rest, but not before the other ways have answered:
+    speeds that wait on a slow connection would turn the arm again."""
     await way.follow(call)
-    if way.confirmed:
+    way.is_over = True
+    if any(each.confirmed for each in ways) and all(each.is_over or not each.written for each in ways):
         scope.cancel()
 
 
@@ -178,7 +183,7 @@ async def _follow_another(another: Another, ways: list[_Way], call: Call, scope:
         return  # what is known is told of the others
     ways.append(way)
     way.order(call)
-    await _follow(way, call, scope)
+    await _follow(way, call, ways, scope)
 
 
 def _reports(axes: Sequence[str], ways: Sequence[_Way], known: Sequence[float]) -> tuple[MotorReport, ...]:
