@@ -46,14 +46,14 @@ class _Way:
         self.feedback: Feedback | None = None  # from after an answered order
         self._stands_still = False  # the feedback: the last answer had the frame of the one before
         self._moved_s = [math.inf] * JOINTS  # when each was last seen to move
-        self._seen_s = 0.0
+        self.seen_s = 0.0
         self.is_over = False  # the present order has been followed to its end
         self.detail = "silent"
 
     @property
     def moving(self) -> set[int]:
         """Joints that are not known to stand."""
-        return {at for at, moved_s in enumerate(self._moved_s) if not self._seen_s - moved_s >= STEADY_S}
+        return {at for at, moved_s in enumerate(self._moved_s) if not self.seen_s - moved_s >= STEADY_S}
 
     @property
     def believed(self) -> bool:
@@ -124,10 +124,10 @@ class _Way:
         self._stands_still = self.feedback is not None and seen.frame == self.feedback.frame
         if self._stands_still:
             return  # measured before: no joint is seen to stand by that
-        self.feedback, self._seen_s = seen, trio.current_time()
+        self.feedback, self.seen_s = seen, trio.current_time()
         for at, one in enumerate(seen.actuators):
             if first or abs(one.velocity_deg_s) >= STANDING_DEG_S:
-                self._moved_s[at] = self._seen_s
+                self._moved_s[at] = self.seen_s
 
 
 Another = Callable[[], Awaitable[KortexClient]]
@@ -192,9 +192,10 @@ def _reports(axes: Sequence[str], ways: Sequence[_Way], known: Sequence[float]) 
         return NOT_CONNECTED.reports(axes)
     best = max(ways, key=lambda way: (way.confirmed, way.believed, way.written))
     stood = best.feedback.unwrapped(known) if best.feedback is not None and known else None
+    moving = {at for way in ways if way.seen_s >= best.seen_s for at in way.moving}  # by what was read last
     reports = []
     for at, axis in enumerate(axes):
-        safe = best.believed and at not in best.moving
+        safe = best.believed and at not in moving
         detail = "" if safe else best.detail
         target = stood[at] if stood is not None and safe else None
         reports.append(MotorReport(axis, at + 1, best.written, best.acknowledged, safe, detail, target))
