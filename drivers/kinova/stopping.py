@@ -46,13 +46,14 @@ class _Way:
         self.feedback: Feedback | None = None  # from after an answered order
         self._stands_still = False  # the feedback: the last answer had the frame of the one before
         self._moved_s = [math.inf] * JOINTS  # when each was last seen to move
-        self._seen_s = 0.0
+        self.seen_s = 0.0
+        self.is_over = False  # the present order has been followed to its end
         self.detail = "silent"
 
     @property
     def moving(self) -> set[int]:
         """Joints that are not known to stand."""
-        return {at for at, moved_s in enumerate(self._moved_s) if not self._seen_s - moved_s >= STEADY_S}
+        return {at for at, moved_s in enumerate(self._moved_s) if not self.seen_s - moved_s >= STEADY_S}
 
     @property
     def believed(self) -> bool:
@@ -67,6 +68,7 @@ class _Way:
     def order(self, call: Call) -> None:
         """Send it. Never raises."""
         try:
+            self.is_over = False
             self._orders = [self._client.ask(call)]
             self.written = True
         except WireDown as down:
@@ -122,10 +124,10 @@ class _Way:
         self._stands_still = self.feedback is not None and seen.frame == self.feedback.frame
         if self._stands_still:
             return  # measured before: no joint is seen to stand by that
-        self.feedback, self._seen_s = seen, trio.current_time()
+        self.feedback, self.seen_s = seen, trio.current_time()
         for at, one in enumerate(seen.actuators):
             if first or abs(one.velocity_deg_s) >= STANDING_DEG_S:
-                self._moved_s[at] = self._seen_s
+                self._moved_s[at] = self.seen_s
 
 
 Another = Callable[[], Awaitable[KortexClient]]
@@ -156,14 +158,17 @@ async def _try(call: Call, ways: list[_Way], another: Another | None = None) -> 
     with trio.move_on_after(STANDS_S[call]):
         async with trio.open_nursery() as nursery:
             for way in ways:
-                nursery.start_soon(_follow, way, call, nursery.cancel_scope)
+                nursery.start_soon(_follow, way, call, ways, nursery.cancel_scope)
             if another is not None:
                 nursery.start_soon(_follow_another, another, ways, call, nursery.cancel_scope)
 
 
-async def _follow(way: _Way, call: Call, scope: trio.CancelScope) -> None:
+async def _follow(way: _Way, call: Call, ways: Sequence[_Way], scope: trio.CancelScope) -> None:
+    """End with the first way that shows the arm at rest, but not before the other ways have answered:
+    speeds that wait on a slow connection would turn the arm again."""
     await way.follow(call)
-    if way.confirmed:
+    way.is_over = True
+    if any(each.confirmed for each in ways) and all(each.is_over or not each.written for each in ways):
         scope.cancel()
 
 
@@ -178,7 +183,7 @@ async def _follow_another(another: Another, ways: list[_Way], call: Call, scope:
         return  # what is known is told of the others
     ways.append(way)
     way.order(call)
-    await _follow(way, call, scope)
+    await _follow(way, call, ways, scope)
 
 
 def _reports(axes: Sequence[str], ways: Sequence[_Way], known: Sequence[float]) -> tuple[MotorReport, ...]:
@@ -187,9 +192,10 @@ def _reports(axes: Sequence[str], ways: Sequence[_Way], known: Sequence[float]) 
         return NOT_CONNECTED.reports(axes)
     best = max(ways, key=lambda way: (way.confirmed, way.believed, way.written))
     stood = best.feedback.unwrapped(known) if best.feedback is not None and known else None
+    moving = {at for way in ways if way.seen_s >= best.seen_s for at in way.moving}  # by what was read last
     reports = []
     for at, axis in enumerate(axes):
-        safe = best.believed and at not in best.moving
+        safe = best.believed and at not in moving
         detail = "" if safe else best.detail
         target = stood[at] if stood is not None and safe else None
         reports.append(MotorReport(axis, at + 1, best.written, best.acknowledged, safe, detail, target))

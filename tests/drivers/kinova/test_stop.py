@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
@@ -14,7 +15,7 @@ from strands_actors.drivers.kinova.base import Base, BaseSession, CallFailed, Se
 from strands_actors.drivers.kinova.client import KortexClient, Page
 from strands_actors.drivers.kinova.protocol import ArmState, Call, Frame, SubError
 from strands_actors.drivers.kinova.stop_channel import KinovaStopChannel
-from tests.drivers.common.memory_port import Permission, virtual
+from tests.drivers.common.memory_port import MemoryPort, Permission, virtual
 
 from .rig import Rig
 
@@ -320,6 +321,55 @@ def test_saf_003_every_base_is_stopped_when_the_wire_is_gone(second: Second) -> 
             assert rig.twin.base.state is ArmState.SERVOING_READY, "no emergency stop was needed"
             await trio.sleep(0.01)
             assert rig.twin.base._sessions == {}, "there is room for the next wire"
+
+    virtual(main)
+
+
+class SlowStream:
+    """A connection on which everything arrives later, in its order."""
+
+    def __init__(self, port: MemoryPort, late_s: float) -> None:
+        self._port = port
+        self._late_s = late_s
+        self._waiting: deque[tuple[float, bytes]] = deque()
+        self.read, self.close, self.take = port.read, port.close, port.take
+
+    def write(self, data: bytes) -> None:
+        self._waiting.append((trio.current_time() + self._late_s, data))
+
+    async def deliver(self) -> None:
+        while True:
+            await trio.sleep(0.001)
+            while self._waiting and self._waiting[0][0] <= trio.current_time():
+                data = self._waiting.popleft()[1]
+                if self._port.closed:
+                    list(self._port.peer(data))  # it has left, and arrives all the same
+                else:
+                    self._port.write(data)
+
+
+def test_saf_021_speeds_that_wait_on_the_wires_connection_are_not_overtaken_by_a_confirmed_stop() -> None:
+    async def main() -> None:
+        rig = Rig()
+        await rig.wire.open()
+        channel = rig.stop_channel()
+        async with served(channel), trio.open_nursery() as nursery:
+            await rig.wire.arm(Permission())
+            slow = SlowStream(rig.ports[0], 0.2)
+            session = rig.wire.session
+            nursery.start_soon(slow.deliver)
+            client = KortexClient(slow, "the wire's", rig.clock, Page(session.client.page._memory))  # type: ignore[arg-type]
+            channel._wires = session.client = client
+            await rig.go(0, STEP_RAD)  # and the wire process ends
+            began_s = trio.current_time()
+            reports = await channel.make_safe("stop")
+            assert all_safe(reports), reports
+            (_, frame), moved_s = rig.speeds()[-1], rig.speeds()[-1][0]
+            assert frame.call == Call.SEND_JOINT_SPEEDS and moved_s >= began_s + 0.2, "they came late"
+            assert rig.stops()[-1] > moved_s and rig.velocity < 0.01
+            await trio.sleep(1.0)
+            assert rig.velocity < 0.01
+            nursery.cancel_scope.cancel()
 
     virtual(main)
 
