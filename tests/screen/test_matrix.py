@@ -331,7 +331,7 @@ def test_a_policy_that_has_ended_before_it_was_to_break_is_begun_again(monkeypat
     class NobodyBreaks:
         driver = driver_of("so101")
 
-        def moving(self, motion: str) -> NobodyBreaks:
+        def moving(self, motion: str, extras: frozenset[str]) -> NobodyBreaks:
             began.append(motion)
             return self
 
