@@ -18,7 +18,7 @@ import trio
 from strands_actors.contract.driver import Driver, Reason
 from strands_actors.kernel.health.failure_detector import LONGEST_S
 from strands_actors.kernel.health.processor import Life, life_of
-from strands_actors.kernel.processes.process import exists, wait_for_end_of
+from strands_actors.kernel.processes.process import FENCE_S, exists, wait_for_end_of
 from strands_actors.supervisors.standby.watch import look_s, silent_s
 from strands_actors.testing.bench import Bench, Caller
 from strands_actors.testing.cells import (
@@ -157,9 +157,12 @@ def motion_of(driver: Driver) -> str:
 
 def bound_s_of(driver: Driver, lacks: Lacks) -> float:
     """Return the bound: two processes act one after the other, each in its own time. One that gets no
-    processor is first noticed by its silence."""
-    noticed_s = LONGEST_S + silent_s(driver.timing) + look_s(driver.timing) if lacks is Lacks.GROUP_CPU else 0.0
-    return noticed_s + 2 * driver.bound_s
+    processor is noticed by its silence, and needs a processor to end when it is killed: that is waited
+    for."""
+    usual_s = 2 * driver.bound_s
+    if lacks is not Lacks.GROUP_CPU:
+        return usual_s
+    return LONGEST_S + silent_s(driver.timing) + look_s(driver.timing) + FENCE_S + usual_s
 
 
 def run_exhausted(bench: Bench, row: Row, settle_s: float = SETTLE_S) -> Outcome:

@@ -133,7 +133,7 @@ def test_saf_024_without_a_run_directory_the_wire_is_safe(
 ) -> None:
     """No note, lock or report can be written: harder than a full disk, or one that is read-only."""
     arm, twin = strands_robot("robotiq_2f85")
-    assert arm.send_action({"grip": arm.get_observation()["grip"] + 0.05})["status"] == "success"
+    assert arm.send_action({"gripper": arm.get_observation()["gripper"] + 0.05})["status"] == "success"
     found = pids(arm)
     aside = strands_run_dir.with_name(f"{strands_run_dir.name}-aside")
     strands_run_dir.rename(aside)
