@@ -47,6 +47,7 @@ class WebSocket:
         self._budget = ReceiveBudget(name, busy_turns=BUSY_TURNS)
         self._heard: deque[Heard] = deque()  # of the bytes last read; read again only when it is empty
         self._is_accepted = self._is_stopped = self._is_closed = False
+        self._is_behind = False  # more was waiting than the last read took
         self._pinged = self._ponged = 0
         self._news = trio.Event()
         self._reader: trio.CancelScope | None = None
@@ -65,9 +66,7 @@ class WebSocket:
     def send(self, message: str | bytes) -> None:
         """Send a text or binary message now. Raise ``WireDown``, and be closed, when it does not
         leave whole. Raise ``ValueError`` for one that is too long."""
-        self._check()
-        if not self._is_accepted:
-            raise WireDown(f"{self.name}: {self._target}: the upgrade is not answered yet")
+        self._check_open()
         try:
             frame = self._end.message(message)
         except MalformedFrame as malformed:
@@ -119,7 +118,7 @@ class WebSocket:
 
     def ping(self) -> int:
         """Send a ping now; return its number for ``ponged``. Raise ``WireDown``."""
-        self._check()
+        self._check_open()
         self._pinged += 1
         self._write(self._end.ping(str(self._pinged).encode()))
         return self._pinged
@@ -158,11 +157,12 @@ class WebSocket:
             self._check()
         else:
             data = await self._read()
+            self._is_behind = len(data) == READ_SIZE
         try:
             self._heard.extend(self._end.feed(data))
         except MalformedFrame as malformed:
             raise self._deafen(str(malformed)) from None
-        self._keep_up(self._end.has_unread or len(data) == READ_SIZE)
+        self._keep_up(self._end.has_unread or self._is_behind)
         if replies := self._end.replies():
             self._write(replies)
         if not self._is_accepted and self._heard:
@@ -207,6 +207,11 @@ class WebSocket:
     def _check(self) -> None:
         if self._why:
             raise self._closed_error()
+
+    def _check_open(self) -> None:
+        self._check()
+        if not self._is_accepted:
+            raise WireDown(f"{self.name}: {self._target}: the upgrade is not answered yet")
 
     def _deafen(self, why: str) -> WireDown:
         """Receive nothing any more; a stop can still be sent. Return the error to raise."""

@@ -88,12 +88,15 @@ Heard = str | bytes | Accepted | Rejected | Opened | Ponged | Closed
 
 
 class _End:
+    _answers_close = True
+
     def __init__(self, kind: ConnectionType, max_message: int) -> None:
         self._connection = WSConnection(kind)
         self._max_message = max_message
         self._parts: list[str] | list[bytes] = []
         self._length = self._fragments = 0
-        self._pong = self._last_reply = b""
+        self._ping: Ping | None = None  # the newest, not answered yet
+        self._close = b""
         self._ended = False
         self._has_unread = False
 
@@ -127,8 +130,10 @@ class _End:
     def replies(self) -> bytes:
         """Return the answers to the newest ping and to a close received since the last call. RFC
         6455 asks for no answer to the pings before that."""
-        replies, self._pong, self._last_reply = self._pong + self._last_reply, b"", b""
-        return replies
+        ping, close, self._ping, self._close = self._ping, self._close, None, b""
+        if ping is None or self._connection.state is not ConnectionState.OPEN:
+            return close
+        return self._send(ping.response()) + close
 
     def message(self, message: str | bytes) -> bytes:
         """Return the frame of a text or binary message. Raise ``MalformedFrame`` when it cannot be
@@ -160,16 +165,15 @@ class _End:
             case TextMessage() | BytesMessage():
                 return self._message(event)
             case Ping():
-                if self._connection.state is ConnectionState.OPEN:
-                    self._pong = self._send(event.response())
+                self._ping = event
                 return None
             case Pong():
                 return Ponged(bytes(event.payload))
             case CloseConnection():
                 if self._connection.state is ConnectionState.OPEN:  # wsproto's way to report a parse error
                     raise MalformedFrame(event.reason or "no WebSocket frame")
-                if self._connection.state is ConnectionState.REMOTE_CLOSING:
-                    self._last_reply = self._send(event.response())
+                if self._answers_close and self._connection.state is ConnectionState.REMOTE_CLOSING:
+                    self._close = self._send(event.response())
                 self._ended = True
                 return Closed(int(event.code), event.reason or "")
             case AcceptConnection():
@@ -202,7 +206,11 @@ class _End:
 
 
 class ClientEnd(_End):
-    """The end that asks. ``request`` is the upgrade to send."""
+    """The end that asks. ``request`` is the upgrade to send. A close is not answered, since a single
+    garbled byte may look like one, and no stop counts behind the answer. The service sees the end of
+    the connection instead."""
+
+    _answers_close = False
 
     def __init__(self, host: str, target: str, headers: Headers = (), max_message: int = MAX_MESSAGE) -> None:
         """``host``: with the port, as in the ``Host`` header."""

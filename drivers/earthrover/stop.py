@@ -8,6 +8,7 @@ the lamp, and puts it out; the wire leaves it as it was told.
 from __future__ import annotations
 
 import math
+from typing import ClassVar
 
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import KeptSession
@@ -49,6 +50,8 @@ class RoverZero:
 
 
 class EarthRoverStopChannel(KeptSession[EarthRoverConfig, HttpPort]):
+    SERVED_FIRST: ClassVar[bool] = False
+
     async def connect(self) -> HttpPort:
         port = self.config.open_port()
         await port.open()

@@ -8,6 +8,7 @@ has begun plays to its end, since robotd has nothing that ends one.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import ClassVar
 
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import KeptSession
@@ -83,6 +84,8 @@ async def stop_by(
 
 class MicroduckStopChannel(KeptSession[MicroduckConfig, DuckLink]):
     """The root's own connection, greeted before anything is armed, and kept open."""
+
+    SERVED_FIRST: ClassVar[bool] = False
 
     async def connect(self) -> DuckLink:
         link = DuckLink(self.config, self.clock)

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Sequence
+from typing import ClassVar
 
 import trio
 
@@ -239,6 +240,8 @@ class ReachyStopChannel(KeptSession[ReachyConfig, WebSocket]):
     """The root's way to the robot: a WebSocket that is kept open where the wire found the daemon, and
     others that are made when they are needed. ``descriptors``: that place (``config.tell_place``), or
     none."""
+
+    SERVED_FIRST: ClassVar[bool] = False
 
     def __init__(self, config: ReachyConfig, descriptors: Sequence[int], clock: Clock) -> None:
         super().__init__(config.at_told(descriptors[0]) if descriptors else config, (), clock)

@@ -7,7 +7,7 @@ stop, and the robot does not report where they are.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 from strands_actors.contract.loading import load
 from strands_actors.contract.safe_state import SafeState
@@ -65,6 +65,8 @@ def reports_of(
 class YahboomStopChannel(KeptSession[YahboomConfig, StopLink]):
     """The root's own connection to rosbridge; with ``transport="ros2"`` its own writer of DDS,
     since rclpy must not be in the root."""
+
+    SERVED_FIRST: ClassVar[bool] = False
 
     def new_link(self) -> StopLink:
         return stop_link(self.config, self.clock)

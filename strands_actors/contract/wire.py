@@ -165,6 +165,10 @@ class StopChannel(ABC):
     Making one must not raise. It may be asked to make safe again and again, until every motor has
     confirmed: what it was given may be dead, so it finds the robot anew each time."""
 
+    SERVED_FIRST: ClassVar[bool] = True
+    """Whether one that is made for a stop is served first, for ``Timing.handover_s`` at most. False
+    where ``make_safe`` opens what it needs by itself, and writes before the robot has answered."""
+
     @property
     def hosts(self) -> Sequence[str]:
         """Return the hosts that ``make_safe`` connects to first, by name or number. They are looked up

@@ -69,8 +69,11 @@ async def attempt_anew(
             path = driver.stop_channel(descriptors, clock)
             try:
                 async with trio.open_nursery() as nursery:
-                    with trio.move_on_after(driver.timing.handover_s):
-                        await nursery.start(path.serve)
+                    if path.SERVED_FIRST:
+                        ready = trio.Event()
+                        nursery.start_soon(_serve_until_lost, path, ready)
+                        with trio.move_on_after(driver.timing.handover_s):
+                            await ready.wait()
                     motors = await attempt(path, driver, safe_state)
                     nursery.cancel_scope.cancel()
             finally:
@@ -79,6 +82,17 @@ async def attempt_anew(
         if not any(motor.written for motor in motors):
             motors = not_reached(driver, describe(error))
     return motors
+
+
+async def _serve_until_lost(path: StopChannel, ready: trio.Event) -> None:
+    """Serve it; ``ready`` is set once it could be used at once, or it has failed. Then the attempt
+    does what it can without."""
+    try:
+        async with trio.open_nursery() as nursery:
+            await nursery.start(path.serve)
+            ready.set()
+    except* WireDown:
+        ready.set()
 
 
 async def settled(

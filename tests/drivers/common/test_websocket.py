@@ -153,15 +153,24 @@ def test_a_message_longer_than_the_bound_is_refused_before_it_is_whole() -> None
         client.message("y" * 101)
 
 
-def test_a_ping_is_answered_and_a_close_too() -> None:
+def test_a_ping_is_answered_and_a_server_answers_a_close_too() -> None:
     client, server = upgraded()
     assert list(client.feed(server.ping(b"here?"))) == []
     (pong,) = server.feed(client.replies())
     assert pong == (b"here?",) and client.replies() == b""
-    assert list(client.feed(server.close(1001))) == [Closed(1001, "")]
-    assert list(server.feed(client.replies())) == [Closed(1001, "")]
+    assert list(server.feed(client.close(1001))) == [Closed(1001, "")]
+    assert list(client.feed(server.replies())) == [Closed(1001, "")]
     with pytest.raises(MalformedFrame, match="not open"):
         client.message("late")
+
+
+def test_saf_022_a_client_answers_no_close_so_that_a_stop_counts_behind_it() -> None:
+    client, server = upgraded()
+    assert list(client.feed(server.close(1001))) == [Closed(1001, "")]
+    assert client.replies() == b""
+    with pytest.raises(MalformedFrame, match="not open"):
+        client.message("late")
+    assert client.stop(["stop"])
 
 
 # -- our client
@@ -220,6 +229,7 @@ def test_a_close_says_why_and_nothing_is_sent_after_it() -> None:
         assert not socket_.is_open
         with pytest.raises(WireDown, match="not you"):
             socket_.send("late")
+        socket_.close()
 
     with foreign_server(handler) as port:
         trio.run(main, port)
@@ -278,6 +288,7 @@ def test_a_message_that_is_too_long_ends_it() -> None:
                 socket_.send("go on")
                 await socket_.receive()
             assert not socket_.is_open
+            socket_.close()
 
     trio.run(main)
 
