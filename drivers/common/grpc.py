@@ -19,10 +19,15 @@ from strands_actors.contract.wire import WireDown
 
 from .grpc_messages import MAX_MESSAGE, ClientEnd, Ended, Heard, Left, Status
 from .malformed import MalformedFrame
+from .receive_budget import ReceiveBudget
 from .tcp_port import ByteStream, open_tcp
 
 KEPT = 256
 """Messages of one call that nobody has taken; the oldest make room."""
+
+FRAMES = 64
+"""HTTP/2 frames that are taken in before others get their turn: 3 ms at most. A robot that pushes a
+hundred states a second sends a few in each turn."""
 
 
 class Stream(ByteStream, Protocol):
@@ -80,6 +85,7 @@ class Connection:
         self.name = name
         self._stream = stream
         self._end = end
+        self._budget = ReceiveBudget(name)
         self._calls: dict[int, Call] = {}
         self._news = trio.Event()
         self._reader: trio.CancelScope | None = None
@@ -138,17 +144,31 @@ class Connection:
         with trio.move_on_after(within_s):
             while not ready():
                 self._check()
-                if self._reader is None:
+                if self._end.has_unread:
+                    await trio.lowlevel.checkpoint()
+                    self._take(b"")
+                elif self._reader is None:
                     self._take(await self._read())
                 else:
                     await self._news.wait()  # whoever reads takes in everybody's
         return ready()
 
     def take_waiting(self) -> None:
-        """Take in what has arrived. Never waits. Raise ``WireDown``."""
+        """Take in what has arrived, as much as one turn may take. Never waits. Raise
+        ``WireDown``."""
         self._check()
-        while (data := self._read_waiting()) is not None:
-            self._take(data)
+        left = FRAMES
+        while left > 0:
+            data = self._unread_or_waiting()
+            if data is None:
+                self._budget.caught_up()
+                return
+            left -= max(1, self._take(data, left))  # a read without the head of a frame counts, too
+        try:
+            self._budget.fell_behind()
+        except WireDown:
+            self._gone("it sends more than can be read")
+            raise
 
     def send(self, call: Call, message: bytes, last: bool) -> None:
         """As ``Call.send``."""
@@ -189,15 +209,18 @@ class Connection:
         self._check()
         return data
 
-    def _read_waiting(self) -> bytes | None:
+    def _unread_or_waiting(self) -> bytes | None:
+        if self._end.has_unread:
+            return b""
         try:
             return self._stream.read_waiting()
         except WireDown as down:
             raise self._gone(str(down)) from None
 
-    def _take(self, data: bytes) -> None:
+    def _take(self, data: bytes, frames: int = FRAMES) -> int:
+        """Take in at most so many frames of what came, and return how many these were."""
         try:
-            events = self._end.feed(data)
+            events, begun = self._end.feed_some(data, frames)
         except MalformedFrame as malformed:
             raise self._gone(str(malformed)) from None
         left = ""
@@ -214,6 +237,7 @@ class Connection:
             raise self._gone(left)
         self._flush()  # what HTTP/2 answers by itself
         self._wake()
+        return begun
 
     def _flush(self) -> None:
         data = self._end.outgoing()

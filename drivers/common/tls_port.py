@@ -14,6 +14,9 @@ from .tcp_port import TcpPort, open_tcp
 
 _CHUNK = 1 << 16
 
+MOST_SILENT_READS = 16
+"""Reads of one ``read_waiting`` that may carry nothing for us: TLS has records without content."""
+
 
 class TlsRecords:
     """One end of a connection. Pure: no socket, no clock."""
@@ -79,7 +82,9 @@ class TlsPort:
 
     def read_waiting(self) -> bytes | None:
         """Return bytes that are already there, else None. Never waits. Raise ``WireDown``."""
-        while not self._told and (data := self._port.read_waiting()) is not None:
+        for _ in range(MOST_SILENT_READS):
+            if self._told or (data := self._port.read_waiting()) is None:
+                break
             self._hear(data)
         return self._take() or None
 

@@ -10,6 +10,7 @@ import trio
 
 from strands_actors.contract.wire import Permit, WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.receive_budget import ReceiveBudget
 from strands_actors.drivers.common.stamps import Stamps
 from strands_actors.kernel.clock import NS, Clock
 
@@ -30,6 +31,7 @@ class CrazyflieSession:
 
     def __init__(self, link: Link, clock: Clock) -> None:
         self.link = link
+        self._budget = ReceiveBudget(link.name)
         self._clock = clock
         self.flight: p.Flight | None = None
         self.position: p.Position | None = None
@@ -73,8 +75,8 @@ class CrazyflieSession:
             self._served = False
 
     def take_waiting(self) -> None:
-        """Take in what has arrived. Never waits."""
-        while (packet := self.link.read_waiting()) is not None:
+        """Take in what has arrived, as much as one turn may take. Never waits."""
+        for packet in self._budget.turn(self.link.read_waiting):
             self._take(packet)
 
     async def news(self, within_s: float) -> None:

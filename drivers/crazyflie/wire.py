@@ -145,7 +145,8 @@ class CrazyflieWire(SessionWire[CrazyflieSession]):
             self._is_armed = False
             return NOT_CONNECTED.reports(AXES)
         if safe_state == SafeState.HOLD:
-            session.take_waiting()
+            with contextlib.suppress(WireDown):  # a link that is lost is told by what is written next
+                session.take_waiting()
             flight = self._fresh_flight(session)
             if flight is not None and flight.bits.airborne:
                 return await self._hover_at(session, flight.z_m)

@@ -6,12 +6,14 @@ stand. No vendor's library: nothing here can hang, or hold the interpreter's loc
 
 from __future__ import annotations
 
+import contextlib
 import socket
 
 import trio
 
 from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.receive_budget import ReceiveBudget
 from strands_actors.drivers.common.tcp_port import TcpPort, open_tcp
 from strands_actors.kernel.processes.reserve import RESERVE
 
@@ -23,6 +25,11 @@ FIRST_STATE_S = 0.4
 LOOK_S = 0.002
 """Between two looks at what has arrived, while somebody waits for it."""
 
+STATES_SIZE = 256 * 1024
+"""Bytes of one turn: 64 states."""
+MOST_KEPT = 64
+"""Replies that nobody has taken yet; the oldest make room."""
+
 _DRIVERS = {5: "panda", 10: "fr3 or fr3_v2"}
 
 
@@ -33,6 +40,8 @@ class Fci:
         self._tcp = tcp
         self.udp = udp
         self.dialect = dialect
+        self._budget = ReceiveBudget(tcp.name)
+        self._states = ReceiveBudget(tcp.name, size=STATES_SIZE)
         self._decoder = p.Decoder(p.LARGEST_REPLY)
         self._id = 0
         self._waiting: list[p.Message] = []
@@ -51,9 +60,10 @@ class Fci:
 
     def replies(self) -> list[p.Message]:
         """Return what has arrived and nobody has taken. Never waits."""
-        while (data := self._tcp.read_waiting()) is not None:
+        for data in self._budget.turn(self._tcp.read_waiting):
             try:
-                self._waiting.extend(self._decoder.feed(data))
+                asked = (message for message in self._decoder.feed(data) if message.id <= self._id)
+                self._waiting.extend(asked)  # to what was never asked nobody knows the question
             except MalformedFrame as error:
                 raise WireDown(f"{self._tcp.name}: {error}. Is this a Franka controller?") from None
         taken, self._waiting = self._waiting, []
@@ -65,7 +75,7 @@ class Fci:
             while True:
                 arrived = self.replies()
                 found = next((message for message in arrived if message.id == request_id), None)
-                self._waiting = [message for message in arrived if message is not found]
+                self._waiting = [message for message in arrived if message is not found][-MOST_KEPT:]
                 if found is not None:
                     return found
                 await trio.sleep(LOOK_S)
@@ -94,6 +104,7 @@ class Fci:
                 except BlockingIOError:
                     await trio.lowlevel.wait_readable(self.udp)
                     continue
+                await trio.lowlevel.checkpoint()  # a flood of others' datagrams takes no turn from others
                 if source[0] == host:
                     self.udp.connect(source)
                     try:
@@ -108,15 +119,18 @@ class Fci:
     def newest_state(self) -> p.State | None:
         """Return the newest state that has arrived. Of what is none nothing is taken."""
         newest = None
-        while True:
-            try:
-                newest = self.dialect.state(self.udp.recv(p.LARGEST_REQUEST))
-            except BlockingIOError:
-                return newest
-            except MalformedFrame:
-                continue
-            except OSError as error:
-                raise WireDown(f"{self._tcp.name}: states do not arrive any more ({error.strerror})") from None
+        for data in self._states.turn(self._datagram):
+            with contextlib.suppress(MalformedFrame):
+                newest = self.dialect.state(data)
+        return newest
+
+    def _datagram(self) -> bytes | None:
+        try:
+            return self.udp.recv(p.LARGEST_REQUEST)
+        except BlockingIOError:
+            return None
+        except OSError as error:
+            raise WireDown(f"{self._tcp.name}: states do not arrive any more ({error.strerror})") from None
 
     def close_in_order(self) -> None:
         """As ``close``, but what was sent last is still delivered: a frozen controller finds it

@@ -52,6 +52,9 @@ SAME_RAD = 3e-7
 LARGEST_GAP_RAD = 0.1
 """Nobody goes so far by himself in the 20 ms after which a controller ends a motion."""
 
+MOST_STATES, MOST_ORDERS = 256, 64
+"""Taken at once: a flood does not keep this process from looking at who else is there."""
+
 _ORDER = struct.Struct("<Q7d")
 _REPORT = struct.Struct("<BQQQ")
 LARGEST = _REPORT.size + 4096
@@ -275,7 +278,9 @@ def run(
     while True:
         state = _newest(udp) if arrived.poll(SILENT_MS) else b""
         now_ns = time.monotonic_ns()
-        while (order := _receive(wire)) is not None:
+        for _ in range(MOST_ORDERS):
+            if (order := _receive(wire)) is None:
+                break
             cycle.obey(order)
         if not cycle.is_news(state):
             if _is_gone(parent):
@@ -294,11 +299,10 @@ def run(
 def _newest(udp: socket.socket) -> bytes:
     """Return the newest state of those that wait; empty when there is none."""
     state = b""
-    try:
-        while True:
+    with contextlib.suppress(OSError):  # no more, or a command met a closed port
+        for _ in range(MOST_STATES):
             state = udp.recv(LARGEST)
-    except OSError:  # no more, or a command met a closed port
-        return state
+    return state
 
 
 def _receive(wire: socket.socket) -> bytes | None:

@@ -28,8 +28,9 @@ LARGEST_NUMBER = 100.0
 """No joint of any arm is so far, or so fast (rad, rad/s)."""
 
 LARGEST_REQUEST = 4096
-LARGEST_REPLY = 8 * 1024 * 1024
-"""A model library or description comes in one reply."""
+LARGEST_REPLY = 4096
+"""Bytes of an answer to what we ask. A model library or description, which we do not ask for, has
+megabytes."""
 
 
 class RobotMode(enum.IntEnum):

@@ -15,6 +15,7 @@ import trio
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.receive_budget import ReceiveBudget
 from strands_actors.drivers.common.session_wire import SessionWire
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.health.heartbeat import Heartbeat, new_page, words_of
@@ -22,7 +23,7 @@ from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.processes.process import ChildProcess, start
 
 from . import protocol as p
-from .client import LOOK_S, Fci, connect
+from .client import LOOK_S, STATES_SIZE, Fci, connect
 from .config import FrankaConfig
 from .cycle import CYCLE_END, ENTRY, LARGEST, STAND_DOWN, WIRE_END, Order, Report
 from .gates import LOST, POOR, REASONS, refuse_mode
@@ -66,6 +67,7 @@ class FrankaSession:
             given.enter_context(ours)
             self.child: ChildProcess = start(ENTRY, told, (udp.fileno(), theirs.fileno(), page))
             self._reports = ours.dup()
+            self._budget = ReceiveBudget("the process of the 1 kHz cycle", size=STATES_SIZE)
             self.heartbeat: Heartbeat = Heartbeat(words_of(page), WIRE_END, CYCLE_END)
         self._reports.setblocking(False)
         self.report: Report | None = None
@@ -78,13 +80,7 @@ class FrankaSession:
 
     def look(self) -> None:
         """Take what has arrived. Never waits. Raise ``WireDown``."""
-        while True:
-            try:
-                data = self._reports.recv(LARGEST)
-            except BlockingIOError:
-                break
-            except OSError:
-                raise WireDown("the process of the 1 kHz cycle is gone") from None
+        for data in self._budget.turn(self._report):
             try:
                 report = Report.unpack(data)
                 self.state, self.report = self._dialect.state(report.state), report
@@ -92,6 +88,14 @@ class FrankaSession:
                 continue  # no state: the one before grows old
         for reply in self.client.replies():
             self._take(reply)
+
+    def _report(self) -> bytes | None:
+        try:
+            return self._reports.recv(LARGEST)
+        except BlockingIOError:
+            return None
+        except OSError:
+            raise WireDown("the process of the 1 kHz cycle is gone") from None
 
     def _take(self, reply: p.Message) -> None:
         try:

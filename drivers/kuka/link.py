@@ -21,8 +21,9 @@ from .protocol import Drive, Monitoring, State, decode_monitoring, encode_comman
 from .robots import Arm
 from .session import FriSession
 
-MOST_WAITING = 1000
-"""Datagrams that are taken at once; a flood does not keep an answer waiting for longer."""
+MOST_WAITING = 256
+"""Datagrams that are taken at once; a flood does not keep an answer waiting for longer. The system
+keeps no more for a socket."""
 STANDING_RAD_S = 0.02
 STAND_S = 0.03
 """Positions so far apart tell whether the arm stands."""

@@ -38,6 +38,15 @@ async def receive(stream: TcpPort) -> bytes:
 
 # -- the dashboard
 
+LONGEST_ANSWER = 16 * 1024
+"""Bytes of what the dashboard answers to a line; a serial number has 20."""
+
+
+def refuse_long(stream: TcpPort, heard: bytes) -> None:
+    """Raise ``WireDown`` for what is no answer of the dashboard."""
+    if len(heard) > LONGEST_ANSWER:
+        raise WireDown(f"{stream.name}: answers more than {LONGEST_ANSWER} bytes. Check what is served there")
+
 
 async def ask_dashboard(host: str, *lines: str) -> list[str]:
     """Return the answer to each line. Raise ``WireDown``."""
@@ -49,6 +58,7 @@ async def ask_dashboard(host: str, *lines: str) -> list[str]:
                 stream.write(f"{line}\n".encode())
             while b"\n" not in pending:
                 pending += await receive(stream)
+                refuse_long(stream, pending)
             answer, _, pending = pending.partition(b"\n")
             answers.append(answer.decode("utf-8", "replace").strip())
     return answers[1:]

@@ -17,7 +17,7 @@ from . import protocol as p
 from .arms import IDS, JOINTS
 from .config import URConfig
 from .gates import CONTROL_HZ
-from .plain import connected, open_samples, receive
+from .plain import connected, open_samples, receive, refuse_long
 
 STOP_S = 1.2
 """From top speed a joint needs 0.8 s at the deceleration of ``stopj``."""
@@ -75,6 +75,7 @@ class _Stop:
             said = b""
             while p.DASHBOARD_STOPPED.encode() not in said:
                 said += await receive(stream)
+                refuse_long(stream, said)
             self.acknowledged = self.ordered = True
 
     async def _by_script(self) -> None:

@@ -11,6 +11,7 @@ import trio
 from strands_actors.contract.wire import Permit, WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.outcome import Outcome
+from strands_actors.drivers.common.receive_budget import ReceiveBudget
 from strands_actors.drivers.common.tcp_port import ByteStream
 from strands_actors.kernel.clock import NS, Clock
 
@@ -47,6 +48,7 @@ class Control:
         self._stream = stream
         self._name = name
         self._clock = clock
+        self._budget = ReceiveBudget(name)
         self._decoder = p.Decoder()
         self._number = 0
         self._open: dict[int, tuple[int, int]] = {}  # register and when it was sent, of what has not been answered
@@ -94,8 +96,8 @@ class Control:
             del self._awaited[number]
 
     def take_waiting(self) -> None:
-        """Take in what has arrived. Never waits."""
-        while (data := self._stream.read_waiting()) is not None:
+        """Take in what has arrived, as much as one turn may take. Never waits."""
+        for data in self._budget.turn(self._stream.read_waiting):
             self._take(data)
 
     def close(self) -> None:

@@ -10,6 +10,7 @@ import trio
 
 from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.receive_budget import ReceiveBudget
 from strands_actors.kernel.clock import NS, Clock
 
 from . import protocol as p
@@ -49,11 +50,12 @@ class XArmSession:
         self._reports = reports
         self._name = name
         self._decoder = r.ReportDecoder()
+        self._budget = ReceiveBudget(name)
 
     def take_waiting(self, now_ns: int) -> None:
         """Take in what has arrived on both connections. Raise ``WireDown``."""
         self.control.take_waiting()
-        while (data := self._reports.read_waiting()) is not None:
+        for data in self._budget.turn(self._reports.read_waiting):
             self._take(data, now_ns)
 
     async def next_report(self, clock: Clock, within_s: float) -> bool:

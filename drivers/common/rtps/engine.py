@@ -16,7 +16,7 @@ from strands_actors.drivers.common.malformed import MalformedFrame
 from . import discovery, messages, parameters
 from .discovery import TRANSIENT_LOCAL, VOLATILE, EndpointData, ParticipantData
 from .matching import Matching
-from .messages import Data, Fragment, Heartbeat, Send
+from .messages import AckNack, Data, Fragment, Heartbeat, Send, Submessage
 from .peer_address import PeerAddress
 from .reader import MAX_SAMPLE, Reader, Sample
 from .reassembly import Reassembly
@@ -39,6 +39,8 @@ from .wire_types import (
 )
 from .writer import Writer
 
+FEW = 4
+"""Parts of a datagram that are not looked through for repeats."""
 MAX_PEERS = 64
 RESERVED = 16
 """Of them, for participants of hosts that were given as peers: strangers cannot fill the table."""
@@ -183,8 +185,11 @@ class Engine:
 
     # -- what comes in
 
-    def receive(self, datagram: memoryview, sender: Address, now_ns: int) -> None:
-        """One datagram. It may be used again when this returns.
+    def receive(self, datagram: memoryview, sender: Address, now_ns: int) -> int:
+        """Take in one datagram. It may be used again when this returns.
+
+        Returns:
+            How many parts of it were for us: what it has cost.
 
         A name is no proof: anybody can read a participant's GUID. What counts in a peer's name has
         come from where that peer is."""
@@ -192,19 +197,21 @@ class Engine:
         peer = self._peers.get(bytes(datagram[8 : messages.HEADER_SIZE]))
         if peer is not None and not peer.is_at(sender):
             self.counters.misplaced += 1
-            return
+            return 0
         try:
             parts = messages.decode(datagram, self._own)
         except MalformedFrame:
             self.counters.malformed += 1
-            return
+            return 0
         if peer is not None:
             peer.heard_ns = now_ns
+        if len(parts) > FEW:
+            parts = _without_repeats(parts)
         matching = self._matching
         for part in parts:
             if isinstance(part, Data):
                 self._on_data(part, sender, now_ns)
-            elif isinstance(part, messages.AckNack):
+            elif isinstance(part, AckNack):
                 if writer := matching.writers.get(part.writer):
                     writer.on_acknack(part)
                     self._on_match()  # who acknowledges us knows of us
@@ -219,6 +226,7 @@ class Engine:
                         self._on_match()
                     else:
                         reader.on_gap(part, now_ns)
+        return len(parts)
 
     def _on_data(self, part: Data, sender: Address, now_ns: int) -> None:
         sample = Sample(part.payload, part.writer, now_ns, part.disposed, part.key)
@@ -374,6 +382,18 @@ class Engine:
             return True
         self.counters.unsent += 1
         return False
+
+
+def _without_repeats(parts: list[Submessage]) -> list[Submessage]:
+    """Keep of the questions that one endpoint asks another the last one, which says all that those
+    before it say. Each is answered by a datagram, or by all samples that are asked for again: one
+    datagram full of them would keep us busy for a quarter of a second."""
+    last = {(type(part), part.writer, part.reader): at for at, part in enumerate(parts)}
+    return [
+        part
+        for at, part in enumerate(parts)
+        if not isinstance(part, Heartbeat | AckNack) or last[type(part), part.writer, part.reader] == at
+    ]
 
 
 def _acknowledging(announcements: Writer, reader: bytes) -> Callable[[bytes], bool]:

@@ -100,6 +100,10 @@ Submessage = Data | Fragment | Heartbeat | AckNack | Gap
 # -- decoding
 
 
+MOST_SUBMESSAGES = 512
+"""Of one datagram. CycloneDDS fills 14 kB with heartbeats of 32 bytes at most."""
+
+
 def decode(datagram: memoryview, own: bytes) -> list[Submessage]:
     """Return what a datagram says to the participant with the prefix ``own``. Raise
     ``MalformedFrame``."""
@@ -111,8 +115,11 @@ def decode(datagram: memoryview, own: bytes) -> list[Submessage]:
     source = bytes(datagram[8:HEADER_SIZE])
     mine = named = source != own
     found: list[Submessage] = []
-    at = HEADER_SIZE
+    at, count = HEADER_SIZE, 0
     while at < size:
+        count += 1
+        if count > MOST_SUBMESSAGES:
+            raise MalformedFrame(f"more than {MOST_SUBMESSAGES} submessages")
         if at + 4 > size:
             raise MalformedFrame("a submessage header is cut off")
         kind, flags = datagram[at], datagram[at + 1]

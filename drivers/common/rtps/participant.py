@@ -43,7 +43,7 @@ _USER = 1
 """Of the sockets, the one where user data arrives."""
 _DATAGRAM = 65536
 _ROUND = 256
-"""Datagrams taken from one socket before others get their turn."""
+"""Datagrams, and parts of them, that are taken from one socket before others get their turn."""
 
 
 class Participant:
@@ -197,7 +197,8 @@ class Participant:
                 self.poll()
 
     def _drain(self, sock: socket.socket, fresh_ns: int = 0) -> None:
-        for _ in range(_ROUND):
+        left = _ROUND
+        while left > 0:
             if not self._sockets:
                 return  # closed by a callback
             try:
@@ -210,7 +211,7 @@ class Participant:
                 return
             now_ns = self._clock.now_ns()
             age = age_ns(ancillary[0][2], now_ns - self._empty_ns[sock]) if ancillary else 0
-            self._engine.receive(self._view[:size], sender, now_ns - age)
+            left -= 1 + self._engine.receive(self._view[:size], sender, now_ns - age)
             if ancillary and age < fresh_ns:
                 return
 
