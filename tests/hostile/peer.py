@@ -1,0 +1,233 @@
+"""A robot whose words cannot be relied on, in virtual time.
+
+A ``HostileStream`` stands between a wire and the twin's end of a connection in memory. What the
+host writes reaches the twin. What comes back is changed from ``HostilePeer.begin`` on, on every
+connection, those that are opened later included.
+
+Time is simulated, and so is what reading costs: an ``await read()`` takes ``READ_S``. A read that
+does not wait costs nothing, so a loop of such reads is caught by counting: one task step that takes
+more than ``STEP_BYTES`` or ``STEP_READS`` raises ``Endless``, which nothing in the product catches.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import random
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import trio
+import trio.abc
+
+from strands_actors.contract.wire import WireDown
+from strands_actors.drivers.common.twin import ClientGone
+
+READ_S = 0.005
+"""What it costs to take in one read of a flood: 0.2 MB/s, on a slow computer."""
+CHUNK = 1024
+STEP_BYTES = 512 * 1024
+STEP_READS = 320
+"""Of one task step. A turn takes 64 reads or 64 kB at most, on each of two or three connections."""
+TRUE_EVERY = 8
+"""In a flood, after so many reads the robot's own words come through."""
+
+Change = Callable[[bytes], bytes]
+
+
+class Endless(BaseException):
+    """One task step has read without an end."""
+
+
+class Steps(trio.abc.Instrument):
+    """Count the steps of all tasks."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def before_task_step(self, task: trio.lowlevel.Task) -> None:
+        self.count += 1
+
+
+class HostilePeer:
+    """What is done to the words of one robot. All of its connections share it."""
+
+    def __init__(self, steps: Steps, seed: int = 1) -> None:
+        self.rng = random.Random(seed)
+        self.kind = ""
+        self.flood = b""  # repeated without an end
+        self.change: Change = bytes
+        self.deaf = False  # what the host writes is garbled, too
+        self.reset_after = math.inf  # bytes that a new connection says before it is reset
+        self.writes = 0  # since ``begin``
+        self._steps = steps
+        self._step = -1
+        self._bytes = self._reads = 0
+        self._streams: list[HostileStream] = []
+
+    def join(self, stream: HostileStream) -> None:
+        self._streams.append(stream)
+
+    def begin(self, kind: str, flood: bytes = b"", change: Change = bytes, deaf: bool = False) -> None:
+        self.kind, self.deaf, self.change, self.writes = kind, deaf, change, 0
+        self.flood = flood * max(1, CHUNK // len(flood)) if flood else b""
+        self._wake()
+
+    def end(self) -> None:
+        """Let it be an honest robot again. Its old connections are of no more use: they are reset."""
+        self.kind, self.flood, self.change, self.deaf = "", b"", bytes, False
+        for stream in self._streams:
+            stream.gone = True
+        self._wake()
+        self._streams.clear()
+
+    def garble(self, data: bytes) -> bytes:
+        return self.rng.randbytes(len(data))
+
+    def count(self, size: int) -> None:
+        """Note a read that did not wait. Raise ``Endless``."""
+        if self._step != self._steps.count:
+            self._step, self._bytes, self._reads = self._steps.count, 0, 0
+        self._bytes += size
+        self._reads += 1
+        if self._bytes > STEP_BYTES or self._reads > STEP_READS:
+            raise Endless(f"{self._reads} reads, {self._bytes} bytes in one task step")
+
+    def _wake(self) -> None:
+        for stream in self._streams:
+            stream.wake()
+
+
+class HostileStream:
+    """Between a wire and a stream in memory: bytes of a connection, or packets of a link."""
+
+    def __init__(self, peer: HostilePeer, inner: Any) -> None:
+        self.peer = peer
+        self.inner = inner
+        self.gone = False
+        self._scope: trio.CancelScope | None = None
+        self._coming: deque[tuple[float, bytes]] = deque()
+        self._older: list[bytes] = []
+        self._heard = self._flooded = 0
+        self._halved = False
+        self._fd = -1
+        peer.join(self)
+
+    # -- as the host uses it
+
+    def write(self, data: bytes) -> None:
+        self._check()
+        self.peer.writes += 1
+        try:
+            self.inner.write(self.peer.garble(data) if self.peer.deaf else data)
+        except ClientGone:  # the robot hangs up on who cannot be understood
+            self.gone = True
+
+    async def read(self) -> bytes:
+        while True:
+            self._check()
+            if self._floods():
+                await trio.sleep(READ_S)
+                if self._floods():
+                    return self._flood()
+            if self._coming:
+                with trio.CancelScope() as self._scope:
+                    await trio.sleep_until(self._coming[0][0])
+                if self._coming and self._coming[0][0] <= trio.current_time():
+                    return self._coming.popleft()[1]
+                continue
+            heard = b""
+            with trio.CancelScope() as self._scope:
+                heard = await self.inner.read()
+            self._scope = None
+            if heard and (told := self._told(heard)):
+                return told
+
+    def read_waiting(self) -> bytes | None:
+        self._check()
+        if self._floods():
+            data = self._flood()
+            self.peer.count(len(data))
+            return data
+        if self._coming and self._coming[0][0] <= trio.current_time():
+            return self._coming.popleft()[1]
+        heard = self._waiting()
+        return (self._told(heard) or None) if heard else None
+
+    def take(self) -> bytes:
+        return self.read_waiting() or b""
+
+    def discard_input(self) -> None:
+        self._coming.clear()
+        self.inner.discard_input()
+
+    def wake(self) -> None:
+        if self._scope is not None:
+            self._scope.cancel()
+
+    def fileno(self) -> int:
+        """Return a descriptor that can be handed over. Nobody reads or writes it."""
+        if self._fd < 0:
+            self._fd = os.open(os.devnull, os.O_RDWR)
+        return self._fd
+
+    def close(self) -> None:
+        self.inner.close()
+        self.wake()
+        if self._fd >= 0:
+            os.close(self._fd)
+            self._fd = -1
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.inner, name)
+
+    # -- what becomes of the robot's words
+
+    def _waiting(self) -> bytes | None:
+        if hasattr(self.inner, "read_waiting"):
+            data: bytes | None = self.inner.read_waiting()
+            return data
+        return self.inner.take() or None
+
+    def _floods(self) -> bool:
+        return bool(self.peer.flood)
+
+    def _flood(self) -> bytes:
+        """Return the next piece; now and then it is one of the robot's own."""
+        self._flooded += 1
+        if self._flooded % TRUE_EVERY == 0 and (heard := self._waiting()):
+            return heard
+        return self.peer.flood
+
+    def _told(self, data: bytes) -> bytes:
+        """Return what the host hears of this, now."""
+        self._heard += len(data)
+        if self._heard > self.peer.reset_after:
+            self.gone = True
+            self._check()
+        match self.peer.kind:
+            case "":
+                self._older = [*self._older[-99:], data]
+                return data
+            case "garbled" | "garbled both ways":
+                return self.peer.garble(data)
+            case "half a frame":
+                if self._halved:
+                    return b""
+                self._halved = True
+                return data[: max(1, len(data) // 2)]
+            case "one byte a second":
+                last_s = self._coming[-1][0] if self._coming else trio.current_time()
+                if len(self._coming) < 100:
+                    self._coming.extend((last_s + 1.0 + at, data[at : at + 1]) for at in range(min(len(data), 20)))
+                return b""
+            case "older answers":
+                return self.peer.rng.choice(self._older) if self._older else b""
+            case _:
+                return self.peer.change(data)
+
+    def _check(self) -> None:
+        if self.gone:
+            self.inner.close()
+            raise WireDown("the connection is gone (reset by the robot). Check cable and power, then reconnect")

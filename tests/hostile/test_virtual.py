@@ -1,0 +1,188 @@
+"""A robot that says what it likes: a stop is written all the same, on every wire, in virtual time.
+
+Each cell is one robot with its own gate, watchdog, transport, guardian and stop channel, which
+meets one kind of hostile peer (SAF-022, SAF-025).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import tracemalloc
+from collections.abc import AsyncIterator, Callable
+from typing import NamedTuple
+
+import pytest
+import trio
+import trio.testing
+
+from strands_actors.contract.driver import Reason
+from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.node import AskTimeout, Unreachable
+from strands_actors.supervisors.gate.messages import Beat, Lease, Perform, Performed, Resume, Resumed, Stop, StopReport
+from strands_actors.testing import InlineTree, open_inline_tree
+from tests.tree.writer import Writer
+
+from .peer import HostilePeer, Steps
+from .rigs import RIGS, Bench, Rig
+
+MOST_MEMORY = 32 << 20
+"""Bytes that a peer may make a process grow by."""
+BEFORE_S = 0.3
+"""From the beginning of the fault to the stop: by then most wires have given their link up."""
+HEALED_S = 20.0
+"""By then a robot that is honest again is connected, and known to be safe."""
+
+
+class Fault(NamedTuple):
+    """One cell's peer."""
+
+    robot: str
+    kind: str
+    detail: str = ""
+
+    def __str__(self) -> str:
+        return "-".join(filter(None, self)).replace(" ", "_")
+
+    @property
+    def rig(self) -> Rig:
+        return RIGS[self.robot]
+
+    @property
+    def may_confirm(self) -> bool:
+        """Whether the robot's own words come through, so that a stop can be understood."""
+        return self.kind == "flood"
+
+    def begin(self, peer: HostilePeer) -> None:
+        match self.kind:
+            case "flood":
+                peer.begin("flood", self.rig.floods[self.detail])
+            case "bomb":
+                bomb = self.rig.bombs[self.detail]
+                peer.begin("changed", change=lambda data: bomb + bytes(1 << 16))
+            case "wrong ids":
+                assert self.rig.wrong_ids is not None
+                peer.begin("changed", change=self.rig.wrong_ids)
+            case kind:
+                peer.begin(kind, deaf=kind == "garbled both ways")
+
+
+GENERAL = ("garbled", "garbled both ways", "half a frame", "one byte a second", "older answers")
+
+
+def faults() -> list[Fault]:
+    found = [Fault(robot, kind) for robot in RIGS for kind in GENERAL]
+    for robot, rig in RIGS.items():
+        found += [Fault(robot, "flood", name) for name in rig.floods]
+        found += [Fault(robot, "bomb", name) for name in rig.bombs]
+        found += [Fault(robot, "wrong ids")] if rig.wrong_ids is not None else []
+    return found
+
+
+class Trial(NamedTuple):
+    """A robot that moves, and whoever is at its other end."""
+
+    tree: InlineTree
+    peer: HostilePeer
+    bench: Bench
+    rig: Rig
+    writer: Writer
+
+    def first(self, kind: str, since_s: float) -> float | None:
+        return next((t_s for t_s, what in self.bench.log() if what == kind and t_s >= since_s), None)
+
+    async def beat(self) -> None:
+        """Live, as the process of a caller does."""
+        while True:
+            self.writer.ref.tell(Beat(self.writer.lease.id))
+            await trio.sleep(0.2)
+
+    async def move(self) -> None:
+        """Move a little, again and again, as long as that is accepted."""
+        while True:
+            with contextlib.suppress(Unreachable, AskTimeout):  # its wire group is being replaced
+                seen = (await self.tree.status()).observation
+                if seen is not None:
+                    await self.writer.send(**self.rig.action(seen.position))
+            await trio.sleep(0.05)
+
+
+def run(test: Callable[[HostilePeer], object]) -> None:
+    steps = Steps()
+
+    async def main() -> None:
+        await test(HostilePeer(steps))  # type: ignore[misc]
+
+    trio.run(main, clock=trio.testing.MockClock(autojump_threshold=0), instruments=[steps])
+
+
+@contextlib.asynccontextmanager
+async def moving(peer: HostilePeer, rig: Rig) -> AsyncIterator[Trial]:
+    bench = rig.make(peer)
+    async with bench.living(), open_inline_tree(driver=bench.driver) as tree:
+        writer = Writer(tree)
+        trial = Trial(tree, peer, bench, rig, writer)
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(trial.beat)
+            await ready(trial)
+            nursery.start_soon(trial.move)
+            with trio.fail_after(5):
+                while trial.first("setpoint", 0.0) is None:
+                    await trio.sleep(0.01)
+            yield trial
+            nursery.cancel_scope.cancel()
+
+
+async def ready(trial: Trial) -> None:
+    """Arm the robot, take the lease, and bring the robot to where it takes targets."""
+    tree, rig, writer = trial.tree, trial.rig, trial.writer
+    resumed = await tree.gate.ask(Resume("test"), 20.0)
+    assert isinstance(resumed, Resumed), resumed
+    assert isinstance(await writer.acquire(), Lease)
+    for service in rig.first:
+        asked = Perform(writer.lease.id, writer.lease.epoch, service, {})
+        answer = await writer.ref.ask(asked, 20.0)
+        assert isinstance(answer, Performed), answer
+
+
+async def stopped(trial: Trial, reason: Reason) -> StopReport | None:
+    """Ask for a stop; return what became of it, None: no answer in time."""
+    with trio.move_on_after(trial.tree.driver.timing.safe_s + 1.0):
+        answer = await trial.tree.gate.ask(Stop(reason), 60.0)
+        assert not isinstance(answer, Refused), answer
+        return answer if isinstance(answer, StopReport) else None
+    return None
+
+
+@pytest.mark.parametrize("fault", faults(), ids=str)
+def test_saf_022_025_a_hostile_peer_keeps_no_stop_back(fault: Fault) -> None:
+    async def test(peer: HostilePeer) -> None:
+        async with moving(peer, fault.rig) as trial:
+            began_s = trio.current_time()
+            if fault.kind == "bomb":  # it makes all else slow
+                tracemalloc.start()
+            try:
+                fault.begin(peer)
+                await trio.sleep(BEFORE_S)
+                asked_s = trio.current_time()
+                report = await stopped(trial, Reason.STOP)
+                _, most = tracemalloc.get_traced_memory()  # 0 when nothing was traced
+            finally:
+                tracemalloc.stop()
+            assert most <= MOST_MEMORY, f"it grew by {most >> 20} MB"
+            if peer.deaf:
+                assert peer.writes, "nothing was written"
+            else:
+                safe_s = trial.first("safe", asked_s)
+                assert safe_s is not None, "no safe frame"
+                took_s = safe_s - asked_s
+                assert took_s <= fault.rig.bound_s, f"safe after {took_s * 1e3:.0f} ms"
+            late_s = trial.first("setpoint", asked_s)
+            assert late_s is None, "a setpoint after the stop"
+            if report is not None and report.confirmed:
+                assert fault.may_confirm, "confirmed by words that cannot be understood"
+            peer.end()
+            healed = await trial.tree.until("disarmed", HEALED_S)
+            assert healed.connected
+            assert trial.first("setpoint", began_s + BEFORE_S) is None
+
+    run(test)
