@@ -89,6 +89,21 @@ class _Descent:
 
     async def step(self) -> str:
         """Say it, and look. Return why it is not safe yet; empty: it is. Raise ``WireDown``."""
+        return await self._say_and_look() or self._contradicted()
+
+    def _contradicted(self) -> str:
+        """Return what its log says against an answer that it is safe; empty: nothing, or there is no
+        log. An answer has no number, so it may be one to an older question. A row of the log has the
+        time of the robot."""
+        session = self._session
+        if session.repeats():
+            return "its log stands still"
+        flight = session.flight
+        if flight is not None and session.age_s() <= FRESH_S and flight.bits.airborne:
+            return "its log shows it in the air"
+        return ""
+
+    async def _say_and_look(self) -> str:
         match self._safe_state:
             case SafeState.OFF:
                 return await self._lock()

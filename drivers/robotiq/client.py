@@ -74,16 +74,16 @@ class GripperClient(ABC):
 
 async def hold(gripper: GripperClient, known: Status | None, config: RobotiqConfig) -> MotorReport:
     """Stop the fingers where they are, and prove it. Never raises. Without a ``known`` state the
-    gripper is asked first: a hold would activate one that is not, and that moves its fingers."""
+    gripper is asked first: a hold would activate one that is not, and that moves its fingers. One
+    that does not answer within ``CONFIRM_S`` is reset."""
     written = heard = False
     detail = "silent"
     command: Command | None = None
     try:
         with trio.move_on_after(HOLD_S):
             for _ in range(ATTEMPTS):
-                known = known or await gripper.status(CONFIRM_S)
-                if known is None:
-                    continue
+                # One that does not answer is reset: that stops it, and moves none that was reset before.
+                known = known or await gripper.status(CONFIRM_S) or Status()
                 # A reset may not have been taken up yet: a hold behind it would be the rising edge.
                 if command is None or command.activate:
                     command = protocol.safe_command(known)

@@ -167,7 +167,7 @@ class RobotiqWire(SessionWire[RobotiqSession]):
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         """The gripper is asked first: one that has lost its power meanwhile would be activated, and
         moves then. One whose answers are nonsense has power, and keeps still by what was last
-        understood of it."""
+        understood of it. One that says nothing is reset, as in ``make_safe``."""
         self.close()  # what was sent on that connection and not taken yet is thrown away with it
         known = self._last
         if known is None:
@@ -179,9 +179,8 @@ class RobotiqWire(SessionWire[RobotiqSession]):
         try:
             with contextlib.suppress(NotUnderstood):
                 status = await gripper.status(READ_S)
-                if status is None and not gripper.hears_part:
-                    return (self._config.report(False, False, "silent"),)
-                known = status or known
+                if status is not None or not gripper.hears_part:
+                    known = status or Status()
             return (await hold(gripper, known, self._config),)
         except WireDown as error:
             return (self._config.report(False, False, str(error)),)

@@ -289,8 +289,9 @@ def _stretch(peer: HostilePeer) -> Bench:
 class _HostileLink(Link):
     """Packets instead of bytes, and the same changes."""
 
-    def __init__(self, peer: HostilePeer, air: Air, log: Log) -> None:
+    def __init__(self, peer: HostilePeer, air: Air, log: Log, speaks: Callable[[Air], None]) -> None:
         self.name = air.name
+        self._speaks = speaks
         self._stream = HostileStream(peer, air)
         self._air = air
         self._log = log
@@ -303,6 +304,7 @@ class _HostileLink(Link):
         self._stream._check()
         replies = self._air.firmware.hear(peer.garble(packet) if peer.deaf else packet)
         self._log.append((trio.current_time(), replies.kind))
+        self._speaks(self._air)
         self._air.say(*replies.replies)
 
     async def read(self) -> bytes:
@@ -318,11 +320,10 @@ class _HostileLink(Link):
 def _crazyflie(peer: HostilePeer) -> Bench:
     firmware = Firmware(CRAZYFLIES.table("crazyflie"), trio.current_time)
     log: Log = []
-    links: list[Air] = []
+    speaker: list[Air] = []  # the last: the firmware answers whoever spoke last
 
     async def open_link(endpoint: Endpoint) -> Link:
-        links.append(Air(firmware))
-        return _HostileLink(peer, links[-1], log)
+        return _HostileLink(peer, Air(firmware), log, lambda air: speaker.__setitem__(slice(None), [air]))
 
     @contextlib.asynccontextmanager
     async def living() -> AsyncIterator[None]:
@@ -330,8 +331,8 @@ def _crazyflie(peer: HostilePeer) -> Bench:
             while True:
                 await trio.sleep(0.01)
                 firmware.pass_time()
-                if links:
-                    links[-1].say(*firmware.rows())
+                for air in speaker:
+                    air.say(*firmware.rows())
 
         crazyflie_wire.open_link, wire_opens = open_link, crazyflie_wire.open_link
         crazyflie_stop.open_link, stop_opens = open_link, crazyflie_stop.open_link
@@ -391,6 +392,8 @@ RIGS: Mapping[str, Rig] = {
         floods={"unasked answers": bytes.fromhex("ffff00000006010600000000")},
         bombs={"a frame of 64 kB": bytes.fromhex("00010000ffff")},
         wrong_ids=_renumbered(0, 2),
+        bound_s=0.1,
+        why_longer="a gripper is asked first: a hold would activate one that has lost its power",
     ),
     "so101": Rig(
         _servos(servo.FeetechRig, FeetechStopChannel),

@@ -243,9 +243,9 @@ def test_saf_005_a_stop_is_written_to_a_gripper_that_is_not_understood(number: i
     virtual(main)
 
 
-def test_nothing_is_written_to_a_gripper_that_says_nothing() -> None:
+def test_saf_022_a_gripper_that_says_nothing_is_reset() -> None:
     """It may have been without power: being told to hold would activate it, and moves its
-    fingers."""
+    fingers. A reset does not, and stops one that hears us and cannot be heard."""
 
     async def main() -> None:
         rig = await Rig().armed()
@@ -253,7 +253,8 @@ def test_nothing_is_written_to_a_gripper_that_says_nothing() -> None:
         rig.written.clear()
         rig.silent_from = rig.questions
         (report,) = await rig.wire.reach("hold")
-        assert (rig.written, report.written, report.safe) == ([], False, False)
+        assert (rig.written[0], report.written, report.safe) == ("safe", True, False)
+        assert not p.Command.from_registers(rig.twin.output()).activate
         assert await RobotiqWire(rig.driver.config, rig.clock, rig.connect).reach("hold") == (), "never connected"
 
     virtual(main)
@@ -318,7 +319,7 @@ def test_the_stop_channel_to_a_silent_gripper_is_bounded_and_honest() -> None:
         rig.twin.set_fault(Fault.OFF)
         began_s = trio.current_time()
         report = await rig.stop_channel()
-        assert not report.safe and not report.written and report.detail
+        assert not report.safe and report.detail
         assert trio.current_time() - began_s < STOPS_WITHIN_S
 
     virtual(main)
