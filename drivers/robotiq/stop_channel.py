@@ -15,6 +15,7 @@ from strands_actors.kernel.clock import Clock
 from .client import GripperClient, hold
 from .config import RobotiqConfig
 from .connect import OpenPort, OpenStream, open_gripper
+from .protocol import Status
 from .serial_client import SerialGripper
 
 
@@ -46,12 +47,18 @@ class RobotiqStopChannel(DuplicateDescriptor[RobotiqConfig, GripperClient]):
     async def make_safe_on(self, port: GripperClient, safe_state: SafeState) -> tuple[MotorReport, ...]:
         sent = port.sent if isinstance(port, SerialGripper) else 0
         report = await hold(port, None, self.config)
-        # A serial port that took a question is kept: while the standby has a duplicate of it, it cannot
-        # be opened anew.
-        takes = isinstance(port, SerialGripper) and port.sent > sent
-        if not (report.written or takes):
-            raise WireDown(report.detail)
-        return (report,)
+        if report.written:
+            return (report,)
+        if isinstance(port, SerialGripper):
+            # A serial port that took a question is kept: while the standby has a duplicate of it, it
+            # cannot be opened anew.
+            if port.sent == sent:
+                raise WireDown(report.detail)
+            return (report,)
+        # The connection was lost before the gripper had answered. A reset needs no answer.
+        port.close()
+        self.port = await self.open_port()
+        return (await hold(self.port, Status(), self.config),)
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         try:

@@ -169,21 +169,27 @@ class RobotiqWire(SessionWire[RobotiqSession]):
         moves then. One whose answers are nonsense has power, and keeps still by what was last
         understood of it. One that says nothing is reset, as in ``make_safe``."""
         self.close()  # what was sent on that connection and not taken yet is thrown away with it
-        known = self._last
-        if known is None:
+        if self._last is None:
             return ()
+        report = await self._hold_anew(self._last)
+        return (report or await self._hold_anew(None) or self._config.report(False, False, "silent"),)
+
+    async def _hold_anew(self, known: Status | None) -> MotorReport | None:
+        """Hold on a connection made for it. ``known``: the last that was understood; None: reset it
+        without asking. Return None when it was lost before it answered."""
         try:
             gripper = await self._open()
         except WireDown as error:
-            return (self._config.report(False, False, str(error)),)
+            return self._config.report(False, False, str(error))
         try:
-            with contextlib.suppress(NotUnderstood):
-                status = await gripper.status(READ_S)
-                if status is not None or not gripper.hears_part:
-                    known = status or Status()
-            return (await hold(gripper, known, self._config),)
-        except WireDown as error:
-            return (self._config.report(False, False, str(error)),)
+            if known is not None:
+                with contextlib.suppress(NotUnderstood):
+                    status = await gripper.status(READ_S)
+                    if status is not None or not gripper.hears_part:
+                        known = status or Status()
+            return await hold(gripper, known or Status(), self._config)
+        except WireDown:
+            return None
         finally:
             gripper.close()
 

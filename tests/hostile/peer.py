@@ -77,6 +77,11 @@ class HostilePeer:
     def end(self) -> None:
         """Let it be an honest robot again. Its old connections are of no more use: they are reset."""
         self.kind, self.flood, self.change, self.deaf = "", b"", bytes, False
+        self.reset_after = math.inf
+        self.reset()
+
+    def reset(self) -> None:
+        """End every connection that there is."""
         for stream in self._streams:
             stream.gone = True
         self._wake()

@@ -71,6 +71,8 @@ class Rig(NamedTuple):
     """Put another number, or another sender, into an answer. None: answers have none."""
     first: tuple[str, ...] = ()
     """Services that get the robot to where it takes a target."""
+    login: str = ""
+    """Why nothing can be written on a connection that is reset before it has answered."""
     bound_s: float = 0.05
     """From a stop to the safe frame, behind a peer that is hostile. More than the published bound
     only for what the fault itself takes: a login, a bus that must be quiet."""
@@ -385,6 +387,7 @@ RIGS: Mapping[str, Rig] = {
         floods={"notifications": Frame(Kind.NOTIFICATION, Call.STOP, 1, 1, b"").encode(), "magic": MAGIC},
         bombs={"a frame of 4 GB": MAGIC + b"\xff\xff\xff\xff"},
         wrong_ids=lambda data: data.replace(MAGIC, MAGIC[::-1]),
+        login="the base takes a call only with the number of a session, which it gives in its answer",
     ),
     "robotiq_2f85": Rig(
         _robotiq,

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import contextlib
 import tracemalloc
-from collections.abc import AsyncIterator, Callable
-from typing import NamedTuple
+from collections.abc import AsyncIterator, Callable, Sequence
+from typing import Any, NamedTuple
 
 import pytest
 import trio
@@ -165,11 +165,38 @@ async def heal(trial: Trial) -> None:
                 await stopped(trial, Reason.STOP)
 
 
-@pytest.mark.parametrize("fault", faults(), ids=str)
+def is_safe(trial: Trial, fault: Fault, asked_s: float, report: StopReport | None) -> None:
+    """Hold the wire's log of a stop against what every stop must show."""
+    if trial.peer.deaf:
+        assert trial.peer.writes, "nothing was written"
+    else:
+        safe_s = trial.first("safe", asked_s)
+        assert safe_s is not None, "no safe frame"
+        took_s = safe_s - asked_s
+        assert took_s <= fault.rig.bound_s, f"safe after {took_s * 1e3:.0f} ms"
+    assert trial.first("setpoint", asked_s) is None, "a setpoint after the stop"
+    if report is not None and report.confirmed:
+        assert fault.may_confirm, "confirmed by words that cannot be understood"
+
+
+FAULTS = faults()
+def _long(faults: Sequence[Fault], quick: Callable[[Fault], bool]) -> list[Any]:
+    return [fault if quick(fault) else pytest.param(fault, marks=pytest.mark.long) for fault in faults]
+
+
+def is_quick(fault: Fault) -> bool:
+    """Whether a cell belongs to the ordinary run: of each wire the damaged words, the older answers, and
+    the first flood and the first bomb of its kind."""
+    if fault.kind in ("garbled", "older answers"):
+        return True
+    first = next(iter({"flood": fault.rig.floods, "bomb": fault.rig.bombs}.get(fault.kind, {})), None)
+    return first is not None and first == fault.detail
+
+
+@pytest.mark.parametrize("fault", _long(FAULTS, is_quick), ids=str)
 def test_saf_022_025_a_hostile_peer_keeps_no_stop_back(fault: Fault) -> None:
     async def test(peer: HostilePeer) -> None:
         async with moving(peer, fault.rig) as trial:
-            began_s = trio.current_time()
             if fault.kind == "bomb":  # it makes all else slow
                 tracemalloc.start()
             try:
@@ -181,19 +208,45 @@ def test_saf_022_025_a_hostile_peer_keeps_no_stop_back(fault: Fault) -> None:
             finally:
                 tracemalloc.stop()
             assert most <= MOST_MEMORY, f"it grew by {most >> 20} MB"
-            if peer.deaf:
-                assert peer.writes, "nothing was written"
-            else:
-                safe_s = trial.first("safe", asked_s)
-                assert safe_s is not None, "no safe frame"
-                took_s = safe_s - asked_s
-                assert took_s <= fault.rig.bound_s, f"safe after {took_s * 1e3:.0f} ms"
-            late_s = trial.first("setpoint", asked_s)
-            assert late_s is None, "a setpoint after the stop"
-            if report is not None and report.confirmed:
-                assert fault.may_confirm, "confirmed by words that cannot be understood"
+            is_safe(trial, fault, asked_s, report)
             peer.end()
             await heal(trial)
-            assert trial.first("setpoint", began_s + BEFORE_S) is None
+            assert trial.first("setpoint", asked_s) is None, "a setpoint after the stop"
+
+    run(test)
+
+
+@pytest.mark.parametrize("fault", _long(FAULTS, lambda fault: fault.kind == "garbled"), ids=str)
+def test_saf_022_025_the_caller_ends_behind_a_hostile_peer(fault: Fault) -> None:
+    """The root says so to the gate, as it does when the process of the caller is gone."""
+
+    async def test(peer: HostilePeer) -> None:
+        async with moving(peer, fault.rig) as trial:
+            fault.begin(peer)
+            await trio.sleep(BEFORE_S)
+            asked_s = trio.current_time()
+            is_safe(trial, fault, asked_s, await stopped(trial, Reason.CALLER))
+
+    run(test)
+
+
+@pytest.mark.parametrize("robot", [robot for robot, rig in RIGS.items() if not rig.login])
+@pytest.mark.parametrize(
+    "numbers",
+    [(0, 1, 7, 20, 60), pytest.param(range(120), marks=pytest.mark.long)],
+    ids=["some bytes", "each byte"],
+)
+def test_saf_022_a_connection_that_is_reset_at_a_byte_of_its_handshake(robot: str, numbers: Sequence[int]) -> None:
+    """The link is lost while the robot moves, and no new one lives longer than so many bytes."""
+
+    async def test(peer: HostilePeer) -> None:
+        fault = Fault(robot, "flood")  # what comes through is the robot's own
+        async with moving(peer, fault.rig) as trial:
+            for number in numbers:
+                peer.reset_after = number
+                peer.reset()
+                await trio.sleep(0.05)
+                asked_s = trio.current_time()
+                is_safe(trial, fault, asked_s, await stopped(trial, Reason.STOP))
 
     run(test)
