@@ -1,0 +1,163 @@
+"""The same with processes: a robot's tree, its twin, and a hostile relay between them (SAF-022,
+SAF-025). Order and counts alone: the bounds are asserted in virtual time."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from strands_actors.caller.robot import RealRobot
+from strands_actors.testing import Twin
+from tests.answers import pids, until
+from tests.trees import armed, first_safe, nudge, robot_on
+
+from .relay import Relay
+from .rigs import RIGS
+
+MOST_MEMORY = 32 << 20
+FLOODED_S = 0.7
+"""From the beginning of the fault to the stop."""
+
+
+class Cell(NamedTuple):
+    robot: str
+    kind: str
+    flood: str = ""
+    ports: tuple[int, ...] = ()
+
+    def __str__(self) -> str:
+        return "-".join(filter(None, self[:3])).replace(" ", "_")
+
+
+XARM = (30001, 30002, 30003)
+UR = (30001, 30002, 30003, 30004)
+CELLS = [
+    Cell("rby1", "flood", "pings"),
+    Cell("rby1", "flood", "settings"),
+    Cell("xarm7", "flood", "unasked answers", XARM),
+    Cell("ur5e", "garbled", "", UR),
+    Cell("rby1", "flood", "empty data"),
+    Cell("rby1", "garbled"),
+    Cell("rby1", "half"),
+    Cell("xarm7", "garbled", "", XARM),
+    Cell("xarm7", "half", "", XARM),
+    Cell("kinova_gen3", "flood", "notifications"),
+    Cell("kinova_gen3", "garbled"),
+    Cell("kinova_gen3", "half"),
+    Cell("robotiq_2f85", "garbled"),
+    Cell("ur5e", "half", "", UR),
+]
+JOINTS = {"rby1": "torso_0", "xarm7": "joint1", "kinova_gen3": "joint_1", "ur5e": "shoulder_pan", "robotiq_2f85": "gripper"}
+
+CALLER = """
+import sys, time
+from strands_actors import Robot
+robot, port, joint = sys.argv[1:]
+arm = Robot(robot, mode="real", port=port)
+arm.connect_eagerly()
+at = arm.get_observation()[joint]
+print("ready", flush=True)
+while True:
+    arm.send_action({joint: at + 0.002})
+    time.sleep(0.05)
+"""
+
+
+def _memory(pid: int, key: str) -> int:
+    with open(f"/proc/{pid}/status") as status:
+        return next(int(line.split()[1]) << 10 for line in status if line.startswith(key))
+
+
+class Memory:
+    """By how much processes grow, in bytes."""
+
+    def __init__(self, processes: dict[str, int]) -> None:
+        self._before = {pid: _memory(pid, "VmRSS") for pid in processes.values()}
+        for pid in self._before:
+            Path(f"/proc/{pid}/clear_refs").write_text("5")  # the peak begins anew
+
+    def grown(self) -> int:
+        now = {pid: _memory(pid, "VmHWM") for pid in self._before if os.path.exists(f"/proc/{pid}/status")}
+        return max((peak - self._before[pid] for pid, peak in now.items()), default=0)
+
+
+@pytest.fixture
+def cell(request: pytest.FixtureRequest) -> Cell:
+    found: Cell = request.param
+    return found
+
+
+@pytest.fixture
+def twin(cell: Cell, tmp_path: Path) -> Iterator[Twin]:
+    with Twin(cell.robot, tmp_path) as twin:
+        yield twin
+
+
+@pytest.fixture
+def relay(cell: Cell, twin: Twin) -> Iterator[Relay]:
+    with Relay(twin.port, cell.ports) as relay:
+        yield relay
+
+
+def begin(cell: Cell, relay: Relay) -> None:
+    relay.begin(cell.kind, RIGS[cell.robot].floods[cell.flood] if cell.flood else b"")
+    time.sleep(FLOODED_S)
+
+
+def moving(arm: RealRobot, twin: Twin, joint: str) -> None:
+    armed(arm)
+    began_ns = time.monotonic_ns()
+    until(lambda: nudge(arm, joint, 0.002)["status"] == "success", "a target is taken")
+    until(lambda: twin.log.host("setpoint", began_ns), "a setpoint")
+
+
+@pytest.mark.quick_cases(4)
+@pytest.mark.real_time
+@pytest.mark.parametrize("cell", CELLS, indirect=True, ids=str)
+def test_saf_022_025_a_stop_behind_a_hostile_peer(cell: Cell, twin: Twin, relay: Relay) -> None:
+    with robot_on(relay.port, cell.robot) as arm:
+        moving(arm, twin, JOINTS[cell.robot])
+        memory = Memory(pids(arm))
+        begin(cell, relay)
+        asked_ns = time.monotonic_ns()
+        answer = arm.stop()
+        first_safe(twin.log, asked_ns)
+        twin.log.no_setpoint_after_safe(asked_ns)
+        assert memory.grown() <= MOST_MEMORY
+        if cell.kind != "flood":
+            assert answer["status"] == "error", "confirmed by words that cannot be understood"
+        twin.log.silent_after(asked_ns, "setpoint", "enable")
+        relay.begin("ok")
+        until(lambda: arm.stop()["status"] == "success", "it is known to be safe")
+
+
+@pytest.mark.quick_cases(2)
+@pytest.mark.real_time
+@pytest.mark.parametrize("cell", CELLS, indirect=True, ids=str)
+def test_saf_022_025_the_caller_is_killed_behind_a_hostile_peer(cell: Cell, twin: Twin, relay: Relay) -> None:
+    arguments = [sys.executable, "-c", CALLER, cell.robot, relay.port, JOINTS[cell.robot]]
+    with subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True) as caller:
+        assert caller.stdout is not None
+        try:
+            assert caller.stdout.readline() == "ready\n"
+            until(lambda: twin.log.host("setpoint"), "a setpoint")
+            begin(cell, relay)
+        finally:
+            killed_ns = time.monotonic_ns()
+            caller.send_signal(signal.SIGKILL)
+    first_safe(twin.log, killed_ns)
+    time.sleep(0.3)
+    twin.log.no_setpoint_after_safe(killed_ns)
+    relay.begin("ok")
+    healed_ns = time.monotonic_ns()
+    first_safe(twin.log, healed_ns)  # which is confirmed, and the tree ends
+    time.sleep(0.3)
+    twin.log.silent_after(killed_ns, "setpoint", "enable")
