@@ -14,6 +14,7 @@ import trio
 
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.wire import Permit, StopChannel, Wire
+from strands_actors.drivers.common.dynamixel.wire import DynamixelStopChannel
 from strands_actors.drivers.common.twin import ClientGone
 from strands_actors.drivers.crazyflie import stop_channel as crazyflie_stop
 from strands_actors.drivers.crazyflie import wire as crazyflie_wire
@@ -22,7 +23,6 @@ from strands_actors.drivers.crazyflie.driver import Crazyflie
 from strands_actors.drivers.crazyflie.links import Link
 from strands_actors.drivers.crazyflie.robots import TABLES as CRAZYFLIES
 from strands_actors.drivers.crazyflie.twin.firmware import Firmware
-from strands_actors.drivers.common.dynamixel.wire import DynamixelStopChannel
 from strands_actors.drivers.feetech.wire import FeetechStopChannel
 from strands_actors.drivers.kinova.protocol import MAGIC, Call, Frame, Kind
 from strands_actors.drivers.kinova.stop_channel import KinovaStopChannel

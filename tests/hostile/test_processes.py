@@ -55,7 +55,13 @@ CELLS = [
     Cell("robotiq_2f85", "garbled"),
     Cell("ur5e", "half", "", UR),
 ]
-JOINTS = {"rby1": "torso_0", "xarm7": "joint1", "kinova_gen3": "joint_1", "ur5e": "shoulder_pan", "robotiq_2f85": "gripper"}
+JOINTS = {
+    "rby1": "torso_0",
+    "xarm7": "joint1",
+    "kinova_gen3": "joint_1",
+    "ur5e": "shoulder_pan",
+    "robotiq_2f85": "gripper",
+}
 
 CALLER = """
 import sys, time

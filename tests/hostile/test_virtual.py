@@ -18,7 +18,16 @@ import trio.testing
 from strands_actors.contract.driver import Reason
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import AskTimeout, Unreachable
-from strands_actors.supervisors.gate.messages import Beat, Lease, Perform, Performed, Resume, Resumed, Stop, StopReport
+from strands_actors.supervisors.gate.messages import (
+    Beat,
+    Lease,
+    Perform,
+    Performed,
+    Resume,
+    Resumed,
+    Stop,
+    StopReport,
+)
 from strands_actors.testing import InlineTree, open_inline_tree
 from tests.tree.writer import Writer
 
@@ -126,7 +135,7 @@ async def moving(peer: HostilePeer, rig: Rig) -> AsyncIterator[Trial]:
             await ready(trial)
             nursery.start_soon(trial.move)
             with trio.fail_after(5):
-                while trial.first("setpoint", 0.0) is None:
+                while trial.first("setpoint", 0.0) is None:  # noqa: ASYNC110  # the tree's doing
                     await trio.sleep(0.01)
             yield trial
             nursery.cancel_scope.cancel()
@@ -180,6 +189,8 @@ def is_safe(trial: Trial, fault: Fault, asked_s: float, report: StopReport | Non
 
 
 FAULTS = faults()
+
+
 def _long(faults: Sequence[Fault], quick: Callable[[Fault], bool]) -> list[Any]:
     return [fault if quick(fault) else pytest.param(fault, marks=pytest.mark.long) for fault in faults]
 

@@ -188,11 +188,12 @@ class Engine:
     def receive(self, datagram: memoryview, sender: Address, now_ns: int) -> int:
         """Take in one datagram. It may be used again when this returns.
 
+        A name is no proof: anybody can read a participant's GUID. What counts in a peer's name has
+        come from where that peer is.
+
         Returns:
             How many parts of it were for us: what it has cost.
-
-        A name is no proof: anybody can read a participant's GUID. What counts in a peer's name has
-        come from where that peer is."""
+        """
         self.counters.datagrams += 1
         peer = self._peers.get(bytes(datagram[8 : messages.HEADER_SIZE]))
         if peer is not None and not peer.is_at(sender):
