@@ -29,7 +29,6 @@ class RobotiqStopChannel(DuplicateDescriptor[RobotiqConfig, GripperClient]):
         open_port: OpenPort = open_serial,
     ) -> None:
         super().__init__(config, descriptors, clock)
-        self._lost = False  # a connection, before the gripper answered
         self._open = partial(open_gripper, config, clock, open_stream, open_port)
 
     @property
@@ -48,21 +47,20 @@ class RobotiqStopChannel(DuplicateDescriptor[RobotiqConfig, GripperClient]):
     async def make_safe_on(self, port: GripperClient, safe_state: SafeState) -> tuple[MotorReport, ...]:
         sent = port.sent if isinstance(port, SerialGripper) else 0
         report = await hold(port, None, self.config)
-        # A serial port that took a question is kept: while the standby has a duplicate of it, it cannot
-        # be opened anew.
-        takes = isinstance(port, SerialGripper) and port.sent > sent
-        if report.written or takes:
+        if report.written:
             return (report,)
-        if not self._lost:
-            self._lost = True
-            raise WireDown(report.detail)
-        port.close()  # lost again before it answered: a reset needs no answer
+        if isinstance(port, SerialGripper):
+            # A serial port that took a question is kept: while the standby has a duplicate of it, it
+            # cannot be opened anew.
+            if port.sent == sent:
+                raise WireDown(report.detail)
+            return (report,)
+        # The connection was lost before the gripper had answered. A reset needs no answer.
+        port.close()
         self.port = await self.open_port()
-        report = await hold(self.port, Status(), self.config)
-        return (report,)
+        return (await hold(self.port, Status(), self.config),)
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        self._lost = False
         try:
             return await super().make_safe(safe_state)
         finally:

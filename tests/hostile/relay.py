@@ -26,7 +26,7 @@ class Relay:
 
     def __init__(self, target: str, ports: tuple[int, ...] = ()) -> None:
         self._host, _, port = target.rpartition(":")
-        self._ports = (int(port), *ports)
+        self._ports = tuple(dict.fromkeys((int(port), *ports)))
 
     def __enter__(self) -> Relay:
         self.host = own_host()

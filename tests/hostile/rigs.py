@@ -69,6 +69,8 @@ class Rig(NamedTuple):
     """Words that declare more than the protocol has; zeros follow without an end."""
     wrong_ids: Callable[[bytes], bytes] | None = None
     """Put another number, or another sender, into an answer. None: answers have none."""
+    quick: tuple[str, ...] = ("garbled",)
+    """Kinds of peers that the ordinary run meets, too."""
     first: tuple[str, ...] = ()
     """Services that get the robot to where it takes a target."""
     login: str = ""
@@ -362,6 +364,7 @@ RIGS: Mapping[str, Rig] = {
     "xarm7": Rig(
         _xarm,
         _first(0.002, "joint1"),
+        quick=("garbled", "flood", "bomb"),
         floods={"unasked answers": frame(60_000, bytes((Register.SERVO_JOINT, 0)))},
         bombs={"a report of 4 GB": b"\xff\xff\xff\xff", "a frame of 64 kB": b"\x00\x01\x00\x02\xff\xff"},
         wrong_ids=_renumbered(0, 2),
@@ -369,6 +372,7 @@ RIGS: Mapping[str, Rig] = {
     "rby1": Rig(
         _rby1,
         _first(0.002, "torso_0"),
+        quick=("flood", "bomb"),
         floods=_H2_FLOODS,
         bombs=_H2_BOMBS,
         wrong_ids=_renumbered(5, 4),
@@ -376,6 +380,7 @@ RIGS: Mapping[str, Rig] = {
     "spot": Rig(
         _spot,
         lambda position: {"vx": 0.2},
+        quick=("garbled",),
         floods=_H2_FLOODS,
         bombs=_H2_BOMBS,
         wrong_ids=_renumbered(5, 4),
@@ -384,6 +389,7 @@ RIGS: Mapping[str, Rig] = {
     "kinova_gen3": Rig(
         _kinova,
         _first(0.005, "joint_1"),
+        quick=("garbled", "flood", "bomb"),
         floods={"notifications": Frame(Kind.NOTIFICATION, Call.STOP, 1, 1, b"").encode(), "magic": MAGIC},
         bombs={"a frame of 4 GB": MAGIC + b"\xff\xff\xff\xff"},
         wrong_ids=lambda data: data.replace(MAGIC, MAGIC[::-1]),
@@ -392,6 +398,7 @@ RIGS: Mapping[str, Rig] = {
     "robotiq_2f85": Rig(
         _robotiq,
         lambda position: {"gripper": 0.5},
+        quick=("older answers", "flood"),
         floods={"unasked answers": bytes.fromhex("ffff00000006010600000000")},
         bombs={"a frame of 64 kB": bytes.fromhex("00010000ffff")},
         wrong_ids=_renumbered(0, 2),
@@ -401,6 +408,7 @@ RIGS: Mapping[str, Rig] = {
     "so101": Rig(
         _servos(servo.FeetechRig, FeetechStopChannel),
         _first(1.0, "shoulder_pan"),
+        quick=("garbled", "older answers"),
         floods={"unasked answers": b"\xff\xff\x63\x02\x00\x9a", "half headers": b"\xff\xff"},
         bombs={"the longest frame": b"\xff\xff\x01\xff"},
         wrong_ids=lambda data: data[:2] + b"\x63" + data[3:],
@@ -408,6 +416,7 @@ RIGS: Mapping[str, Rig] = {
     "koch": Rig(
         _servos(servo.DynamixelRig, DynamixelStopChannel),
         _first(1.0, "shoulder_pan"),
+        quick=("older answers",),
         floods={"half headers": b"\xff\xff\xfd\x00"},
         bombs={"a frame of 64 kB": b"\xff\xff\xfd\x00\x01\xff\xff"},
         wrong_ids=lambda data: data[:4] + b"\x63" + data[5:],
@@ -415,12 +424,14 @@ RIGS: Mapping[str, Rig] = {
     "stretch3": Rig(
         _stretch,
         lambda position: {"lift": position[2] + 0.002},
+        quick=("garbled",),
         floods={"empty frames": b"\0"},
         bombs={"a frame without an end": b"\x01"},
     ),
     "crazyflie": Rig(
         _crazyflie,
         lambda position: {"vz": 0.0},
+        quick=("older answers", "flood"),
         floods={"null packets": b"\xff", "console": b"\x00" + b"x" * 30},
         first=("takeoff",),
     ),

@@ -38,7 +38,7 @@ class Cell(NamedTuple):
 
 
 XARM = (30001, 30002, 30003)
-UR = (30001, 30002, 30003, 30004)
+UR = (29999, 30001, 30002, 30003, 30004)
 CELLS = [
     Cell("rby1", "flood", "pings"),
     Cell("rby1", "flood", "settings"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 import trio
 
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, WireDown
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.common.twin.faults import Reply
@@ -321,6 +322,32 @@ def test_the_stop_channel_to_a_silent_gripper_is_bounded_and_honest() -> None:
         report = await rig.stop_channel()
         assert not report.safe and report.detail
         assert trio.current_time() - began_s < STOPS_WITHIN_S
+
+    virtual(main)
+
+
+def test_saf_022_the_stop_channel_resets_a_gripper_whose_connection_is_lost_before_it_answers() -> None:
+    async def main() -> None:
+        rig = await Rig().armed()
+        rig.wire.close()
+        rig.written.clear()
+        connect, lost = rig.connect, 0
+
+        async def gone() -> bytes:
+            raise WireDown("the connection is gone")
+
+        async def lose_the_first(host: str, port: int) -> MemoryPort:
+            nonlocal lost
+            stream = await connect(host, port)
+            if not lost:
+                stream.read = gone  # type: ignore[method-assign]
+            lost += 1
+            return stream
+
+        channel = RobotiqStopChannel(rig.driver.config, (), rig.clock, lose_the_first)
+        (report,) = await channel.make_safe(SafeState.HOLD)
+        assert (lost, rig.written[0], report.written) == (2, "safe", True)
+        assert not p.Command.from_registers(rig.twin.output()).activate
 
     virtual(main)
 
