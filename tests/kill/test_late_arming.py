@@ -37,14 +37,10 @@ from strands_actors.testing.bench import driver_of
 from tests.answers import until
 
 MOMENTS, QUICK = 40, 2
-FEW = int(os.environ.get("STRANDS_ACTORS_MOMENTS", "4"))
-"""Of a robot other than UR, for each victim, in the long suite."""
 VICTIMS = ("caller", "wire", "root", "root and wire")
 GONE_S = 30.0
 """For processes to end, beside what the wire declares."""
 ANSWER_S = 5.0
-READS_S = 0.1
-"""For a twin to read a control line."""
 
 
 @dataclass(frozen=True)
@@ -55,13 +51,6 @@ class Row:
     options: Mapping[str, object] = field(default_factory=dict)
     """Of the twin."""
     energised: Callable[[Trial], bool] = lambda trial: trial.held_by_wire
-    begun: Callable[[Trial], bool] | None = None
-    """Whether the verb has done something. None: then the robot is energised."""
-    queue_s: float = 0.0
-    """The robot takes up what the wire process sends so much later, and what others send at once."""
-    fresh: bool = False
-    """Whether the twin's power is cut and put back before each trial: a stop leaves the robot ready."""
-    moments: int = MOMENTS
     quick: tuple[str, ...] = ()
     """Victims in the ordinary suite."""
 
@@ -69,55 +58,18 @@ class Row:
         return "-".join((self.robot, self.verb, *self.options))
 
 
-def told_last(trial: Trial) -> bool:
-    """Whether the last thing that the robot was told is no safe frame. For robots that a stop leaves
-    energised."""
-    kinds = [entry.kind for entry in trial.log.entries() if entry.sender == "host"]
-    kinds = [kind for kind in kinds if kind in ("enable", "setpoint", "safe")]
-    return bool(kinds) and kinds[-1] != "safe"
-
-
-def wrote(kind: str) -> Callable[[Trial], bool]:
-    return lambda trial: bool(trial.log.host(kind))
-
-
-def few(robot: str, verb: str, **more: Any) -> Row:
-    return Row(robot, verb, moments=FEW, **more)
-
-
 ROWS = [
     # The upload is still being loaded when a stop ends whatever runs: it starts behind the stop.
     Row("ur5e", "resume", options={"program_load_s": 0.5}, quick=("caller", "root and wire")),
     Row("ur5e", "resume"),
     Row("ur5e", "connect_eagerly"),
-    few("so101", "resume"),
-    few("koch", "resume"),
-    few("xarm7", "resume", queue_s=0.05, quick=("wire",)),
-    few("xarm7", "connect_eagerly"),
-    few("robotiq_2f85", "resume", queue_s=0.04, fresh=True, energised=told_last, begun=wrote("enable")),
-    few("rby1", "resume", queue_s=0.05, fresh=True),
-    few("kinova_gen3", "resume", queue_s=0.02, energised=told_last, begun=wrote("safe")),
-    few("spot", "stand", queue_s=0.05),
-    few("spot", "connect_eagerly", energised=told_last, begun=wrote("config")),
-    few("reachy_mini", "wake", queue_s=0.08, energised=told_last, begun=wrote("setpoint")),
-    few("reachy_mini", "motors", queue_s=0.08, energised=told_last, begun=wrote("other")),
-    few("booster_t1", "enable_upper_body", queue_s=0.05, quick=("wire",)),
-    few("unitree_go2", "release_sport_mode", queue_s=0.05, energised=told_last, begun=wrote("config")),
-    few("crazyflie", "takeoff", queue_s=0.05),
-    few("microduck", "enable", queue_s=0.05, energised=told_last, begun=wrote("setpoint")),
-    few("panda", "resume", queue_s=0.02, energised=told_last, begun=wrote("read")),
-    few("stretch3", "resume", energised=told_last, begun=wrote("safe")),
-    few("yahboom_m3pro", "resume", queue_s=0.05, energised=told_last, begun=wrote("safe")),
-    few("earthrover", "resume", queue_s=0.05, energised=told_last, begun=wrote("safe")),
 ]
-
-
 CASES = [
     pytest.param(row, victim, moments, id=f"{row}-{victim}-{moments}", marks=marks)
     for row in ROWS
     for victim in VICTIMS
-    for moments, marks in ((QUICK, ()), (row.moments, pytest.mark.long))
-    if marks or victim in row.quick
+    for moments, marks in ((QUICK, ()), (MOMENTS, pytest.mark.long))
+    if moments == MOMENTS or victim in row.quick
 ]
 
 
@@ -132,10 +84,6 @@ class Trial:
         self._run = directory / "run"
         self._errors = directory / "caller.err"
         self._said = b""
-        if row.queue_s:
-            twin.order("late 0 0")
-        if row.fresh:
-            twin.power_cycle()
         command = [sys.executable, "-m", "tests.kill.arming_caller", row.robot, twin.port, row.verb, *row.before]
         with self._errors.open("w") as errors:
             self._caller = subprocess.Popen(
@@ -146,9 +94,6 @@ class Trial:
                 env={**os.environ, "STRANDS_ACTORS_RUN": str(self._run)},
             )
         assert self.line(90.0) == "ready"
-        if row.queue_s:
-            twin.order(f"late {self.roles()['wire']} {row.queue_s}")
-            time.sleep(READS_S)
 
     def line(self, within_s: float) -> Any:
         """What the caller says next."""
@@ -265,7 +210,7 @@ def duration_s(row: Row, trial: Trial) -> float:
         trial.begin()
         trial.line(60.0)
         took_s = time.monotonic() - began_s
-        assert (row.begun or row.energised)(trial), f"the verb does nothing: {trial.log.story(0)}"
+        assert row.energised(trial), "the verb energises the robot"
         trial.kill("caller")
         until(partial(_is_gone, trial), "the tree ends", GONE_S)
         return took_s
