@@ -4,6 +4,7 @@ time."""
 from __future__ import annotations
 
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -265,6 +266,23 @@ def test_saf_016_an_idle_one_that_is_lost_is_replaced(tmp_path: Path, fault: str
 
 
 @pytest.mark.long
+def test_saf_024_one_that_has_no_file_left_ends_and_the_other_one_acts(tmp_path: Path) -> None:
+    async def test(channel: Channel, folder: Folder) -> None:
+        folder.tell("connect")
+        async with trio.open_nursery() as nursery:
+            await nursery.start(channel.serve)
+            first, second = channel.processes
+            _, hard = resource.prlimit(first, resource.RLIMIT_NOFILE)
+            resource.prlimit(first, resource.RLIMIT_NOFILE, (0, hard))
+            reports = await channel.make_safe("land")
+            assert all(report.safe for report in reports), reports
+            assert folder.notes("land") == [second]
+            await gone(first)
+            nursery.cancel_scope.cancel()
+
+    with_channel(tmp_path, test)
+
+
 def test_saf_016_while_both_are_replaced_an_order_waits_for_the_next_one(tmp_path: Path) -> None:
     async def test(channel: Channel, folder: Folder, ready: list[int]) -> None:
         for pid in ready:

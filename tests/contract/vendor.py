@@ -55,6 +55,13 @@ class VendorStopChannel(StopChannel):
         if self._once("slow"):
             self._note("slow")
             await trio.sleep(3600)
+        if (self._folder / "connect").exists():
+            try:
+                os.close(os.open(os.devnull, os.O_RDWR))  # as a connection that is made for the stop
+            except OSError as error:
+                return tuple(
+                    MotorReport(axis, at, False, False, False, str(error)) for at, axis in enumerate(self._axes)
+                )
         self._note(safe_state)
         for descriptor in self._descriptors:
             os.write(descriptor, safe_state.encode())

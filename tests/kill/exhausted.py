@@ -40,7 +40,7 @@ GONE_S = 1.0
 REPLACED_S = 20.0
 """For another standby, on a busy machine."""
 READY_S = 4.0
-"""For that one to have its stop channel: a Spot's logs in."""
+"""For that one to have its stop channel."""
 GROUPS = Path("/sys/fs/cgroup")
 _GROUP = f"strands-tests-{secrets.token_hex(4)}"  # the pid of another container may be the same
 
@@ -49,7 +49,6 @@ class Roles(enum.StrEnum):
     ROOT = "root"
     WIRE = "wire"
     STANDBY = "standby"
-    STOP = "stop process"  # the root's
     EVERY = "every process"
 
 
@@ -70,7 +69,6 @@ KILLED = {
     Roles.ROOT: (Roles.WIRE,),
     Roles.WIRE: (Roles.ROOT,),
     Roles.STANDBY: (Roles.ROOT, Roles.WIRE),
-    Roles.STOP: (Roles.WIRE,),
     Roles.EVERY: (Roles.WIRE,),
 }
 """Who is killed then, so that the exhausted one should act."""
@@ -138,11 +136,8 @@ def can_group(controller: str) -> bool:
 
 def processes(caller: Caller, role: Roles) -> list[int]:
     """Return the processes of a role. Raise ``NotMoving`` when there is none."""
-    if role is Roles.STOP:
-        return _children(caller.pid("root"), "strands-stop")
     if role is Roles.EVERY:
-        own = [caller.pid(each) for each in (Roles.ROOT, Roles.WIRE, Roles.STANDBY)]
-        return [*own, *_children(own[0], "strands-stop"), *_children(own[2], "strands-stop")]
+        return [caller.pid(each) for each in (Roles.ROOT, Roles.WIRE, Roles.STANDBY)]
     return [caller.pid(role)]
 
 

@@ -3,7 +3,8 @@ another one is killed. The wire shows the safe state, or the exhausted process e
 acts.
 
 Real processes, real wires: a row is a wire, a cell a process and what it lacks. Limits are put on
-from outside (``exhausted.py``). Ordinary runs have one cell for each kind of stop channel.
+from outside (``exhausted.py``). Ordinary runs have one cell for each kind of stop channel;
+of a process of its own, which no twin has: ``tests/contract/test_stop_process.py``.
 """
 
 from __future__ import annotations
@@ -43,7 +44,6 @@ QUICK = {
     ("xarm7", Roles.ROOT, Lacks.FILES),  # ConnectWhenNeeded: it ends
     ("panda", Roles.ROOT, Lacks.FILES),  # WatchedFirmware: it ends
     ("rby1", Roles.ROOT, Lacks.FILES),  # KeptSession
-    ("spot", Roles.ROOT, Lacks.FILES),  # OwnProcess
     ("ur3e", Roles.ROOT, Lacks.LEAK),  # three sockets, and the root stays
 }
 
@@ -56,10 +56,6 @@ CELLS = [
     pytest.param(robot, row, marks=marks_of(robot, row), id=f"{robot}-{row}")
     for robot in ROBOTS
     for row in (*ROWS, *LEAKS, *EVERYBODY)
-]
-CELLS += [
-    pytest.param("spot", Row(Roles.STOP, lacks), marks=pytest.mark.long, id=f"spot-stop-process-{lacks}")
-    for lacks in PLAIN
 ]
 
 
