@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from contextlib import aclosing
 from typing import Any, ClassVar
 
 import msgspec
@@ -106,8 +107,9 @@ class EarthRoverWire(Wire):
                 await nursery.start(commands.serve)
                 self._nursery = nursery
                 task_status.started()
-                async for _ in self._clock.ticks(1 / self._config.control_hz):
-                    await self._hear(reports)
+                async with aclosing(self._clock.ticks(1 / self._config.control_hz)) as ticks:
+                    async for _ in ticks:
+                        await self._hear(reports)
         finally:
             self._nursery = None
             reports.close()
