@@ -527,11 +527,10 @@ class Transport(Actor):
                 lost.close()
 
     def _back_off(self, why: str) -> None:
-        """``why``: most links are lost by silence, for which a busy computer may be the reason."""
         pause_s = BACKOFF_S[min(self._attempts, len(BACKOFF_S) - 1)]
         self._attempts += 1
         self._open_at_ns = self.context.clock.now_ns() + round(pause_s * NS)
-        self._gate.tell(LinkLost(busy.explained(why)))
+        self._gate.tell(LinkLost(why))
 
     @contextlib.contextmanager
     def _waiting(self) -> Iterator[None]:
