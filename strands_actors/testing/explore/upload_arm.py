@@ -78,7 +78,7 @@ class UploadArm(RobotModel):
     """A ur5e. Energised is an arm whose controller runs a control script: it follows targets."""
 
     PORT = "192.0.2.5"
-    SETTLE_S = 7.0  # a stop takes 1.2 s, and is tried again
+    SETTLE_S = 12.0  # a stop takes 1.2 s, and no confirmed one comes 3 s after an upload that was cut off
     KEEPS_TORQUE_BY_RESUME = True
 
     def __init__(self, world: World, robot: str) -> None:
