@@ -204,13 +204,17 @@ def a_death_is_followed_by_a_safe_frame(seen: Evidence) -> Found:
 
 
 def nothing_is_energised_without_a_resume(seen: Evidence) -> Found:
-    """By who may: a policy may not. A servo whose torque comes back by a goal is another matter."""
-    resumes = [asked for asked in seen.asked if isinstance(asked.message, Resume) and asked.who != "policy"]
+    """By who may: a policy may not. A servo whose torque comes back by a goal is another matter.
+
+    What was cut off may take effect for as long as the driver declares, which SAF-021 looks at."""
+    may_energise = Resume | Perform
+    asks = [asked for asked in seen.asked if isinstance(asked.message, may_energise) and asked.who != "policy"]
+    late_s = seen.model.driver.late_s
     for frame in seen.frames:
         arms = frame.kind == "enable" or (frame.kind == "safe" and not frame.safe_state)
         if not arms or not frame.energised - frame.energised_before:
             continue
-        if not any(asked.at_s <= frame.left_s <= asked.answered_s for asked in resumes):
+        if not any(asked.at_s <= frame.left_s <= asked.answered_s + late_s for asked in asks):
             yield (
                 frame.t_s,
                 f"motors {sorted(frame.energised - frame.energised_before)} are energised, nobody resumes",
