@@ -14,6 +14,7 @@ results. There is no fourth, and none of them is ``None``: the absence of an ans
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import assert_never
 
 import msgspec
 
@@ -81,3 +82,23 @@ def of_answer(verb: str, answer: Message | None, motors: Sequence[str]) -> StopR
 def silent(verb: str, why: object, driver: Driver, remedy: str = REMEDY, code: str = "unreachable") -> Unreachable:
     """Return the result of a stop that nobody answered."""
     return Unreachable(Refused(code, f"{verb}: {why}", remedy), driver.axes)
+
+
+def timed_out(why: str, result: StopResult, confirmed: str, remedy: str) -> Refused:
+    """Return the refusal of what was not answered in time and was stopped for it.
+
+    Args:
+        why: what was not answered.
+        result: what became of the stop.
+        confirmed: what may be said, with ``remedy``, where the stop is confirmed.
+    """
+    match result:
+        case Confirmed():
+            return Refused("timeout", f"{why}; {confirmed}", remedy)
+        case Unconfirmed(report):
+            named = ", ".join(report.unconfirmed) or "the robot"
+            return Refused("timeout", f"{why}; its stop is not confirmed by {named}", REMEDY)
+        case Unreachable():
+            return Refused("timeout", f"{why}; {result.text}")
+        case never:
+            assert_never(never)

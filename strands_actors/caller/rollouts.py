@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple, assert_never
+from typing import Any, NamedTuple
 
 import trio
 
@@ -125,16 +125,7 @@ class Rollouts:
         would write under, so that whatever began, or still begins, gets none."""
         tasks.tell(StopTask())
         why = busy.explained(f"start_task: {failure}")
-        match await self._hold():
-            case stop_result.Confirmed():
-                return Refused("timeout", f"{why}; nothing of it will begin", "try again")
-            case stop_result.Unconfirmed(report):
-                named = ", ".join(report.unconfirmed) or "the robot"
-                return Refused("timeout", f"{why}; a hold is not confirmed by {named}", stop_result.REMEDY)
-            case stop_result.Unreachable() as lost:
-                return Refused("timeout", f"{why}; {lost.text}")
-            case never:
-                assert_never(never)
+        return stop_result.timed_out(why, await self._hold(), "nothing of it will begin", "try again")
 
     async def _may_start(self, verb: str) -> Refused | None:
         kind = self._processes.plan.robot

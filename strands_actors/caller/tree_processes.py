@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Awaitable, Callable
-from typing import Any, assert_never
+from typing import Any
 
 import msgspec
 import trio
@@ -277,16 +277,8 @@ class TreeProcesses(Processes):
     async def late(self, verb: str, timeout: AskTimeout) -> Refused:
         """Fence and stop."""
         why = busy.explained(f"{verb}: {timeout}")
-        match await self.make_safe(Reason.WIRE, f"{verb} timed out", False):
-            case stop_result.Confirmed():
-                return Refused("timeout", f"{why}; the robot was stopped", "resume()")
-            case stop_result.Unconfirmed(report):
-                named = ", ".join(report.unconfirmed) or "the robot"
-                return Refused("timeout", f"{why}; its stop is not confirmed by {named}", stop_result.REMEDY)
-            case stop_result.Unreachable() as lost:
-                return Refused("timeout", f"{why}; {lost.text}", "resume() when the robot is back")
-            case never:
-                assert_never(never)
+        result = await self.make_safe(Reason.WIRE, f"{verb} timed out", False)
+        return stop_result.timed_out(why, result, "the robot was stopped", "resume()")
 
     async def revive(self, lift: bool, beside: Callable[[], Awaitable[None]]) -> Refused | None:
         if await self._answers():

@@ -49,5 +49,5 @@ def test_saf_010_a_policy_that_neither_ends_nor_can_be_held_costs_the_wire(said:
     rollouts = Rollouts(processes, None, None)  # type: ignore[arg-type]
     rollouts._task = TaskStatus(running=True)
     rollouts._has_process = True
-    assert trio.run(rollouts.stop_task).exit_reason == "stopped"
+    assert trio.run(rollouts.stop_task).status.exit_reason == "stopped"
     assert len(fenced) == 1

@@ -15,8 +15,8 @@ from strands_actors.caller.robot import RealRobot
 from strands_actors.contract.driver import Reason
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.supervisors.gate.gate import Gate
-from strands_actors.supervisors.gate.messages import StopReport
 from strands_actors.supervisors.root.locks import Locks
+from strands_actors.supervisors.stop_result import Confirmed, StopResult
 from strands_actors.testing import Twin
 from tests.answers import json_of
 
@@ -56,8 +56,7 @@ def test_saf_010_a_stop_that_the_gate_refuses_is_done_by_the_root(
     assert (told["safe_state"], told["path"], told["unconfirmed"]) == ("limp", "stop_channel", [])
     assert limps(twin.log, began_ns)
     twin.log.no_setpoint_after_safe(began_ns)
-    report = portal().call(tree.stop, Reason.ESTOP, True)
-    assert isinstance(report, StopReport)
+    assert isinstance(portal().call(tree.stop, Reason.ESTOP, True), Confirmed)
     assert Locks(run_dir / "data" / "locks", "so101", twin.port).find() is not None
 
 
@@ -75,15 +74,13 @@ def test_saf_010_so_is_one_of_another_process(
 
     monkeypatch.setattr(directory.Directory, "_ask", asked)
 
-    async def press() -> StopReport | Refused:
+    async def press() -> StopResult:
         async with directory.join() as joined:
             (note,) = joined.notes
             assert note.port == twin.port
             return await joined.stop(note, Reason.ESTOP, "the button", lock=True)
 
     began_ns = time.monotonic_ns()
-    report = portal().call(press)
-    assert isinstance(report, StopReport)
-    assert report.confirmed
+    assert isinstance(portal().call(press), Confirmed)
     assert limps(twin.log, began_ns)
     assert Locks(run_dir / "data" / "locks", "so101", twin.port).find() is not None

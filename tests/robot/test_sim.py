@@ -275,7 +275,7 @@ def test_what_is_energised_on_the_wire_follows_the_wire(new_sim: NewSim, new_arm
     json_of(arm.resume())
     json_of(arm.send_action({"shoulder_pan": 5.0}))
     at(sim, "shoulder_pan", 5.0)
-    assert "the robot on the wire is energised" in why(sim.reset())
+    assert "not confirmed by shoulder_pan (id 1): held by the robot on its wire" in why(sim.reset())
 
 
 def test_the_arm_goes_when_its_simulation_goes(new_sim: NewSim, new_arm: NewArm) -> None:

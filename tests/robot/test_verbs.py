@@ -396,7 +396,7 @@ def test_cleanup_releases_every_motor_and_ends_every_process(arm: RealRobot, twi
     tree = arm.tree()
     assert tree is not None
     pids = [process["pid"] for process in tree["processes"] if process["role"] != "caller"]
-    assert len(pids) == 3, "root, wire, standby"
+    assert len(pids) == 4, "root, wire, standby, spawner"
     began_ns = time.monotonic_ns()
     assert json_of(arm.cleanup())["stopped"] is True
     assert limps(twin.log, began_ns)
