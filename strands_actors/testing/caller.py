@@ -71,8 +71,8 @@ class Caller:
     def _move(self, motion: str) -> str:
         """Why it does not; empty: it moves."""
         self._began_s = time.monotonic()
-        if motion == "task":
-            self._start_task()
+        if motion == "task" and (why := self._start_task()):
+            return why
         if motion == "rollout":
             # a twentieth of a second at a time: the machine may be busy
             self.robot.run_policy(lambda _: [self._swing()] * 25, duration=60.0)
@@ -84,20 +84,24 @@ class Caller:
             return f"the rollout has ended by itself: {task['exit_reason']}, {task['exit_detail']}"
         return ""
 
-    def _start_task(self) -> None:
+    def _start_task(self) -> str:
+        """Why it has not begun; empty: it moves."""
         started = self.robot.start_task(
             "wave",
             policy_provider="strands_actors.testing.policies:Faulty",
             control_frequency=50,
             trigger=self._trigger,
             amplitude=self._far,
+            joint=self._joint,
+            others={name: value for name, value in self._others.items() if name != self._joint},
         )
         if started["status"] != "success":
-            raise SystemExit(f"no task: {started}")
+            return f"no task: {started}"
         while (task := self.robot.get_task_status()["content"][0]["json"])["steps"] < STEPS:
             if not task["running"]:
-                raise SystemExit(f"the policy does not run: {task}")
+                return f"the policy does not run: {task}"
             time.sleep(0.01)
+        return ""
 
     def step(self) -> None:
         if self._loops:

@@ -41,6 +41,7 @@ def run(
     these. What cannot be measured does not take the other rows with it: they are written, and then it
     is a problem."""
     robots = dict.fromkeys(_chosen(drivers) if drivers else one_of_each())
+    kept = {} if out is None else _kept(out)
     roles = _roles_of(robots)
     of: Callable[[Driver, Iterable[str]], Iterable[Cell | Pair]] = pairs_of if pairs else cells_of
     cells: Cells = lambda robot, driver: of(driver, roles[robot])  # noqa: E731
@@ -48,7 +49,6 @@ def run(
     known = {role for found in roles.values() for role in found} | set(Victims)
     if unknown := sorted(only - known):
         raise Problem(f"matrix: no process {', '.join(unknown)}. there are {', '.join(sorted(known))}")
-    kept = {} if out is None else _kept(out)
     try:
         trials = Trials(resume, jobs)
     except testing_trials.Problem as problem:

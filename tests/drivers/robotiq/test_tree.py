@@ -18,6 +18,7 @@ from strands_actors.caller.portal import portal
 from strands_actors.caller.robot import RealRobot
 from strands_actors.contract.driver import Reason
 from strands_actors.supervisors.gate.messages import StopReport
+from strands_actors.supervisors.stop_result import Confirmed
 from strands_actors.testing import WireLog
 from tests.answers import json_of, pids, until, why
 from tests.drivers.common.twin_process import TwinProcess
@@ -152,7 +153,7 @@ def test_a_lost_writer_makes_it_hold_and_the_next_command_moves_it(armed: RealRo
     tree = armed._tree
     assert tree is not None
     report = portal().call(tree.stop, Reason.LEASE)
-    assert isinstance(report, StopReport) and report.confirmed
+    assert isinstance(report, Confirmed)
     assert state(armed) == "holding"
     assert WireLog(twin.log_path).setpoints_after_safe(since_ns) == 0
     move(armed, 0.2)
@@ -165,7 +166,8 @@ def test_an_emergency_stop_locks_although_the_grip_is_kept(armed: RealRobot, twi
     tree = armed._tree
     assert tree is not None
     report = portal().call(tree.stop, Reason.ESTOP, True)
-    assert isinstance(report, StopReport) and report.confirmed and report.safe_state == "hold"
+    assert isinstance(report, Confirmed) and isinstance(report.proof, StopReport)
+    assert report.proof.safe_state == "hold"
     assert state(armed) == "disarmed"
     assert "e-stopped by" in why(armed.send_action({"gripper": 0.1}))
     assert WireLog(twin.log_path).setpoints_after_safe(since_ns) == 0

@@ -280,16 +280,16 @@ def test_saf_005_a_release_that_was_refused_may_still_be_carried_out(monkeypatch
     monkeypatch.setattr(wire_module, "RELEASE_S", 0.4)
     model = model_of("unitree_go2")
     server = UnitreeServer(model, WireLog(None), UnitreeTwinOptions())
-    late: list[tuple[str, memoryview, int]] = []
-    carry_out = server._on_request
+    late: list[tuple[str, bytes, int]] = []
+    carry_out = server._take_request
 
-    def hang(service: str, payload: memoryview, t_ns: int) -> None:
-        if rpc.decode_request(bytes(payload[4:])).api == rpc.RELEASE_MODE:
-            late.append((service, memoryview(bytes(payload)), t_ns))
+    def hang(service: str, body: bytes, t_ns: int) -> None:
+        if rpc.decode_request(body).api == rpc.RELEASE_MODE:
+            late.append((service, body, t_ns))
         else:
-            carry_out(service, payload, t_ns)
+            carry_out(service, body, t_ns)
 
-    monkeypatch.setattr(server, "_on_request", hang)
+    monkeypatch.setattr(server, "_take_request", hang)
     server.plug()
     wire = UnitreeWire(UnitreeConfig(model, server.address), MonotonicClock())
 
