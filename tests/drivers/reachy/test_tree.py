@@ -245,9 +245,9 @@ def test_saf_020_a_cable_that_is_back_carries_the_safe_frame_first(reachy: RealR
     until(lambda: state(reachy) in ("lost", "down", None), "it is noticed")
     back_ns = time.monotonic_ns()
     twin.plug()
-    first_safe(twin.log, back_ns)
-    first = next(one for one in twin.log.entries(back_ns) if one.sender == "host")
-    assert first.kind == "safe"
+    safe_ns = first_safe(twin.log, back_ns).t_ns
+    before = [one for one in twin.log.entries(back_ns) if one.sender == "host" and one.t_ns < safe_ns]
+    assert all(b"/api/move/stop" in one.data for one in before), "the other half of a stop, on its own connection"
     until(lambda: state(reachy) == "disarmed", "it is back, disarmed")
     twin.log.no_setpoint_after_safe(back_ns)
     stands(reachy)
