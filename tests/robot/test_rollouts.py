@@ -392,7 +392,8 @@ def test_a_named_policy_runs_in_a_process_of_its_own(arm: RealRobot, twin: Twin,
 
 def test_a_named_policy_ends_after_its_duration(arm: RealRobot) -> None:
     run_to_end(arm, lambda: arm.start_task("wave", policy_provider="sine", duration=0.5))
-    until(lambda: len((arm.tree() or {})["processes"]) == 5, "its process ends")  # caller, root, wire, standby, spawner
+    # caller, root, wire, standby, spawner
+    until(lambda: len((arm.tree() or {})["processes"]) == 5, "its process ends")
     run_to_end(arm, lambda: arm.start_task("wave", policy_provider="mock", duration=0.5))
 
 

@@ -248,7 +248,8 @@ def test_saf_020_a_cable_that_is_back_carries_the_safe_frame_first(reachy: RealR
     safe_ns = first_safe(twin.log, back_ns).t_ns
     heard = [one for one in twin.log.entries(back_ns) if one.sender == "host" and one.kind != "read"]
     before = [one for one in heard if one.t_ns < safe_ns]
-    assert all(b"/api/move/stop" in one.data for one in before), "the other half of a stop, on its own connection"
+    halves = tuple(f"POST {path} ".encode() for path in (p.STOP, p.TRACKING_OFF))
+    assert all(one.data.startswith(halves) for one in before), "the rest of a stop, on its own connection"
     until(lambda: state(reachy) == "disarmed", "it is back, disarmed")
     twin.log.no_setpoint_after_safe(back_ns)
     stands(reachy)
