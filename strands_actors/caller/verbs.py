@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Coroutine, Mapping
+from collections.abc import Callable, Coroutine, Mapping, Sequence
 from typing import Any
 
 from strands_actors.contract.axis import SHOWN
@@ -174,6 +174,25 @@ def require_service(handle: object, plan: Plan | None, name: str) -> None:
     while the handle is not made yet."""
     if plan is None or name not in plan.driver_class.services(plan.options):
         raise AttributeError(f"{type(handle).__name__} has no attribute {name!r}")
+
+
+def name_values(
+    plan: Plan, name: str, values: Sequence[Any], arguments: Mapping[str, Any]
+) -> dict[str, Any] | Refused:
+    """Return a service's arguments by name, where some were given by their place. Whatever else is
+    wrong with them is refused by the driver."""
+    if not values:
+        return dict(arguments)
+    service = plan.driver_class.services(plan.options).get(name)
+    names = () if service is None else tuple(service.arguments)
+    takes = ", ".join(names) or "no arguments"
+    if len(values) > len(names):
+        what = f"{name}: {len(values)} values were given"
+        return Refused("bad_input", what, f"it takes {takes}", str(len(values)), str(len(names)))
+    placed = dict(zip(names, values, strict=False))
+    if twice := sorted(placed.keys() & arguments.keys()):
+        return Refused("bad_input", f"{name}: {twice[0]} is given twice", f"it takes {takes}", twice[0], takes)
+    return {**placed, **arguments}
 
 
 async def service(
