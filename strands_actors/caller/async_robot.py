@@ -151,9 +151,11 @@ class AsyncRobot:
         n_steps: int | None = None,
         control_frequency: float | None = None,
         policy_object: Any = None,
+        wait: bool = False,
     ) -> Answer:
-        """As ``Robot.run_policy``: it returns at once; the policy runs in a worker thread."""
-        run = verbs.run_policy(policy, policy_object, instruction, duration, n_steps, control_frequency)
+        """As ``Robot.run_policy``: it returns at once, unless it is to ``wait``; the policy runs in a
+        worker thread."""
+        run = verbs.run_policy(policy, policy_object, instruction, duration, n_steps, control_frequency, wait)
         return run if isinstance(run, Answer) else await answered("run_policy", run, self._tree)
 
     async def start_task(

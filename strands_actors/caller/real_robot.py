@@ -346,10 +346,12 @@ class RealRobot(RobotTool):
         n_steps: int | None = None,
         control_frequency: float | None = None,
         policy_object: Any = None,
+        wait: bool = False,
     ) -> Answer:
         """Run a policy of this process: an object with ``get_actions`` or ``step``, or a callable.
-        Returns at once; ``n_steps`` wins over ``duration`` (seconds)."""
-        run = verbs.run_policy(policy, policy_object, instruction, duration, n_steps, control_frequency)
+        Returns at once; ``n_steps`` wins over ``duration`` (seconds). ``wait``: return when it has
+        ended, with its status, and raise what the policy raised."""
+        run = verbs.run_policy(policy, policy_object, instruction, duration, n_steps, control_frequency, wait)
         return run if isinstance(run, Answer) else self._verb(run, "run_policy")
 
     def start_task(

@@ -279,6 +279,10 @@ async def get_task_status(tree: RobotTree) -> Answer:
     return answers.success(answers.task(await tree.rollouts.task()))
 
 
+DONE = ("duration", "n_steps", "stopped")
+"""Reasons for which a rollout ends that nothing went wrong with."""
+
+
 async def stop_task(tree: RobotTree) -> Answer:
     status, result = await tree.rollouts.stop_task()
     done = {"robot": tree.robot, **answers.task(status)}
@@ -295,7 +299,13 @@ def _begun(status: TaskStatus | Refused) -> Answer:
 
 
 def run_policy(
-    policy: Any, policy_object: Any, instruction: str, duration: float, n_steps: int | None, hz: float | None
+    policy: Any,
+    policy_object: Any,
+    instruction: str,
+    duration: float,
+    n_steps: int | None,
+    hz: float | None,
+    wait: bool,
 ) -> Verb | Answer:
     """Return the verb. The arguments are as ``Robot.run_policy`` has them."""
     duration, n_steps, hz = map(as_python, (duration, n_steps, hz))
@@ -306,7 +316,16 @@ def run_policy(
         return answers.error(f"run_policy: {failure}")
 
     async def run(tree: RobotTree) -> Answer:
-        return _begun(await tree.rollouts.run_policy(chosen, instruction, duration, n_steps or 0, hz))
+        rollouts = tree.rollouts
+        begun = await rollouts.run_policy(chosen, instruction, duration, n_steps or 0, hz)
+        if isinstance(begun, Refused) or not wait:
+            return _begun(begun)
+        ended = await rollouts.wait()
+        if rollouts.failure is not None:
+            raise rollouts.failure
+        if ended.exit_reason in DONE:
+            return answers.success(answers.task(ended))
+        return answers.error(f"run_policy: {ended.exit_reason}: {ended.exit_detail}", answers.task(ended))
 
     return run
 
