@@ -33,6 +33,16 @@ FOUND: dict[tuple[Callable[[pytest.MonkeyPatch], None], str], tuple[int, str]] =
     (holes.a_stop_needs_the_connection_of_the_wire, "xarm7"): (43, "SAF-018 nothing stays energised"),
     (holes.legs_are_told_to_let_go_once, "unitree_go2"): (1, "SAF-005 what is confirmed is so"),
     (holes.the_root_has_not_found_the_legs, "unitree_go2"): (9, "SAF-015 a tree ends"),
+    (holes.nobody_waits_for_what_was_asked_before, "ur5e"): (63, "SAF-021 nothing takes effect after a stop"),
+    (holes.nobody_waits_for_what_was_asked_before, "fake_queue"): (2, "SAF-021 nothing takes effect after a stop"),
+    (holes.a_root_that_does_not_answer_has_stopped_the_robot, "so101"): (34, "SAF-023 a success is true"),
+    (holes.a_hold_of_a_lost_robot_is_confirmed, "fake_base"): (91, "SAF-023 a success is true"),
+    (holes.a_hold_of_a_lost_robot_is_confirmed, "so101"): (60, "SAF-023 a success is true"),
+    (holes.a_process_stays_that_cannot_stop_the_robot, "xarm7"): (
+        191,
+        "SAF-024 an exhausted process is no obstacle",
+    ),
+    (holes.a_permit_forgets_deadlines, "ur5e"): (76, "SAF-001 no setpoint past its deadline"),
 }
 """A seed that finds it, of those from 0 on the first (43: one of the first), and what it breaks."""
 
