@@ -17,7 +17,7 @@ import trio
 from strands_actors.caller import processes, rollouts, tree, tree_processes, writer
 from strands_actors.kernel.clock import VirtualClock
 from strands_actors.kernel.health import busy
-from strands_actors.supervisors import policy
+from strands_actors.supervisors import introspection, policy
 from strands_actors.supervisors.root import guardian, lock_keeper, process, standby_keeper, tasks
 from strands_actors.supervisors.standby import process as standby
 from strands_actors.supervisors.wire import group
@@ -148,6 +148,7 @@ def seams(world: World, net: Net, starter: Starter, model: RobotModel) -> Iterat
         (tasks, "Link", SimLink),
         (tasks, "ZenohMesh", SimMesh),
         (policy, "os", system),
+        (introspection, "os", system),
         (tree, "processes_of", SimProcesses),
         (tree_processes, "wait_for_end_of", lambda pid: until_ended(find(pid))),
         (processes, "os", system),
