@@ -13,6 +13,7 @@ import msgspec
 import pytest
 import trio
 
+from strands_actors.caller.rollouts import Rollouts
 from strands_actors.caller.tree_processes import TreeProcesses
 from strands_actors.contract.axis import parse_action
 from strands_actors.contract.driver import Candidate, Driver, GateState, Reason
@@ -34,7 +35,6 @@ from strands_actors.supervisors.stop_result import Confirmed, NothingRan, StopRe
 from strands_actors.supervisors.wire import transport
 from strands_actors.supervisors.wire.group import WireProcess
 from strands_actors.supervisors.wire.transport import Transport
-from strands_actors.testing.explore.askers import Asker
 
 ServoSession: Any = load("strands_actors.drivers.common.servo.wire:ServoSession")
 Outcome: Any = load("strands_actors.drivers.common.outcome:Outcome")
@@ -86,7 +86,7 @@ def a_stop_of_a_task_beside_a_dead_wire_ends_the_root(patch: pytest.MonkeyPatch)
 def a_task_begins_after_its_deadline(patch: pytest.MonkeyPatch) -> None:
     """Nobody looks at it, and who asked lets the matter rest."""
     patch.setattr(Tasks, "_refuse_late", lambda self, message: None)
-    patch.setattr(Asker, "_never_started", _nothing)
+    patch.setattr(Rollouts, "_never_started", _no_answer)
     init = Tasks.__init__
 
     def forgetful(self: Tasks, robot: str, start: Any, *others: Any, **named: Any) -> None:
@@ -181,8 +181,9 @@ def the_root_has_not_found_the_legs(patch: pytest.MonkeyPatch) -> None:
     patch.setattr("strands_actors.drivers.unitree.stop_channel.UnitreeStopChannel.make_safe", make_safe)
 
 
-async def _nothing(self: Any) -> None:
-    pass
+async def _no_answer(self: Rollouts, tasks: Any, failure: Exception) -> Refused:
+    await trio.lowlevel.checkpoint()
+    return Refused("no_answer", f"start_task: {failure}", "try again")
 
 
 def a_permit_forgets_deadlines(patch: pytest.MonkeyPatch) -> None:

@@ -6,6 +6,7 @@ how long (30), ``SOAK_ROBOTS`` which robots, by name.
 
 from __future__ import annotations
 
+import faulthandler
 import json
 import os
 import subprocess
@@ -34,6 +35,7 @@ POLICY_S = 8.0
 def test_nothing_grows_and_every_resume_works(tmp_path: Path) -> None:
     out, errors = tmp_path / "verbs.jsonl", tmp_path / "errors.txt"
     seconds = MINUTES * 60
+    faulthandler.cancel_dump_traceback_later()  # pytest ends a test after 300 s; each wait below has an end
     with out.open("w") as verbs, errors.open("w") as problems:
         mover = subprocess.Popen(
             [sys.executable, "-m", "tests.soak.mover", str(seconds), *ROBOTS],
