@@ -13,7 +13,7 @@ from strands_actors.testing.explore.shrink import shrink
 from . import holes
 
 FOUND: dict[tuple[Callable[[pytest.MonkeyPatch], None], str], tuple[int, str]] = {
-    (holes.a_stop_writes_nothing_on_a_lost_link, "so101"): (928, "SAF-020 an order to stop is written"),
+    (holes.a_stop_writes_nothing_on_a_lost_link, "so101"): (532, "SAF-020 an order to stop is written"),
     (holes.a_resume_is_obeyed_while_the_tree_ends, "so101"): (315, "SAF-018 nothing stays energised"),
     (holes.a_hold_takes_readings_of_any_age, "so101"): (3, "SAF-019 a hold moves no joint"),
     (holes.a_goal_goes_to_motors_without_torque, "so101"): (914, "SAF-019 no frame energises a limp motor"),
