@@ -22,7 +22,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +33,6 @@ from strands_actors.drivers.common.simulation_control.body import Hand
 from strands_actors.drivers.common.simulation_control.client import SimulationClient
 from strands_actors.testing import Twin
 from strands_actors.testing.bench import driver_of
-from tests.answers import until
 
 MOMENTS = int(os.environ.get("STRANDS_ACTORS_MOMENTS", "40"))
 """Moments of a UR in the long suite, for each victim."""
@@ -289,14 +287,18 @@ def duration_s(row: Row, trial: Trial) -> float:
         assert answer["status"] in ("success", "None"), answer
         assert (row.begun or row.energised)(trial), f"the verb does nothing: {trial.log.story(0)}"
         trial.kill("caller")
-        until(partial(_is_gone, trial), "the tree ends", GONE_S)
+        ends(trial, GONE_S, "the caller killed")
         return took_s
     finally:
         trial.end()
 
 
-def _is_gone(trial: Trial) -> bool:
-    return not trial.roles().keys() - {"caller"}
+def ends(trial: Trial, within_s: float, story: str) -> None:
+    """Wait until no process of the tree is left. The caller may be."""
+    deadline_s = time.monotonic() + within_s
+    while left := trial.roles().keys() - {"caller"}:
+        assert time.monotonic() < deadline_s, f"{left} still there after {within_s:g} s, {story}"
+        time.sleep(0.01)
 
 
 @pytest.mark.parametrize(("row", "victim", "moments"), CASES)
@@ -314,7 +316,7 @@ def test_saf_021_nothing_is_energised_after_a_kill_during_the_verb(
             killed = trial.kill(victim)
             story = f"{killed} killed {after_s * 1e3:.0f} ms after {row.verb}"
             if "caller" in killed or "root" in killed:
-                until(partial(_is_gone, trial), f"no process is left, {story}", GONE_S + late_s)
+                ends(trial, GONE_S + late_s, story)
             else:  # the tree goes on: what it confirms has to stay so
                 trial.line(60.0)
                 trial.begin("stop")
