@@ -31,8 +31,9 @@ from strands_actors.supervisors.gate.messages import (
 from strands_actors.testing import InlineTree, open_inline_tree
 from tests.tree.writer import Writer
 
+from .bench import Bench, Rig
 from .peer import HostilePeer, Steps
-from .rigs import RIGS, Bench, Rig
+from .rigs import RIGS
 
 MOST_MEMORY = 32 << 20
 """Bytes that a peer may make a process grow by."""
