@@ -57,6 +57,9 @@ class _Pipe:
         self.closed = True
         self._news.set()
 
+    def waiting(self) -> bytes | None:
+        return self._pieces.popleft() if self._pieces else None
+
     async def get(self) -> bytes:
         """Return nothing at the end."""
         await trio.lowlevel.checkpoint()
@@ -82,6 +85,9 @@ class _Stream:
         if not data:
             raise WireDown("the robot closed it")
         return data
+
+    def read_waiting(self) -> bytes | None:
+        return self._heard.waiting()
 
     def close(self) -> None:
         self._said.close()
