@@ -18,6 +18,7 @@ from typing import Any, Literal, NamedTuple
 
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.loading import load
+from strands_actors.contract.short_names import SHORT_NAMES
 from strands_actors.contract.surface import (
     DRIVER_SURFACE,
     HardwareDriver,
@@ -121,9 +122,6 @@ DEFAULT_DRIVER = "lerobot"
 
 DRIVER_CHOICES = ("auto", DEFAULT_DRIVER, NATIVE_DRIVER)
 """What ``Robot(driver=)`` may say."""
-
-SHORT_NAMES = {"robotiq": "robotiq_2f85", "franka": "panda"}
-"""What people call the usual one of a family [assumed]."""
 
 OWN_KEYWORDS = ("cameras", "data_config", "mesh", "port", "require_drill", "sim", "tool_name", "transport")
 """Keywords of every driver that is run as a tree."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import inspect
+import logging
 import math
 import os
 from collections import deque
@@ -22,13 +23,13 @@ import trio
 
 from strands_actors.contract.positions import Positions
 from strands_actors.contract.wire import Observation
-from strands_actors.kernel.actor import Actor, describe
+from strands_actors.kernel.actor import Actor
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.health import busy, gc_freeze
 from strands_actors.kernel.mailbox import SUPERSEDED
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import ActorRef, AskTimeout, Unreachable
-from strands_actors.kernel.user_code import contained
+from strands_actors.kernel.user_code import contained, describe_failure
 from strands_actors.supervisors.gate.messages import (
     GRANT_S,
     Accepted,
@@ -43,6 +44,8 @@ from strands_actors.supervisors.root.messages import GetTask, Rollout, StopTask,
 from . import addresses
 from .gate.actions import plain
 from .gate.gate import Gate
+
+_log = logging.getLogger("strands_actors")
 
 Action = dict[str, Any]
 Infer = Callable[[dict[str, float], str], Sequence[Action]]
@@ -155,8 +158,11 @@ class Policy(Actor):
         report: Callable[[TaskStatus], None],
         gate: ActorRef | None = None,
         ask_s: float = ASK_S,
+        failed: Callable[[Exception], object] = lambda error: None,
     ) -> None:
-        """``gate``: of a robot on another host. ``ask_s``: how long it may take to answer."""
+        """``gate``: of a robot on another host. ``ask_s``: how long it may take to answer.
+        ``failed``: is told what the policy raised."""
+        self._failed = failed
         self._rollout = rollout
         self._gate_given = gate
         self._ask_s = ask_s
@@ -302,7 +308,9 @@ class Policy(Actor):
                     if self._buffer.low:
                         self._wanted.set()
         except Exception as error:  # the user's code may raise anything: it ends the rollout, not the actor
-            await self._end("policy", describe(error))
+            _log.error("%s: its policy failed", self._rollout.robot, exc_info=error)
+            self._failed(error)
+            await self._end("policy", describe_failure(error))
 
     def _ready(self) -> tuple[Infer, Callable[[int], None]]:
         """Return the policy as a function, and what it is told before each inference."""

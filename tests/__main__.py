@@ -8,6 +8,8 @@ at the first that fails. Arguments go to pytest.
 A test that fails beside another is run once more, alone, and named: two robots on a machine that
 pauses may be late where one is not. Who fails alone fails.
 
+``python -m tests soak``: half an hour of three robots (``tests/soak``), which ``long`` runs, too.
+
 ``python -m tests newton``, ``python -m tests peers``: suites of their own, of what is gigabytes, takes
 minutes to compile, or has to be made an environment first.
 """
@@ -36,8 +38,8 @@ STEPS = (
     ("pytest", "-n", "4", "--dist", "worksteal", "--durations=20", *ARGUMENTS),
 )
 ALONE = ("pytest", "--last-failed", "--last-failed-no-failures", "none", *ARGUMENTS)
-SUITES = {"newton": ("tests/newton/suite.py",), "peers": ("tests/peers/suite.py",)}
-"""Not in the ordinary run: no file of theirs is called ``test_``."""
+SUITES = {"newton": ("tests/newton/suite.py",), "peers": ("tests/peers/suite.py",), "soak": ("tests/soak",)}
+"""Not in the ordinary run: no file of theirs is called ``test_``, or its test is long."""
 SOME_FAILED = 1
 """Pytest's exit code; others say that it could not run."""
 

@@ -111,10 +111,16 @@ class AsyncRobot:
         none."""
         return Observations(self._tree, hz)
 
-    async def service(self, name: str, *, action: Mapping[str, Any] | None = None, **arguments: Any) -> Answer:
+    async def service(
+        self, name: str, *values: Any, action: Mapping[str, Any] | None = None, **arguments: Any
+    ) -> Answer:
         """Do one of the driver's own services. Each is a method, too: ``await
-        robot.step(steps=100)``. ``action``: a command that is written first; when it is refused, so
-        is the service."""
+        robot.step(steps=100)``. ``values``: of its arguments in their order. ``action``: a command
+        that is written first; when it is refused, so is the service."""
+        named = verbs.name_values(self._plan, name, values, arguments)
+        if isinstance(named, Refused):
+            return answers.refused(named)
+        arguments = named
         return await answered(name, verbs.service, self._tree, name, arguments, action)
 
     def __getattr__(self, name: str) -> Callable[..., Awaitable[Answer]]:
@@ -145,9 +151,11 @@ class AsyncRobot:
         n_steps: int | None = None,
         control_frequency: float | None = None,
         policy_object: Any = None,
+        wait: bool = False,
     ) -> Answer:
-        """As ``Robot.run_policy``: it returns at once; the policy runs in a worker thread."""
-        run = verbs.run_policy(policy, policy_object, instruction, duration, n_steps, control_frequency)
+        """As ``Robot.run_policy``: it returns at once, unless it is to ``wait``; the policy runs in a
+        worker thread."""
+        run = verbs.run_policy(policy, policy_object, instruction, duration, n_steps, control_frequency, wait)
         return run if isinstance(run, Answer) else await answered("run_policy", run, self._tree)
 
     async def start_task(

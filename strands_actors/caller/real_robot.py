@@ -59,8 +59,8 @@ class RealRobot(RobotTool):
     """
 
     LAZY: ClassVar[frozenset[str]] = frozenset({"move"})
-    """Verbs of this program that connect by themselves when nobody has; never to a robot of another
-    host, where connecting resumes one that holds."""
+    """Verbs of this program that connect by themselves when nobody has, as the driver's services do;
+    never to a robot of another host, where connecting resumes one that holds."""
     OTHERS_CONNECT: ClassVar[bool] = False
     """Whether they do so for an agent, too: what energises a robot is for the program to decide."""
 
@@ -152,11 +152,17 @@ class RealRobot(RobotTool):
         """Return the tree for a verb, or why there is none."""
         if self._forked is not None:
             return forked.why_unknown(self._pid, self._forked.robot)
-        if name in self.LAZY and not (self._asked_to_connect or self._closed or self._plan.at):
+        if not (self._asked_to_connect or self._closed or self._plan.at) and self._connects(name):
             problem = self._connect_first()
-            if problem is not None:
+            # A service may be what mends the reason why it is not armed.
+            if problem is not None and (name in self.LAZY or self._tree is None):
                 return f"not connected: {problem.removeprefix('connect: ')}"
         return self._tree or (CLEANED_UP if self._closed else _NOT_CONNECTED)
+
+    def _connects(self, name: str) -> bool:
+        """Return whether a verb connects by itself: a command, and a service that is no stop."""
+        service = self._plan.driver_class.services(self._plan.options).get(name)
+        return name in self.LAZY or (service is not None and service.stops is None)
 
     def _connect_first(self) -> str | None:
         """Connect once, whichever thread is first: the others wait for it. Not tried again when
@@ -294,10 +300,15 @@ class RealRobot(RobotTool):
             raise AttributeError  # and ``__getattr__`` says why
         return Bus(self._driver, self._newest)
 
-    def service(self, name: str, *, action: Mapping[str, Any] | None = None, **arguments: Any) -> Answer:
+    def service(self, name: str, *values: Any, action: Mapping[str, Any] | None = None, **arguments: Any) -> Answer:
         """Do one of the driver's own services. Each is a method, too:
-        ``robot.release_sport_mode(attempts=3)``. ``action``: a command that is written first; when
-        it is refused, so is the service."""
+        ``robot.release_sport_mode(attempts=3)``, or ``robot.release_sport_mode(3)``. ``values``: of
+        its arguments in their order. ``action``: a command that is written first; when it is refused,
+        so is the service."""
+        named = verbs.name_values(self._plan, name, values, arguments)
+        if isinstance(named, Refused):
+            return answers.refused(named)
+        arguments = named
         return self._verb_here(verbs.service_here, verbs.service, name, name, arguments, action)
 
     def __getattr__(self, name: str) -> Callable[..., Answer]:
@@ -335,10 +346,12 @@ class RealRobot(RobotTool):
         n_steps: int | None = None,
         control_frequency: float | None = None,
         policy_object: Any = None,
+        wait: bool = False,
     ) -> Answer:
         """Run a policy of this process: an object with ``get_actions`` or ``step``, or a callable.
-        Returns at once; ``n_steps`` wins over ``duration`` (seconds)."""
-        run = verbs.run_policy(policy, policy_object, instruction, duration, n_steps, control_frequency)
+        Returns at once; ``n_steps`` wins over ``duration`` (seconds). ``wait``: return when it has
+        ended, with its status, and raise what the policy raised."""
+        run = verbs.run_policy(policy, policy_object, instruction, duration, n_steps, control_frequency, wait)
         return run if isinstance(run, Answer) else self._verb(run, "run_policy")
 
     def start_task(

@@ -48,6 +48,9 @@ class Rollouts:
         self._driver = driver
         self._task = TaskStatus()
         self._has_process = False
+        self.failure: Exception | None = None
+        """What the last policy of this process raised."""
+        self._over = trio.Event()
         self._scope: trio.CancelScope | None = None
         """Of a policy of this process."""
         self.no_operator: Refused | None = None
@@ -64,7 +67,7 @@ class Rollouts:
             return self._begin(self._rollout(instruction, duration_s, n_steps, hz), lambda: policy)
 
     def _begin(self, rollout: Rollout, make: Callable[[], Any]) -> TaskStatus:
-        self._has_process = False
+        self._has_process, self.failure, self._over = False, None, trio.Event()
         self._task = TaskStatus(running=True, instruction=rollout.instruction)
         self._scope = trio.CancelScope()
         self._processes.nursery.start_soon(self._run_policy, rollout, make, self._scope)
@@ -80,10 +83,13 @@ class Rollouts:
             if not status.running:
                 ended.set()
 
+        def failed(error: Exception) -> None:
+            self.failure = error
+
         node = self._processes.node
         path = addresses.of(self._processes.robot).path("policy")
         gate, ask_s = self._processes.gate, self._processes.patience.ask_s
-        cell = node.cell(path, lambda: Policy(rollout, make, report, gate, ask_s))
+        cell = node.cell(path, lambda: Policy(rollout, make, report, gate, ask_s, failed))
         try:
             with scope:
                 async with trio.open_nursery() as nursery:
@@ -91,6 +97,7 @@ class Rollouts:
                     await ended.wait()
                     nursery.cancel_scope.cancel()
         finally:
+            self._over.set()
             node.release(cell)
 
     async def start_task(
@@ -165,6 +172,11 @@ class Rollouts:
                 return self._task
             if isinstance(answer, TaskStatus):
                 self._task = answer
+        return self._task
+
+    async def wait(self) -> TaskStatus:
+        """Return the status of the present policy of this process when it has ended."""
+        await self._over.wait()
         return self._task
 
     def operate(self, told: Operate) -> Refused | None:

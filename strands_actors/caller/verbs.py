@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Coroutine, Mapping
+from collections.abc import Callable, Coroutine, Mapping, Sequence
 from typing import Any
 
 from strands_actors.contract.axis import SHOWN
@@ -176,6 +176,25 @@ def require_service(handle: object, plan: Plan | None, name: str) -> None:
         raise AttributeError(f"{type(handle).__name__} has no attribute {name!r}")
 
 
+def name_values(
+    plan: Plan, name: str, values: Sequence[Any], arguments: Mapping[str, Any]
+) -> dict[str, Any] | Refused:
+    """Return a service's arguments by name, where some were given by their place. Whatever else is
+    wrong with them is refused by the driver."""
+    if not values:
+        return dict(arguments)
+    service = plan.driver_class.services(plan.options).get(name)
+    names = () if service is None else tuple(service.arguments)
+    takes = ", ".join(names) or "no arguments"
+    if len(values) > len(names):
+        what = f"{name}: {len(values)} values were given"
+        return Refused("bad_input", what, f"it takes {takes}", str(len(values)), str(len(names)))
+    placed = dict(zip(names, values, strict=False))
+    if twice := sorted(placed.keys() & arguments.keys()):
+        return Refused("bad_input", f"{name}: {twice[0]} is given twice", f"it takes {takes}", twice[0], takes)
+    return {**placed, **arguments}
+
+
 async def service(
     tree: RobotTree, name: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None = None
 ) -> Answer:
@@ -260,6 +279,10 @@ async def get_task_status(tree: RobotTree) -> Answer:
     return answers.success(answers.task(await tree.rollouts.task()))
 
 
+DONE = ("duration", "n_steps", "stopped")
+"""Reasons for which a rollout ends that nothing went wrong with."""
+
+
 async def stop_task(tree: RobotTree) -> Answer:
     status, result = await tree.rollouts.stop_task()
     done = {"robot": tree.robot, **answers.task(status)}
@@ -276,7 +299,13 @@ def _begun(status: TaskStatus | Refused) -> Answer:
 
 
 def run_policy(
-    policy: Any, policy_object: Any, instruction: str, duration: float, n_steps: int | None, hz: float | None
+    policy: Any,
+    policy_object: Any,
+    instruction: str,
+    duration: float,
+    n_steps: int | None,
+    hz: float | None,
+    wait: bool,
 ) -> Verb | Answer:
     """Return the verb. The arguments are as ``Robot.run_policy`` has them."""
     duration, n_steps, hz = map(as_python, (duration, n_steps, hz))
@@ -287,7 +316,16 @@ def run_policy(
         return answers.error(f"run_policy: {failure}")
 
     async def run(tree: RobotTree) -> Answer:
-        return _begun(await tree.rollouts.run_policy(chosen, instruction, duration, n_steps or 0, hz))
+        rollouts = tree.rollouts
+        begun = await rollouts.run_policy(chosen, instruction, duration, n_steps or 0, hz)
+        if isinstance(begun, Refused) or not wait:
+            return _begun(begun)
+        ended = await rollouts.wait()
+        if rollouts.failure is not None:
+            raise rollouts.failure
+        if ended.exit_reason in DONE:
+            return answers.success(answers.task(ended))
+        return answers.error(f"run_policy: {ended.exit_reason}: {ended.exit_detail}", answers.task(ended))
 
     return run
 

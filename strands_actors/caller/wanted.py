@@ -153,8 +153,8 @@ def read(
 
 def _driver_class(name: str, robot: str, driver: str, has_model: bool) -> type[Any]:
     known = list_driver_coverage()
-    if has_model and "strands" not in known.get(robot, ()):
-        if driver != "strands":
+    if has_model and ("strands" not in known.get(robot, ()) or get_native_driver_class(robot) is None):
+        if driver not in ("auto", "strands"):
             resolve_driver(name, driver)  # refuses another word
         return load(MODEL)  # type: ignore[no-any-return]  # by its name
     if robot not in known:

@@ -6,6 +6,8 @@ of this process, and end all robots of its script.
 
 from __future__ import annotations
 
+import os
+import traceback
 from collections.abc import Callable
 from typing import TypeVar, TypeVarTuple
 
@@ -13,6 +15,9 @@ from .actor import describe
 
 Args = TypeVarTuple("Args")
 Result = TypeVar("Result")
+
+
+_OURS = os.path.join(os.path.dirname(os.path.dirname(os.path.abspath(__file__))), "")
 
 
 class UserCodeEnded(Exception):
@@ -27,3 +32,13 @@ def contained(call: Callable[[*Args], Result], *args: *Args) -> Result:
         raise
     except BaseException as error:
         raise UserCodeEnded(describe(error)) from error
+
+
+def describe_failure(error: BaseException) -> str:
+    """Return one line: what was raised, and the last line of code of others that led to it."""
+    raised = error.__cause__ if isinstance(error, UserCodeEnded) and error.__cause__ else error
+    theirs = [at for at in traceback.extract_tb(raised.__traceback__) if not at.filename.startswith(_OURS)]
+    if not theirs:
+        return describe(error)
+    last = theirs[-1]
+    return f"{describe(error)} ({os.path.basename(last.filename)}:{last.lineno} in {last.name})"

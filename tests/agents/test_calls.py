@@ -92,6 +92,69 @@ def test_what_a_call_comes_to(given: dict[str, Any], kind: str) -> None:
     assert called(ARM, given).kind == kind
 
 
+STOPS: list[Any] = [
+    "stop",
+    " Stop! ",
+    "please stop the robot now",
+    "e-stop",
+    "emergency_stop",
+    b"STOP",
+    "stop()",
+    ["stop"],
+    ("stop",),
+    [{"action": "move_to", "targets": {}}, {"action": "stop"}],
+    '{"action":"stop"}',
+    "{'action': 'stop'}",
+    '{"name": "so101", "arguments": {"action": "stop"}}',
+    '[{"name": "so101", "input": "{\\"action\\":\\"stop\\"}"}]',
+    "action: stop",
+    "<action>stop</action>",
+    {"Action": "stop"},
+    {" ACTION ": "Stop."},
+    {"action": ["stop"]},
+    {"action": {"name": "stop"}},
+    {"action": "stop_robot"},
+    {"action": '{"action": "stop"}'},
+    {"command": "stop", "why": "it smokes"},
+    {"input": '{"action":"stop"}'},
+    {"arguments": {"action": "stop"}},
+    {"stop": True},
+    {"stop": None},
+    {"stop": {}},
+    {"HALT": ""},
+    {**{f"more{at}": at for at in range(1000)}, "Action": "stop"},
+]
+
+
+@pytest.mark.parametrize("given", STOPS, ids=lambda given: str(given)[:40])
+@pytest.mark.parametrize("driver", [ARM, GRIPPER], ids=["arm", "gripper"])
+def test_saf_006_a_stop_is_understood_in_every_form(driver: Driver, given: Any) -> None:
+    assert called(driver, given).kind == "stop"
+
+
+NO_STOPS: list[Any] = [
+    "do not stop",
+    "stop at the red sign and go on",
+    "unstoppable",
+    "stop" * 1000,
+    {"stop": False},
+    {"action": "status", "why": "stop"},
+    {"action": "fly", "note": "stop"},
+    ["go", "on"],
+    '{"action": "move_to", "targets": {"stop": 1}}',
+    [[[[[[[["stop"]]]]]]]],
+    float("nan"),
+    "[" * 4000,
+    '{"action": "sto',
+]
+
+
+@pytest.mark.parametrize("given", NO_STOPS, ids=lambda given: str(given)[:40])
+def test_nothing_else_is_taken_for_a_stop(given: Any) -> None:
+    found = read(ARM, given)
+    assert isinstance(found, Refused) or found.kind != "stop"
+
+
 def test_saf_006_a_stop_minds_no_input_however_many() -> None:
     many = {f"more{at}": at for at in range(1000)}
     assert called(ARM, {**many, "action": "stop"}).kind == "stop"
@@ -140,12 +203,12 @@ def test_a_truth_value_of_numpy_is_one() -> None:
     assert refused(GRIPPER, {"action": "close", "force": numpy.True_}).code == "bad_input"
 
 
-@pytest.mark.parametrize("given", [None, "stop", 3, [], [("action", "stop")]])
+@pytest.mark.parametrize("given", [None, "sit", 3, [], [("action", "move_to")], '{"action": "status"}'])
 def test_what_is_no_object_is_refused(given: Any) -> None:
     assert refused(ARM, given).code == "bad_input"
 
 
-@pytest.mark.parametrize("action", ["", "fly", 3, True, ["stop"], {"a": 1}, "x" * 10_000])
+@pytest.mark.parametrize("action", ["", "fly", 3, True, ["go"], {"a": 1}, "x" * 10_000])
 def test_what_is_not_declared_is_refused_with_what_is(action: Any) -> None:
     refusal = refused(ARM, {"action": action})
     assert refusal.code == "unknown_verb"

@@ -17,6 +17,7 @@ from strands_actors.contract.loading import load
 from strands_actors.drivers import get_native_driver_class, leader_name, list_leaders
 from strands_actors.drivers.common.calibration import FIELDS, save
 from strands_actors.drivers.common.calibration import load as read_calibration
+from strands_actors.drivers.common.serial_port import BytePort, open_serial
 from strands_actors.drivers.common.servo.calibrating import calibrate
 from strands_actors.drivers.common.servo.setup import Ranges, Setup
 from strands_actors.kernel.clock import MonotonicClock
@@ -35,11 +36,33 @@ def class_of(robot: str) -> Any:
     return get_native_driver_class(robot) if leader_name(robot) is None else list_leaders()[robot]
 
 
-def setup_of(robot: str, port: str) -> Setup[Any]:
+def setup_of(robot: str, port: str, open_port: Callable[[str, int], BytePort] = open_serial) -> Setup[Any]:
     driver_class = class_of(robot)
     driver = driver_class(robot, port, driver_class.resolve(robot, {}))
-    setup: Setup[Any] = load(driver_class.SETUP)(driver.config, MonotonicClock())
+    setup: Setup[Any] = load(driver_class.SETUP)(driver.config, MonotonicClock(), open_port)
     return setup
+
+
+class NoisyPort:
+    """A port on which every so many reads a byte of what was received is flipped, or all is lost."""
+
+    EVERY = 41
+
+    def __init__(self, port: str, baud: int) -> None:
+        self._port = open_serial(port, baud)
+        self._reads = 0
+        self.spoiled = 0
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._port, name)
+
+    async def read(self) -> bytes:
+        data = await self._port.read()
+        self._reads += 1
+        if self._reads % self.EVERY:
+            return data
+        self.spoiled += 1
+        return await self._port.read() if self.spoiled % 2 else data[:-1] + bytes([data[-1] ^ 0x40])
 
 
 class Hands:
@@ -80,10 +103,12 @@ class Hands:
         self._shown = trio.Event()
 
 
-def run(robot: str, twin: Twin, hands: Hands) -> dict[str, Any]:
+def run(
+    robot: str, twin: Twin, hands: Hands, open_port: Callable[[str, int], BytePort] = open_serial
+) -> dict[str, Any]:
     driver_class = class_of(robot)
     table = driver_class.TABLES.robots[robot]
-    setup = setup_of(robot, twin.port)
+    setup = setup_of(robot, twin.port, open_port)
 
     async def main() -> dict[str, Any]:
         try:
@@ -177,6 +202,29 @@ def test_a_joint_that_was_forgotten_is_named_and_the_servos_have_what_they_had(t
             return [motor.homing_offset for motor in kept] + [motor.range_max for motor in kept]
 
         assert trio.run(look) == [0] * 6 + [TURN] * 6
+
+
+@pytest.mark.parametrize("robot", ["so101", "koch"])
+def test_answers_that_are_lost_or_damaged_are_asked_for_again(robot: str, tmp_path: Path) -> None:
+    with Twin(robot, tmp_path, by_hand=True) as twin:
+        twin.move_by_hand(**dict.fromkeys(JOINTS, 0.1))
+        ports: list[NoisyPort] = []
+
+        def noisy(port: str, baud: int) -> BytePort:
+            ports.append(NoisyPort(port, baud))
+            return ports[-1]
+
+        found = run(robot, twin, Hands(twin, JOINTS), noisy)
+    assert sum(port.spoiled for port in ports) > 1
+    assert all(motor.range_max - motor.range_min > LEAST for motor in found.values())
+
+
+@pytest.mark.parametrize(("low", "high"), [(2047, 4368), (-300, 2500), (-200, 3700)])
+def test_a_range_beyond_one_turn_is_named_and_not_cut(low: int, high: int) -> None:
+    ranges = Ranges(setup_of("so101", "/dev/null").axes, ("wrist_roll",))
+    for count in (low, high):
+        ranges.take({joint: count if joint == "wrist_flex" else count % 2048 for joint in JOINTS})
+    assert ranges.problems()["wrist_flex"].startswith(f"went from {low} to {high}, past its encoder's 0 to 4095")
 
 
 def test_a_joint_that_passed_the_end_of_its_encoder_is_named() -> None:

@@ -275,3 +275,40 @@ def test_another_packages_driver_is_found_and_a_broken_one_is_told_and_survived(
         f"driver {name} cannot be used: {why}" for name, why in sorted(broken.items())
     ]
     assert list_native_drivers() == listed  # told once
+
+
+THEIRS = """
+crazyflie: cf2 bitcraze_crazyflie
+fr3: franka_fr3
+fr3_v2: franka_fr3_v2
+koch: koch_follower koch_v1.1 low_cost_robot_arm
+kuka_iiwa: kuka_iiwa_14
+panda: bimanual_panda_gripper bimanual_panda_hand franka franka_emika_panda franka_panda libero_panda
+panda: oxe_droid oxe_droid_rel oxe_droid_relative_eef_relative_joint single_panda_gripper
+so100: so100_4cam so100_dualcam so100_follower so_arm100 trs_so_arm100
+so101: robotstudio_so101 so101_dualcam so101_follower so101_tricam
+xarm7: ufactory_xarm7
+reachy_mini: pollen_reachy_mini reachy reachy-mini reachymini
+robotiq_2f85: robotiq
+microduck: micro_duck pollen_microduck
+open_duck_mini: bdx mini_bdx open_duck open_duck_mini_v2 open_duck_v2
+rby1: rby1a rainbow_rby1
+unitree_g1: g1 g1_wbc real_g1_relative_eef_relative_joints unitree_g1_full_body unitree_g1_locomanip
+unitree_g1: unitree_g1_real unitree_g1_sonic unitree_g1_wbc
+unitree_h1: h1
+unitree_h1_2: h1_2
+earthrover: earth_rover earthrover_mini_plus frodobots
+yahboom_m3pro: m3pro m3_pro rosmaster_m3_pro rosmaster_m3pro yahboom_m3_pro yahboom_rosmaster_m3_pro
+spot: boston_dynamics_spot
+stretch: hello_robot_stretch_original
+stretch3: hello_robot_stretch hello_robot_stretch_3
+unitree_go2: go2
+"""
+
+
+def test_every_alias_of_the_references_registry_is_known() -> None:
+    wrong = {}
+    for line in THEIRS.strip().splitlines():
+        robot, _, names = line.partition(": ")
+        wrong |= {name: canonical_name(name) for name in names.split() if canonical_name(name) != robot}
+    assert wrong == {}

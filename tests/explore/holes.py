@@ -9,9 +9,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import msgspec
 import pytest
 import trio
 
+from strands_actors.caller.rollouts import Rollouts
+from strands_actors.caller.tree_processes import TreeProcesses
 from strands_actors.contract.axis import parse_action
 from strands_actors.contract.driver import Candidate, Driver, GateState, Reason
 from strands_actors.contract.loading import load
@@ -19,16 +22,19 @@ from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, WireDown
 from strands_actors.kernel.channels.permissions import Channel
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.processes.reserve import Reserve
 from strands_actors.supervisors.gate import failsafe
+from strands_actors.supervisors.gate.failsafe import Event, Mode
 from strands_actors.supervisors.gate.gate import Gate
-from strands_actors.supervisors.gate.messages import Stop
+from strands_actors.supervisors.gate.messages import Release, Released, Stop, StopReport
 from strands_actors.supervisors.page import Owed
 from strands_actors.supervisors.root import process
 from strands_actors.supervisors.root.lock_keeper import Kept, LockKeeper
 from strands_actors.supervisors.root.tasks import Tasks
+from strands_actors.supervisors.stop_result import Confirmed, NothingRan, StopResult
+from strands_actors.supervisors.wire import transport
 from strands_actors.supervisors.wire.group import WireProcess
 from strands_actors.supervisors.wire.transport import Transport
-from strands_actors.testing.explore.askers import Asker
 
 ServoSession: Any = load("strands_actors.drivers.common.servo.wire:ServoSession")
 Outcome: Any = load("strands_actors.drivers.common.outcome:Outcome")
@@ -80,7 +86,7 @@ def a_stop_of_a_task_beside_a_dead_wire_ends_the_root(patch: pytest.MonkeyPatch)
 def a_task_begins_after_its_deadline(patch: pytest.MonkeyPatch) -> None:
     """Nobody looks at it, and who asked lets the matter rest."""
     patch.setattr(Tasks, "_refuse_late", lambda self, message: None)
-    patch.setattr(Asker, "_never_started", _nothing)
+    patch.setattr(Rollouts, "_never_started", _no_answer)
     init = Tasks.__init__
 
     def forgetful(self: Tasks, robot: str, start: Any, *others: Any, **named: Any) -> None:
@@ -175,5 +181,57 @@ def the_root_has_not_found_the_legs(patch: pytest.MonkeyPatch) -> None:
     patch.setattr("strands_actors.drivers.unitree.stop_channel.UnitreeStopChannel.make_safe", make_safe)
 
 
-async def _nothing(self: Any) -> None:
-    pass
+async def _no_answer(self: Rollouts, tasks: Any, failure: Exception) -> Refused:
+    await trio.lowlevel.checkpoint()
+    return Refused("no_answer", f"start_task: {failure}", "try again")
+
+
+def a_permit_forgets_deadlines(patch: pytest.MonkeyPatch) -> None:
+    """The transport writes a setpoint however late it is."""
+    init = transport._Permit.__init__
+
+    def forgetful(self: Any, owner: Transport, epoch: int, deadline_ns: int, *others: Any) -> None:
+        init(self, owner, epoch, 0, *others)
+
+    patch.setattr(transport._Permit, "__init__", forgetful)
+
+
+def nobody_waits_for_what_was_asked_before(patch: pytest.MonkeyPatch) -> None:
+    """A stop is confirmed as soon as the robot is seen to be safe, also while an arming is under way."""
+    patch.setattr(Owed, "unsettled_s", lambda self, now_ns: 0.0)
+    patch.setattr(Owed, "is_asking", False)
+
+
+def a_root_that_does_not_answer_has_stopped_the_robot(patch: pytest.MonkeyPatch) -> None:
+    """The caller takes "no answer" for "nothing was running"."""
+
+    async def none(self: TreeProcesses, verb: str, why: object) -> StopResult:
+        await trio.lowlevel.checkpoint()
+        return Confirmed(NothingRan())
+
+    patch.setattr(TreeProcesses, "_await_note", none)
+
+
+def a_hold_of_a_lost_robot_is_confirmed(patch: pytest.MonkeyPatch) -> None:
+    """Nothing is written, and who asks is told that nothing was to be done."""
+    transitions = {key: row for key, row in failsafe.TRANSITIONS.items() if key != (Mode.LOST, Event.HOLD)}
+    patch.setattr(failsafe, "TRANSITIONS", transitions)
+    report_now = Gate._report_now
+
+    def confirmed(self: Gate, reason: Reason) -> StopReport:
+        report = report_now(self, reason)
+        return msgspec.structs.replace(report, confirmed=True, motors=()) if not report.took_ms else report
+
+    def release(self: Gate, message: Release) -> Released:
+        held = self._leases.release(message.lease, message.channel)
+        if held is not None:
+            self._end_writer(held)
+        return Released(True, StopReport(Reason.LEASE, SafeState.HOLD, self._state.epoch, True, ()))
+
+    patch.setattr(Gate, "_report_now", confirmed)
+    patch.setattr(Gate, "_release", release)
+
+
+def a_process_stays_that_cannot_stop_the_robot(patch: pytest.MonkeyPatch) -> None:
+    """Nobody keeps anything in hand, or looks whether there is anything left."""
+    patch.setattr(Reserve, "begin", lambda self, other_acts: None)

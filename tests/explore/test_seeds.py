@@ -16,10 +16,28 @@ from strands_actors.testing.explore.robots import ROBOTS
 from strands_actors.testing.explore.search import run_apart, run_here, run_seeds
 
 RUNS = tomllib.loads((Path(__file__).parent / "seeds.toml").read_text())["run"]
-SEEDS = {"so101": 300, "xarm7": 300, "unitree_go2": 10, "fake_base": 500, "fake_drone": 390, "fake_http": 500}
-"""2 000, 150 s of one core, of which a run of legs takes ten times another's, and one of an SO-101 twice
+SEEDS = {
+    "so101": 250,
+    "xarm7": 250,
+    "ur5e": 100,
+    "fake_queue": 100,
+    "unitree_go2": 10,
+    "fake_base": 500,
+    "fake_drone": 390,
+    "fake_http": 500,
+}
+"""2 100, 150 s of one core, of which a run of legs takes ten times another's, and one of an SO-101 twice
 a fake's; a search for new ones takes as many as you give it."""
-QUICK = {"so101": 25, "xarm7": 25, "unitree_go2": 3, "fake_base": 30, "fake_drone": 30, "fake_http": 30}
+QUICK = {
+    "so101": 20,
+    "xarm7": 20,
+    "ur5e": 10,
+    "fake_queue": 15,
+    "unitree_go2": 3,
+    "fake_base": 30,
+    "fake_drone": 30,
+    "fake_http": 30,
+}
 """The first of these: a fifteenth of that time; the others are long."""
 DRAWN = [
     *(pytest.param(robot, range(QUICK[robot]), id=robot) for robot in ROBOTS),

@@ -11,8 +11,8 @@ import pytest
 
 from strands_actors.kernel.processes.reserve import EXIT_SHORT, how_ended
 
-BEGIN = """
-import os, resource, socket, sys
+BEGIN = '''
+import errno, os, resource, socket, sys
 from strands_actors.kernel.processes.reserve import FILES, RESERVE, raise_limits
 
 def use_all_files():
@@ -27,7 +27,21 @@ def use_all_memory():
     pages = int(open("/proc/self/statm").read().split()[0])
     resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize(), resource.RLIM_INFINITY))
 
-"""
+def whole_system_has_no_file():
+    """What cannot be opened fails as if the table of the whole system were full."""
+    real = os.open
+
+    def opened(*arguments):
+        try:
+            return real(*arguments)
+        except OSError as error:
+            assert error.errno == errno.EMFILE
+            raise OSError(errno.ENFILE, os.strerror(errno.ENFILE)) from None
+
+    os.open = opened
+    use_all_files()
+
+'''
 
 
 def run(script: str) -> subprocess.CompletedProcess[str]:
@@ -65,6 +79,40 @@ else:
 with RESERVE.freed():
     bytearray(6 << 20)
 """)
+
+
+def test_saf_024_without_a_free_file_in_the_whole_system_those_in_reserve_are_kept_and_used() -> None:
+    succeeds("""
+RESERVE.begin(lambda: True)
+whole_system_has_no_file()
+assert RESERVE.check() == ""
+with RESERVE.freed():
+    opened = [os.open(os.devnull, os.O_RDONLY) for _ in range(FILES)]
+    for fd in opened:
+        os.close(fd)
+RESERVE.end_if_short()
+assert RESERVE.check() == ""
+""")
+
+
+def test_saf_024_who_lost_its_reserve_to_the_whole_system_ends_when_another_process_acts() -> None:
+    script = """
+RESERVE.begin(lambda: {other})
+whole_system_has_no_file()
+with RESERVE.freed():
+    use_all_files()  # another program is quicker
+    try:
+        os.open(os.devnull, os.O_RDONLY)
+    except OSError as error:
+        RESERVE.lacked(error)
+RESERVE.end_if_short()
+assert RESERVE.check() == "no file can be opened (Too many open files in system; sysctl fs.file-max)"
+os._exit(0)
+"""
+    ended = run(script.format(other=True))
+    assert ended.returncode == EXIT_SHORT, ended
+    stays = run(script.format(other=False))
+    assert stays.returncode == 0, stays.stderr
 
 
 def test_saf_024_the_reserve_is_there_again_after_a_stop() -> None:

@@ -9,6 +9,7 @@ of a process of its own, which no twin has: ``tests/contract/test_stop_process.p
 
 from __future__ import annotations
 
+import contextlib
 import os
 import resource
 import signal
@@ -24,6 +25,7 @@ from strands_actors.drivers import WIRES
 from strands_actors.testing import Bench, Twin
 from tests.answers import pids, status, until, why
 
+from .broken_disk import Disk, broken, can_mount, small
 from .exhausted import SETTLE_S, Lacks, Roles, Row, can_group, run_exhausted, take
 
 Start = Callable[..., tuple[RealRobot, Twin]]
@@ -122,19 +124,33 @@ def test_saf_024_a_wire_that_lacks_files_is_not_armed(strands_robot: Start) -> N
     assert twin.log.host("enable", asked_ns)
 
 
-@pytest.mark.quick_cases(1)
-@pytest.mark.parametrize("killed", [("root", "wire"), ("wire",), ("root",)], ids="+".join)
+KILLS = (("root", "wire"), ("wire",), ("root",))
+DISKS = [
+    pytest.param(how, killed, id=f"{how}-{'+'.join(killed)}", marks=() if killed == KILLS[0] else pytest.mark.long)
+    for how in (Disk if can_mount() else (Disk.GONE,))
+    for killed in KILLS
+]
+"""A disk is full or read-only only where this user may mount one."""
+
+
+@pytest.fixture
+def run_disk(request: pytest.FixtureRequest, strands_run_dir: Path) -> Iterator[Disk]:
+    """Return how the run directory will break. One that becomes full is on a small disk."""
+    with small(strands_run_dir) if request.param is Disk.FULL else contextlib.nullcontext():
+        yield request.param
+
+
+@pytest.mark.parametrize(("run_disk", "killed"), DISKS, indirect=["run_disk"])
 def test_saf_024_without_a_run_directory_the_wire_is_safe(
-    strands_robot: Start, strands_run_dir: Path, killed: tuple[str, ...]
+    run_disk: Disk, strands_robot: Start, strands_run_dir: Path, killed: tuple[str, ...]
 ) -> None:
-    """No note, lock or report can be written: harder than a full disk, or one that is read-only."""
+    """No note, lock or report can be written."""
     arm, twin = strands_robot("robotiq_2f85")
     assert arm.send_action({"gripper": arm.get_observation()["gripper"] + 0.05})["status"] == "success"
     found = pids(arm)
-    aside = strands_run_dir.with_name(f"{strands_run_dir.name}-aside")
-    strands_run_dir.rename(aside)
-    strands_run_dir.touch()
-    try:
+    with broken(strands_run_dir, run_disk):
+        with pytest.raises(OSError):
+            (strands_run_dir / "another").touch()
         killed_ns = time.monotonic_ns()
         for role in killed:
             os.kill(found[role], signal.SIGKILL)
@@ -142,6 +158,3 @@ def test_saf_024_without_a_run_directory_the_wire_is_safe(
         assert safe.safe_state == "hold"
         time.sleep(SETTLE_S)
         twin.log.no_setpoint_after_safe(killed_ns)
-    finally:
-        strands_run_dir.unlink()
-        aside.rename(strands_run_dir)

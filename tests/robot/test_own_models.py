@@ -59,6 +59,13 @@ def test_a_registered_mjcf_moves_and_is_drawn(new: New, tmp_path: Path) -> None:
     assert json_of(sim.reset())["position"] == pytest.approx({"turn": 0.0, "reach": 0.0}, abs=0.02)
 
 
+def test_one_whose_driver_is_still_to_be_registered_simulates(new: New, tmp_path: Path) -> None:
+    register_robot("crane", model_xml=write_mjcf(tmp_path), hardware={"driver": "strands"})
+    assert set(new("crane").get_observation()) == {"turn", "reach"}
+    with pytest.raises(ValueError, match="crane has no native driver"):
+        new("crane", mode="real", port="/dev/ttyACM0")
+
+
 def test_a_urdf_with_meshes_of_its_package_moves(new: New, tmp_path: Path) -> None:
     sim = new("lifter", urdf_path=write_urdf(tmp_path))
     json_of(sim.send_action({"shoulder": -0.8}))

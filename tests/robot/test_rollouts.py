@@ -195,7 +195,8 @@ def test_a_policy_that_raises_ends_the_rollout_with_its_words(arm: RealRobot, tw
 
     json_of(arm.run_policy(broken))
     ended = task_ended(arm)
-    assert (ended["exit_reason"], ended["exit_detail"]) == ("policy", "LookupError: no weights here")
+    assert ended["exit_reason"] == "policy"
+    assert ended["exit_detail"].startswith("LookupError: no weights here (test_rollouts.py:")
     json_of(arm.run_policy(lambda observation: 3))
     assert "the policy returned int" in task_ended(arm)["exit_detail"]
     assert state(arm) in ("armed", "holding")

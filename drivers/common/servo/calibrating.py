@@ -4,7 +4,8 @@ all their range. LeRobot's procedure, and its file."""
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Sequence
-from typing import Any, Protocol
+from functools import partial
+from typing import Any, Protocol, TypeVar
 
 import trio
 
@@ -15,7 +16,12 @@ from .axes import TOP
 from .setup import Ranges, Setup
 
 READ_S = 0.05
+PATIENCE_S = 1.0
+"""How long a servo is asked again whose answer was lost or damaged: a person's minute of work depends on
+it."""
 UNDO_S = 3.0
+
+Told = TypeVar("Told")
 
 
 class Person(Protocol):
@@ -35,7 +41,7 @@ async def calibrate(
     what they had. Raise ``WireDown``, and ``ValueError`` for a joint that was not moved as it has
     to be."""
     await setup.open()
-    before = {axis.key: await setup.read_calibration(axis) for axis in setup.axes}
+    before = {axis.key: await _patiently(partial(setup.read_calibration, axis)) for axis in setup.axes}
     try:
         return await _calibrate(setup, person, whole_turn, inverted, max_offset)
     except BaseException:
@@ -52,7 +58,7 @@ async def _calibrate(
     await _write(setup, found)
     await person.ready("move every joint to the middle of its range")
     for axis in setup.axes:
-        position = (await setup.positions())[axis.key]
+        position = (await _patiently(setup.positions))[axis.key]
         offset = max(-max_offset, min(max_offset, setup.offset_to_middle(position)))
         found[axis.key] = MotorCalibration(axis.id, modes[axis.key], offset, 0, TOP)
     await _write(setup, found)
@@ -82,7 +88,7 @@ async def _record(setup: Setup[Any], person: Person, ranges: Ranges, text: str) 
 
     async def read() -> None:
         while True:
-            ranges.take(await setup.positions())
+            ranges.take(await _patiently(setup.positions))
             person.show(ranges)
             await trio.sleep(READ_S)
 
@@ -93,13 +99,25 @@ async def _record(setup: Setup[Any], person: Person, ranges: Ranges, text: str) 
         raise failures[0]
 
 
+async def _patiently(ask: Callable[[], Awaitable[Told]]) -> Told:
+    """Ask again for a while. Raise ``WireDown`` of the last time."""
+    until_s = trio.current_time() + PATIENCE_S
+    while True:
+        try:
+            return await ask()
+        except WireDown:
+            if trio.current_time() >= until_s:
+                raise
+        await trio.sleep(READ_S)
+
+
 async def _write(setup: Setup[Any], wanted: dict[str, MotorCalibration]) -> None:
     """To every servo, and read back."""
     for axis in setup.axes:
-        await setup.unlock(axis)
-        await setup.write_calibration(axis, wanted[axis.key])
-        await setup.lock(axis)
-        kept = await setup.read_calibration(axis)
+        await _patiently(partial(setup.unlock, axis))
+        await _patiently(partial(setup.write_calibration, axis, wanted[axis.key]))
+        await _patiently(partial(setup.lock, axis))
+        kept = await _patiently(partial(setup.read_calibration, axis))
         if kept != wanted[axis.key]:
             raise WireDown(
                 f"calibrate: {axis.label} did not keep what was written to it. Check its cable, try again"

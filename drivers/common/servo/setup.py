@@ -180,7 +180,7 @@ class Ranges:
             self.high[key] = max(self.high[key], count)
 
     def of(self, key: str) -> tuple[int, int]:
-        return (0, TOP) if key in self._whole_turn else (max(0, self.low[key]), min(TOP, self.high[key]))
+        return (0, TOP) if key in self._whole_turn else (self.low[key], self.high[key])
 
     def problems(self) -> dict[str, str]:
         """Return why a joint's range is none, by joint."""
@@ -189,7 +189,10 @@ class Ranges:
             if key in self._whole_turn:
                 continue
             counts = self.high[key] - self.low[key]
-            if counts < LEAST_COUNTS:
+            if self.low[key] < 0 or self.high[key] > TOP:
+                span = f"{self.low[key]} to {self.high[key]}"
+                told[key] = f"went from {span}, past its encoder's 0 to {TOP}: begin with it in its middle"
+            elif counts < LEAST_COUNTS:
                 told[key] = "was hardly moved"
             elif counts > MOST_COUNTS:
                 told[key] = "passed the end of its encoder: begin with it in its middle"

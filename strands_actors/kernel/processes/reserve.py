@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import _thread
 import contextlib
+import ctypes
 import errno
 import mmap
 import os
@@ -70,6 +71,9 @@ class Reserve:
                 one this process stays, and goes on trying.
         """
         self._begun, self._other_acts = True, other_acts
+        with contextlib.suppress(OSError):  # not every system has it
+            # glibc opens it when the first thread ends, and aborts the process if no file is free.
+            ctypes.CDLL("libgcc_s.so.1")
         self.check()
 
     def check(self) -> str:
@@ -94,7 +98,8 @@ class Reserve:
         except OSError as error:
             if error.errno == errno.ENFILE and len(self._files) == FILES:
                 return ""  # the whole system has none: those in hand are worth more than a new process
-            return f"no file can be opened ({error.strerror}; ulimit -n)"
+            limit = "sysctl fs.file-max" if error.errno == errno.ENFILE else "ulimit -n"
+            return f"no file can be opened ({error.strerror}; {limit})"
         return ""
 
     @contextlib.contextmanager

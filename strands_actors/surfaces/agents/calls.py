@@ -14,6 +14,8 @@ from strands_actors.contract.tool_spec import tool_spec
 from strands_actors.contract.tool_verbs import ToolVerb
 from strands_actors.kernel.messages import Refused
 
+from .stop_words import asks_for_stop
+
 Kind = Literal["read", "motion", "stop"]
 
 MAX_INPUTS = 64
@@ -59,13 +61,18 @@ class Call:
 
 
 def read(driver: Driver, given: object) -> Call | Refused:
-    """Return what a model asks for. A null is an input that is not given; a stop minds no input."""
+    """Return what a model asks for. A null is an input that is not given; a stop minds no input, and is
+    understood in every form."""
     names = ", ".join(verb.name for verb in driver.TOOL_VERBS)
     if not isinstance(given, Mapping):
+        if asks_for_stop(given):
+            return Call(_stop_of(driver))
         return Refused("bad_input", f"tool: the input is {shown(given)}", f"give an object with action: {names}")
     said = given.get("action")
     wanted = said.strip().lower() if isinstance(said, str) else said
     verb = next((verb for verb in driver.TOOL_VERBS if verb.name == wanted), None)
+    if verb is None and asks_for_stop(given):
+        verb = _stop_of(driver)
     if verb is not None and verb.does == "stop":
         return Call(verb)
     if len(given) > MAX_INPUTS:
@@ -78,6 +85,10 @@ def read(driver: Driver, given: object) -> Call | Refused:
     inputs = {name: as_python(value) for name, value in given.items() if name != "action" and value is not None}
     service = driver.SERVICES.get(verb.name) if verb.does == "service" else None
     return _refuse_inputs(verb, inputs) or Call(verb, inputs, service is not None and is_motion(service))
+
+
+def _stop_of(driver: Driver) -> ToolVerb:
+    return min((verb for verb in driver.TOOL_VERBS if verb.does == "stop"), key=lambda verb: verb.name != "stop")
 
 
 def is_motion(service: Service) -> bool:

@@ -4,8 +4,6 @@ handle."""
 from __future__ import annotations
 
 import json
-import sys
-from collections.abc import AsyncIterator
 from typing import Any
 
 import trio
@@ -18,21 +16,9 @@ from strands_actors.caller.async_robot import AsyncRobot
 from strands_actors.caller.envelopes import Answer
 from strands_actors.version import __version__
 
+from .mcp_lines import Lines
+
 ALLOW_MOTION = "start the server with --allow-motion"
-
-
-class Lines:
-    """Standard input, line by line. Who waits for a line can be cancelled: a thread that hangs in
-    it is left."""
-
-    def __aiter__(self) -> AsyncIterator[str]:
-        return self
-
-    async def __anext__(self) -> str:
-        line: str = await trio.to_thread.run_sync(sys.stdin.readline, abandon_on_cancel=True)
-        if not line:
-            raise StopAsyncIteration
-        return line
 
 
 async def serve(robot: AsyncRobot, allow_motion: bool) -> None:
@@ -61,8 +47,14 @@ async def serve(robot: AsyncRobot, allow_motion: bool) -> None:
         on_list_tools=list_tools,
         on_call_tool=call_tool,
     )
-    async with stdio_server(stdin=Lines()) as (incoming, outgoing):  # type: ignore[arg-type]
+    lines = Lines()
+    async with (
+        stdio_server(stdin=lines) as (incoming, outgoing),  # type: ignore[arg-type]
+        trio.open_nursery() as nursery,
+    ):
+        nursery.start_soon(lines.answer, outgoing)
         await server.run(incoming, outgoing, server.create_initialization_options())
+        nursery.cancel_scope.cancel()
 
 
 def _result(answer: Answer) -> types.CallToolResult:

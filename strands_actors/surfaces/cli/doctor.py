@@ -21,6 +21,7 @@ from typing import Any
 from strands_actors.caller import process_one
 from strands_actors.caller.run_directory import MAX_SOCKET_PATH, notes, run_dir
 from strands_actors.contract.extras import missing
+from strands_actors.kernel.processes.interpreter import PYTHON
 
 OK, WEAK, BROKEN = "ok", "weak", "broken"
 PYTHONS = ((3, 11), (3, 13))
@@ -262,7 +263,7 @@ def check_gl() -> Iterator[Check]:
     for backend in (wanted,) if wanted else ("egl", "osmesa"):
         try:
             done = subprocess.run(
-                [sys.executable, "-c", _PICTURE],
+                [*PYTHON, "-c", _PICTURE],
                 env={**os.environ, "MUJOCO_GL": backend},
                 capture_output=True,
                 text=True,

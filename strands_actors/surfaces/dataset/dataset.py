@@ -88,7 +88,8 @@ class Index:
             raise DatasetError(f"{root}: {INFO} counts {total} episodes, the index has {len(self.rows)} of them")
         self.tasks: list[str] = []
         if self.info:
-            self.tasks = tasks_of(_read(root / TASKS))[: self.info["total_tasks"]]
+            has_tasks = total or (root / TASKS).exists()  # one that was just created has none
+            self.tasks = tasks_of(_read(root / TASKS))[: self.info.get("total_tasks")] if has_tasks else []
             self.files |= {root / path for row in self.rows for path in files_of(row, self.videos)}
             if missing := sorted(str(path) for path in self.files if not path.exists()):
                 raise DatasetError(f"{missing[0]} is missing ({len(missing)} files)")

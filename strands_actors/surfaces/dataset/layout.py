@@ -14,8 +14,8 @@ import msgspec
 import pyarrow as pa
 
 from .errors import DatasetError
+from .info import VERSION, decode_info
 
-VERSION = "v3.0"
 CHUNK_FILES = 1000
 """Files of one folder."""
 DATA_MB = 100
@@ -152,16 +152,11 @@ def read_info(root: Path) -> dict[str, Any] | None:
     """Return what the dataset says of itself; None: it has no episode yet. Raise
     ``DatasetError``."""
     try:
-        info: Any = json.loads((root / INFO).read_bytes())
+        return decode_info((root / INFO).read_bytes(), root / INFO)
     except FileNotFoundError:
         return None
-    except ValueError as damage:
-        raise DatasetError(f"{root / INFO} is damaged: {damage}") from damage
-    version = info.get("codebase_version") if isinstance(info, dict) else None
-    if version != VERSION:
-        raise DatasetError(f"{root} is a dataset of version {version}; this reads and writes {VERSION}")
-    found: dict[str, Any] = info
-    return found
+    except OSError as error:
+        raise DatasetError(f"{root / INFO} cannot be read: {error}") from error
 
 
 def layout_of(info: dict[str, Any]) -> Layout:
@@ -172,7 +167,7 @@ def layout_of(info: dict[str, Any]) -> Layout:
         for key, feature in features.items()
         if feature["dtype"] == "video"
     )
-    codecs = {feature["info"]["video.codec"] for feature in features.values() if feature["dtype"] == "video"}
+    codecs = {(feature.get("info") or {}).get("video.codec", "") for feature in features.values()} - {""}
     joints = tuple(features.get(ACTION, {}).get("names") or ())
     units = tuple(features.get(ACTION, {}).get(UNITS) or ())
     codec = min(codecs, default="av1")

@@ -29,7 +29,7 @@ class ShownEpisode(msgspec.Struct, frozen=True):
 class Shown(msgspec.Struct, frozen=True):
     dataset: str
     robot_type: str
-    fps: int
+    fps: int | float
     joints: list[str]
     cameras: dict[str, str]  # size and codec
     total_episodes: int
@@ -47,14 +47,14 @@ def show(root: Path) -> Shown:
     require_dataset(root)
     index = Index(root)
     info = index.info or {"fps": 0, "features": {}}
-    fps = int(info["fps"])
+    fps = as_shown(info["fps"])
     uncounted = [path.relative_to(root) for path in index.uncounted()]
     episodes = [
         ShownEpisode(
             one.index,
             one.task,
             one.frames,
-            round(one.frames / fps, 3),
+            round(one.frames / fps, 3) if fps else 0.0,
             one.marks.gaps,
             one.marks.stale,
             one.marks.repaired,
@@ -80,8 +80,14 @@ def show(root: Path) -> Shown:
     )
 
 
+def as_shown(number: float) -> int | float:
+    """Return a whole number as one."""
+    return int(number) if number == int(number) else number
+
+
 def _camera(feature: dict[str, Any]) -> str:
-    height, width, _ = feature["shape"]
+    size = dict(zip(feature.get("names") or ("height", "width", "channels"), feature["shape"], strict=False))
+    height, width = size.get("height", feature["shape"][0]), size.get("width", feature["shape"][1])
     return f"{width}x{height} {(feature.get('info') or {}).get('video.codec', '')}"
 
 

@@ -18,6 +18,7 @@ from wsproto.events import AcceptConnection, CloseConnection, Message, Ping, Req
 from wsproto.utilities import ProtocolError
 
 from strands_actors.kernel.clock import Clock
+from strands_actors.kernel.serving import GONE, Client, serve_clients
 from strands_actors.supervisors.root.messages import Operate
 
 from .requests import HEAD_END, MAX_HEAD, Lateness, parse, refuse
@@ -29,7 +30,8 @@ SILENT_S = 2.0
 """A page that has said nothing for so long is gone, though its connection may stay for ever: a phone
 that sleeps, a network that is lost."""
 MAX_MESSAGE = 4096
-MOST_CLIENTS = 16
+MOST_STRANGERS = 16
+"""Clients that have not shown the token."""
 LONGEST_MS = 1e12
 """A page is open for less than thirty years."""
 REASONS = {400: "Bad Request", 403: "Forbidden", 404: "Not Found", 405: "Method Not Allowed", 409: "Conflict",
@@ -46,7 +48,7 @@ class Told(msgspec.Struct):
     episode: Literal["", "start", "finish", "discard", "again"] = ""
 
 
-class _Client:
+class _Operator:
     """One page, from its first message to its last."""
 
     def __init__(self) -> None:
@@ -77,7 +79,6 @@ class Page:
         self._token = secrets.token_urlsafe(24)
         self._hosts: frozenset[str] = frozenset()
         self._operated = False
-        self._clients = trio.CapacityLimiter(MOST_CLIENTS)
 
     async def serve(self, host: str, port: int, tell: Callable[[str], None]) -> None:
         """Until cancelled. ``tell``: what is to be done with the address, which has the token in it.
@@ -87,35 +88,32 @@ class Page:
         names = {host, "localhost"} if host.startswith("127.") else {host}
         self._hosts = frozenset(f"{name.lower()}:{number}" for name in names)  # as browsers say them
         tell(f"http://{host}:{number}/?token={self._token}")
-        await trio.serve_listeners(self._attend, [listener])
+        await serve_clients(self._answer, listener, MOST_STRANGERS, SEND_S)
 
-    async def _attend(self, stream: trio.SocketStream) -> None:
-        with contextlib.suppress(trio.BrokenResourceError, trio.ClosedResourceError, trio.TooSlowError):
-            async with stream, self._clients:
-                await self._answer(stream)
-
-    async def _answer(self, stream: trio.SocketStream) -> None:
+    async def _answer(self, client: Client) -> None:
         data = b""
         with trio.fail_after(HEAD_S):
             while HEAD_END not in data:
-                more = await stream.receive_some(MAX_HEAD)
+                more = await client.receive(MAX_HEAD)
                 data += more
                 if not more or len(data) > MAX_HEAD:
                     return
         asked = parse(data.partition(HEAD_END)[0])
         refusal = refuse(asked, self._token, self._hosts)
+        if refusal is None:
+            client.admit()
         if refusal is None and asked is not None and asked.wants_websocket:
             if not self._operated:
                 self._operated = True
                 try:
-                    await self._converse(stream, data)
+                    await self._converse(client, data)
                 finally:
                     self._operated = False
                     self._operate(Operate(self._clock.now_ns(), False))
                 return
             refusal = 409, "somebody else operates it"
         if refusal is not None:
-            await _respond(stream, refusal[0], "text/plain", refusal[1].encode())
+            await _respond(client, refusal[0], "text/plain", refusal[1].encode())
             return
         nonce = secrets.token_urlsafe(12)
         page = resources.files(__package__).joinpath("page.html").read_text("utf-8")
@@ -125,65 +123,60 @@ class Page:
             f"default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; connect-src 'self'; "
             "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
         )
-        await _respond(stream, 200, "text/html; charset=utf-8", body, policy)
+        await _respond(client, 200, "text/html; charset=utf-8", body, policy)
 
-    async def _converse(self, stream: trio.SocketStream, data: bytes) -> None:
+    async def _converse(self, client: Client, data: bytes) -> None:
         """One operator: whatever ends it, the dead-man is let go of."""
         end = WSConnection(ConnectionType.SERVER)
-        client = _Client()
+        operator = _Operator()
         async with trio.open_nursery() as nursery:
             try:
                 while True:
                     end.receive_data(data or None)
                     for event in end.events():
                         if isinstance(event, Request):
-                            await _send(stream, end.send(AcceptConnection()))
-                            nursery.start_soon(self._tell, stream, end, nursery.cancel_scope)
+                            await client.send(end.send(AcceptConnection()))
+                            nursery.start_soon(self._tell, client, end, nursery.cancel_scope)
                         elif isinstance(event, Ping):
-                            await _send(stream, end.send(event.response()))
+                            await client.send(end.send(event.response()))
                         elif isinstance(event, Message):
                             if not isinstance(event, TextMessage) or not event.message_finished:
                                 return
-                            self._take(event.data, client)
+                            self._take(event.data, operator)
                         elif isinstance(event, CloseConnection):
-                            await _send(stream, end.send(event.response()))
+                            await client.send(end.send(event.response()))
                             return
                     data = b""
                     with trio.move_on_after(SILENT_S):
-                        data = await stream.receive_some(MAX_MESSAGE)
+                        data = await client.receive(MAX_MESSAGE)
                     if not data:
                         return
-            except (ProtocolError, msgspec.MsgspecError):
+            except (ProtocolError, msgspec.MsgspecError, RecursionError, UnicodeError):
                 return  # no page of ours says that
             finally:
                 nursery.cancel_scope.cancel()
 
-    def _take(self, text: str, client: _Client) -> None:
+    def _take(self, text: str, operator: _Operator) -> None:
         now_ns = self._clock.now_ns()
         told = msgspec.json.decode(text, type=Told)
-        client.has_let_go = client.has_let_go or not told.held
-        held = told.held and client.has_let_go
-        t_ns = now_ns - client.lateness.of(told.at_ms, now_ns)
+        operator.has_let_go = operator.has_let_go or not told.held
+        held = told.held and operator.has_let_go
+        t_ns = now_ns - operator.lateness.of(told.at_ms, now_ns)
         self._operate(Operate(t_ns, held, told.rates))
         if told.episode:
             self._press(t_ns, told.episode)
 
-    async def _tell(self, stream: trio.SocketStream, end: WSConnection, scope: trio.CancelScope) -> None:
+    async def _tell(self, client: Client, end: WSConnection, scope: trio.CancelScope) -> None:
         """What the page shows; a page that does not read is gone."""
         try:
             while True:
-                await _send(stream, end.send(TextMessage(json.dumps(self._status()))))
+                await client.send(end.send(TextMessage(json.dumps(self._status()))))
                 await trio.sleep(TELL_S)
-        except (trio.BrokenResourceError, trio.ClosedResourceError, trio.TooSlowError, ProtocolError):
+        except (*GONE, ProtocolError):
             scope.cancel()
 
 
-async def _send(stream: trio.SocketStream, data: bytes) -> None:
-    with trio.fail_after(SEND_S):
-        await stream.send_all(data)
-
-
-async def _respond(stream: trio.SocketStream, code: int, kind: str, body: bytes, policy: str = "") -> None:
+async def _respond(client: Client, code: int, kind: str, body: bytes, policy: str = "") -> None:
     reason = REASONS.get(code, "OK")
     rows = [
         f"HTTP/1.1 {code} {reason}",
@@ -195,7 +188,7 @@ async def _respond(stream: trio.SocketStream, code: int, kind: str, body: bytes,
         "Connection: close",
         *([f"Content-Security-Policy: {policy}"] if policy else []),
     ]
-    await _send(stream, "\r\n".join(rows).encode() + HEAD_END + body)
+    await client.send("\r\n".join(rows).encode() + HEAD_END + body)
 
 
 def write_address(path: Path, text: str) -> None:

@@ -1,9 +1,9 @@
-"""Who asks: the script that has started the tree, operators on its mesh, and a policy of its own
-process."""
+"""Operators on the mesh of a simulated robot, and the policy of its rollouts. The script that starts
+the tree is in ``script.py``."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import trio
@@ -13,33 +13,28 @@ from strands_actors.kernel.clock import VirtualClock
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Node, Ref, Unreachable
 from strands_actors.supervisors import addresses
-from strands_actors.supervisors import permissions as channels
 from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.gate.messages import (
     Acquire,
-    Beat,
     GetStatus,
     Lease,
+    Perform,
     Release,
     Resume,
     Resumed,
     Setpoint,
-    Status,
     Stop,
 )
 from strands_actors.supervisors.root.guardian import Guardian
-from strands_actors.supervisors.root.messages import Fence, Rollout, Shutdown, StartTask, StopTask
-from strands_actors.supervisors.root.process import Root
+from strands_actors.supervisors.root.messages import Fence, StopTask
 from strands_actors.supervisors.root.tasks import Tasks
 
-from .children import SimChild
-from .links import SimLink, SimMesh
-from .plan import CALLER, Event
+from .links import SimMesh
+from .plan import Event
 from .robot_model import Actions
 from .world import Process, World
 
 ROBOT = "explored"
-BEAT_S = 0.2
 GOES_ON = ("too_fast", "superseded")
 """Refusals after which a stream goes on."""
 ASK_S = 0.3
@@ -49,7 +44,8 @@ START_S = 1.0
 PERIOD_S = 1 / 30
 ONESHOT_S = 0.25
 """Until a single command that is latched must have reached the wire."""
-PROVIDER = "strands_actors.testing.explore.askers:Sweep"
+HASTY_S = (0.001, 0.02)
+"""How long the setpoints of a hasty stream live."""
 
 
 class Sweep:
@@ -62,22 +58,15 @@ class Sweep:
 
 
 class Asker:
-    """``events``: what it asks, and when since the world began."""
+    """An operator. ``events``: what it asks, and when since the world began."""
 
-    def __init__(
-        self, world: World, name: str, events: list[Event], style: str, actions: Actions, driver: Driver
-    ) -> None:
+    def __init__(self, world: World, name: str, events: list[Event], actions: Actions, driver: Driver) -> None:
         self.world = world
         self.name = name
         self.events = events
-        self.style = style
         self.actions = actions
         self.driver = driver
-        self._lease: Lease | None = None
-        self._stopped = 0
-        self._child: Any = None
-        self.start_root: Callable[[str], SimChild] | None = None
-        """Of the caller: starts the tree for the node at that address."""
+        self._own: Lease | None = None
 
     async def main(self, process: Process) -> None:
         self.process = process
@@ -87,61 +76,30 @@ class Asker:
         self.gate: Ref = self.node.ref(at.gate, Gate, sender)
         self.guardian: Ref = self.node.ref(at.guardian, Guardian)
         self.tasks: Ref = self.node.ref(at.tasks, Tasks)
-        self.tree: Ref = self.node.ref(at.root, Root)
         async with trio.open_nursery() as nursery:
             self.nursery = nursery
             await nursery.start(self.node.run)
             mesh = await SimMesh.open()
             mesh.attach(self.node)
             await nursery.start(mesh.run)
-            if self.name == CALLER:
-                assert self.start_root is not None
-                self._child = self.start_root(self.node.address)
-                link: SimLink = self._child.link(self.node, channels.of_root(ROBOT))
-                nursery.start_soon(link.run)
-                nursery.start_soon(self._beat)
-                nursery.start_soon(self._by_itself)
+            await self._begin()
             for event in self.events:
-                nursery.start_soon(self._do, event)
+                nursery.start_soon(self._wait_and_do, event)
             await trio.sleep_forever()
 
-    # -- what it does by itself
+    async def _begin(self) -> None:
+        """Start what it does by itself: an operator does nothing."""
 
-    async def _beat(self) -> None:
-        while True:
-            await trio.sleep(BEAT_S)
-            if self._lease is not None:
-                self.gate.tell(Beat(self._lease.id))
-
-    async def _by_itself(self) -> None:
-        """Connect, energise, move: once."""
-        while True:
-            status = await self._ask(self.gate, GetStatus(), ASK_S)
-            if isinstance(status, Status) and status.mode == "disarmed":
-                break
-            await trio.sleep(0.01)
-        if self.style == "rest" or self._stopped:
-            return
-        await self._resume(lift=False)
-        match self.style:
-            case "stream":
-                await self._stream(10.0)
-            case "oneshot":
-                for _ in range(30):
-                    await self._oneshot()
-                    await trio.sleep(0.15)
-            case "task":
-                await self._start_task(10.0)
-
-    # -- the verbs
-
-    async def _do(self, event: Event) -> None:
+    async def _wait_and_do(self, event: Event) -> None:
         await trio.sleep_until(self.world.began_s + event.at_s)
+        await self.do(event)
+
+    async def do(self, event: Event) -> None:
         match event.kind:
             case "stop":
-                await self._stop(Reason.STOP, False)
+                await self._ask(self.gate, Stop(Reason.STOP, self.name), STOP_S)
             case "estop":
-                await self._stop(Reason.ESTOP, True)
+                await self._ask(self.gate, Stop(Reason.ESTOP, self.name, True), STOP_S)
             case "resume":
                 await self._resume(lift=True)
             case "resume softly":
@@ -150,20 +108,22 @@ class Asker:
                 await self._oneshot()
             case "stream":
                 await self._stream(event.value)
+            case "hasty stream":
+                await self._stream(event.value, hasty=True)
+            case "service":
+                await self._perform()
             case "acquire":
                 await self._acquire()
             case "release":
                 await self._release()
             case "status":
                 await self._ask(self.gate, GetStatus(), ASK_S)
-            case "start task":
-                await self._start_task(event.value)
             case "stop task":
                 await self._ask(self.tasks, StopTask(), START_S)
             case "fence":
                 await self._ask(self.guardian, Fence(Reason.STOP, self.name), FENCE_S)
-            case "cleanup":
-                await self._clean_up()
+            case _:
+                raise ValueError(f"{self.name} cannot {event.kind}")
 
     async def _ask(self, ref: Ref, message: Message, within_s: float) -> Message | None:
         try:
@@ -171,18 +131,11 @@ class Asker:
         except (AskTimeout, Unreachable):
             return None
 
-    async def _stop(self, reason: Reason, lock: bool) -> None:
-        """As ``RobotTree.stop``: the gate; else the guardian; else the root is ended."""
-        self._stopped += 1
-        if await self._ask(self.gate, Stop(reason, self.name, lock), STOP_S) is not None or self.name != CALLER:
-            return
-        if await self._ask(self.guardian, Fence(reason, self.name, lock), FENCE_S) is None:
-            self._child.kill()
+    # -- the verbs
 
-    async def _clean_up(self) -> None:
-        self._stopped += 1
-        if await self._ask(self.tree, Shutdown(Reason.CLEANUP, self.name), FENCE_S) is None:
-            self._child.kill()
+    @property
+    def lease(self) -> Lease | None:
+        return self._own
 
     async def _resume(self, lift: bool) -> None:
         answer = await self._ask(self.gate, Resume(self.name, lift), 4.0)
@@ -190,59 +143,55 @@ class Asker:
             await self._acquire()
 
     async def _acquire(self) -> None:
-        again = self._lease.id if self._lease else 0
+        again = self._own.id if self._own else 0
         answer = await self._ask(self.gate, Acquire(self.name, pid=self.process.pid, again=again), ASK_S)
         if isinstance(answer, Lease):
-            self._lease = answer
+            self._own = answer
 
     async def _release(self) -> None:
-        lease, self._lease = self._lease, None
+        lease, self._own = self._own, None
         if lease is not None:
             await self._ask(self.gate, Release(lease.id), ASK_S)
 
     async def _oneshot(self) -> None:
-        if self._lease is None:
+        if self.lease is None:
             await self._acquire()
-        if self._lease is not None:
+        if self.lease is not None:
             lives_s = self.driver.timing.oneshot_ttl_s
             deadline_ns = self.node.clock.now_ns() + round((lives_s or ONESHOT_S) * 1e9)
             action = self.actions.next(far=True)
-            setpoint = Setpoint(self._lease.id, self._lease.epoch, deadline_ns, action, latched=lives_s is None)
+            setpoint = Setpoint(self.lease.id, self.lease.epoch, deadline_ns, action, latched=lives_s is None)
             await self._ask(self.gate, setpoint, ASK_S)
 
-    async def _stream(self, for_s: float) -> None:
-        """Until something is refused."""
-        if self._lease is None:
+    async def _perform(self) -> None:
+        """Ask for one of the driver's own services, whatever it is."""
+        if self.lease is None:
             await self._acquire()
+        if self.lease is not None and self.driver.SERVICES:
+            service = self.world.rng("services").choice(sorted(self.driver.SERVICES))
+            within_s = self.driver.SERVICES[service].within_s + ASK_S
+            await self._ask(self.gate, Perform(self.lease.id, self.lease.epoch, service, {}, None), within_s)
+
+    async def _stream(self, for_s: float, hasty: bool = False) -> None:
+        """Send setpoints until something is refused. The setpoints of a hasty stream live for a few
+        milliseconds: some are late, and none of these may be written."""
+        if self.lease is None:
+            await self._acquire()
+        rng = self.world.rng("hasty")
         for at_s in _times(trio.current_time(), for_s):
             await trio.sleep_until(at_s)
-            lease = self._lease
+            lease = self.lease
             if lease is None:
                 return
-            deadline_ns = self.node.clock.now_ns() + round(self.driver.timing.stream_ttl_s * 1e9)
+            lives_s = rng.uniform(*HASTY_S) if hasty else self.driver.timing.stream_ttl_s
+            deadline_ns = self.node.clock.now_ns() + round(lives_s * 1e9)
             action = self.actions.next(far=False)
-            answer = await self._ask(
-                self.gate, Setpoint(lease.id, lease.epoch, deadline_ns, action, PERIOD_S), ASK_S
-            )
-            if answer is None or (isinstance(answer, Refused) and answer.code not in GOES_ON):
+            setpoint = Setpoint(lease.id, lease.epoch, deadline_ns, action, PERIOD_S)
+            answer = await self._ask(self.gate, setpoint, ASK_S)
+            if hasty and isinstance(answer, Refused):
+                await self._acquire()  # the robot holds since the last setpoint expired
+            elif answer is None or (isinstance(answer, Refused) and answer.code not in GOES_ON):
                 return
-
-    async def _start_task(self, for_s: float) -> None:
-        if self._lease is None:
-            await self._acquire()
-        if self._lease is None:
-            return
-        rollout = Rollout(
-            ROBOT, self.driver.axes, "sweep", PERIOD_S, self.driver.timing.stream_ttl_s, for_s, over=self._lease.id
-        )
-        deadline_ns = self.node.clock.now_ns() + round(START_S * 1e9)
-        if await self._ask(self.tasks, StartTask(PROVIDER, {}, rollout, deadline_ns), START_S) is None:
-            await self._never_started()
-
-    async def _never_started(self) -> None:
-        """As ``Rollouts``: the stop ends the lease that a policy would write under."""
-        self.tasks.tell(StopTask())
-        await self._ask(self.gate, Stop(Reason.POLICY, self.name), STOP_S)
 
 
 def _times(begin_s: float, for_s: float) -> Iterator[float]:

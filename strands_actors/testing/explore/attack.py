@@ -11,8 +11,8 @@ from strands_actors.kernel.frames import ASK, frame
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.gate.messages import Acquire, Resume, Stop, StopReport
 
+from .kinds import CALLER
 from .links import Net, SimMesh
-from .plan import CALLER
 
 PESTER_S = 0.01
 

@@ -40,6 +40,7 @@ class SimChild(ChildProcess):
             self._child.kill(-sig)
 
     def pidfds(self) -> tuple[int, ...]:
+        self._sock.process.resources.open_file()
         return (os.memfd_create(f"pidfd {self.pid}"),)
 
     async def wait(self) -> int:
@@ -76,6 +77,7 @@ class Starter:
     ) -> SimChild:
         role, main = self._entries[entry]
         parent = self.world.current
+        parent.resources.open_file()
         boot_s = most_s * (0.3 + 0.7 * self._rng.random())
         ends: list[Socket] = []
         if descriptors:
@@ -112,6 +114,7 @@ class SimSpawner:
 
     def __init__(self, starter: Starter) -> None:
         self._starter = starter
+        self.pid = 1
 
     async def start(
         self, entry: str, args: Mapping[str, Any], session: bool = False, descriptors: Sequence[int] = ()
@@ -168,8 +171,13 @@ class SimOs:
         parent = self._world.current.parent
         return 1 if parent is None or parent.gone else parent.pid
 
+    def dup(self, fd: int) -> int:
+        self._world.current.resources.open_file()
+        return os.dup(fd)
+
     def pidfd_open(self, pid: int) -> int:
         """A descriptor to give away; who gets it goes by the number that comes with it."""
+        self._world.current.resources.open_file()
         return os.memfd_create(f"pidfd {pid}")
 
     def urandom(self, size: int) -> bytes:
@@ -191,6 +199,17 @@ def suspected(world: World, pid: int) -> Standing | None:
         return Standing(0, 0, False, stopped=True)
     waited_ns = round((world.now_s if process.lag_s else 0.0) * 1e9)
     return Standing(0, waited_ns, bool(process.lag_s))
+
+
+class SimStatFile:
+    """As ``StatFile``."""
+
+    def __init__(self, world: World, pid: int) -> None:
+        self._world = world
+        self._pid = pid
+
+    def life(self) -> Life:
+        return life_of(self._world, self._pid)
 
 
 def life_of(world: World, pid: int) -> Life:

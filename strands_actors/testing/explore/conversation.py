@@ -4,6 +4,7 @@ processes."""
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import msgspec
 
@@ -12,6 +13,8 @@ from strands_actors.kernel.messages import Message, Refused
 from strands_actors.supervisors.gate.messages import (
     Accepted,
     Lease,
+    Perform,
+    Performed,
     Release,
     Resume,
     Resumed,
@@ -21,8 +24,8 @@ from strands_actors.supervisors.gate.messages import (
 )
 from strands_actors.supervisors.root.messages import Fence, Shutdown, StartTask, StopTask, TaskStatus
 
-Question = Setpoint | Stop | Resume | Release | Fence | Shutdown | StartTask | StopTask
-Reply = Accepted | Refused | StopReport | Resumed | Lease | TaskStatus
+Question = Setpoint | Perform | Stop | Resume | Release | Fence | Shutdown | StartTask | StopTask
+Reply = Accepted | Performed | Refused | StopReport | Resumed | Lease | TaskStatus
 
 _question = msgspec.msgpack.Decoder(Question)
 _reply = msgspec.msgpack.Decoder(Reply)
@@ -44,9 +47,20 @@ class Asked:
         return isinstance(self.answer, Refused)
 
 
+class Told(NamedTuple):
+    """An envelope that the script got for a verb, as a user reads it."""
+
+    asked_s: float
+    answered_s: float
+    verb: str
+    success: bool
+    pid: int
+
+
 @dataclass
 class Conversation:
     asked: list[Asked] = field(default_factory=list)
+    told: list[Told] = field(default_factory=list)
     setpoints: list[Asked] = field(default_factory=list)
     _open: dict[tuple[str, int], Asked] = field(default_factory=dict)
 
@@ -71,3 +85,12 @@ class Conversation:
 
     def of(self, kind: type[Message]) -> list[Asked]:
         return [asked for asked in self.asked if isinstance(asked.message, kind)]
+
+
+def type_name(data: bytes) -> str:
+    """Return the name of the type of the message in a frame; empty where it carries none."""
+    head = decode_frame(data)
+    if head.kind not in (TELL, ASK, REPLY):
+        return ""
+    body = msgspec.msgpack.decode(head.body)
+    return str(body[0]) if isinstance(body, list) and body else ""

@@ -9,8 +9,8 @@ from typing import NamedTuple
 from strands_actors.contract.driver import Reason
 from strands_actors.supervisors.gate.messages import Setpoint, Stop
 
-from .conversation import Asked, Conversation
-from .plan import AT_A_POINT, BUS, CONDITIONS, NETWORK, SERVICE, SESSION, Event
+from .conversation import Asked, Conversation, Told
+from .kinds import AT_A_POINT, BUS, CALLER, CONDITIONS, EXHAUSTION, NETWORK, PEER, PEER_TALKS, SERVICE, SESSION
 from .robot_model import Frame, RobotModel
 from .world import TREE, Process, World
 
@@ -29,7 +29,7 @@ class Fault(NamedTuple):
 class Evidence:
     """``mended_s``: since then nothing is wrong any more."""
 
-    def __init__(self, world: World, model: RobotModel, events: tuple[Event, ...], mended_s: float) -> None:
+    def __init__(self, world: World, model: RobotModel, mended_s: float) -> None:
         self.world = world
         self.model = model
         self.frames = model.frames
@@ -37,7 +37,6 @@ class Evidence:
         self.energised_at = model.energised_at
         self.end_s = world.now_s
         self.mended_s = mended_s
-        self._events = events
         self._conversation: Conversation = world.conversation
 
     def s(self, t_s: float) -> str:
@@ -57,6 +56,19 @@ class Evidence:
     @property
     def asked(self) -> list[Asked]:
         return self._conversation.asked
+
+    @property
+    def told(self) -> list[Told]:
+        """Return the envelopes of the script's verbs."""
+        return self._conversation.told
+
+    def energising(self) -> Iterator[tuple[float, frozenset[int]]]:
+        """Return when motors got their power, and which."""
+        before: frozenset[int] = frozenset()
+        for t_s, motors in self.energised_log:
+            if motors - before:
+                yield t_s, motors - before
+            before = motors
 
     # -- setpoints on the wire, and who asked for them
 
@@ -88,6 +100,19 @@ class Evidence:
                 found.append((frame, asked_for))
         return found
 
+    def last_order(self, t_s: float) -> Frame | None:
+        """Return the last setpoint or safe frame of the robot by then."""
+        orders = (frame for frame in reversed(self.frames) if frame.t_s <= t_s and frame.kind != "enable")
+        return next(orders, None)
+
+    def is_moved_by(self, frame: Frame, told: Told) -> bool:
+        """Return whether this setpoint is one that the verb ends: it was asked for before, by a
+        policy, or for a release by the script itself."""
+        writers = ("policy",) if told.verb == "stop_task" else (CALLER, "policy")
+        return any(
+            each is frame and asked.at_s < told.asked_s and asked.who in writers for each, asked in self.setpoints()
+        )
+
     def counts(self, frame: Frame) -> bool:
         """Whether who wrote this frame could know that no other would write: the wire, or its
         heir."""
@@ -109,10 +134,9 @@ class Evidence:
 
     @cached_property
     def faults(self) -> list[Fault]:
-        begun_s = self.world.began_s
         return [
-            Fault(begun_s + event.at_s, event.kind, event.who, event.value or self.mended_s - begun_s - event.at_s)
-            for event in self._events
+            Fault(t_s, event.kind, event.who, event.value or self.mended_s - t_s)
+            for t_s, event in self.world.befell
             if event.kind in _WRONG
         ]
 
@@ -129,6 +153,18 @@ class Evidence:
             if fault.kind == "freeze" and fault.who == "caller":
                 continue  # what it commanded is held; what it did not command is not
             if self._is_alone(fault):
+                yield fault
+
+    def faults_beside_exhaustion(self) -> Iterator[Fault]:
+        """Of caller, root or wire, while another process lacks something, with nothing else wrong."""
+        for fault in self.faults:
+            if fault.kind not in ("kill", "freeze") or fault.who not in ("caller", "root", "wire"):
+                continue
+            if fault.kind == "freeze" and fault.who == "caller":
+                continue
+            near = [other for other in self.faults if other is not fault and _near(fault.t_s, other)]
+            lacking = [other for other in near if other.kind in EXHAUSTION and other.who != fault.who]
+            if lacking and len(lacking) == len(near) and all(other.t_s <= fault.t_s for other in lacking):
                 yield fault
 
     def lone_conditions(self) -> Iterator[Fault]:
@@ -168,7 +204,11 @@ class Evidence:
 
     def failed(self) -> list[Process]:
         """Processes of the tree that ended by a failure of their own."""
-        return [process for process in self.world.processes if process.role in TREE and process.code == 1]
+        return [
+            process
+            for process in self.world.processes
+            if process.role in TREE and process.code == 1 and not process.resources.lacked
+        ]
 
     def alive(self) -> list[str]:
         ours = TREE - {"caller"}
@@ -176,10 +216,25 @@ class Evidence:
 
 
 _WRONG = frozenset(
-    {"kill", "freeze", "lag", "restart", "cut mesh", "slow mesh", *BUS, *SESSION, *NETWORK, *SERVICE, *CONDITIONS}
+    {
+        "kill",
+        "freeze",
+        "lag",
+        "restart",
+        "cut mesh",
+        "slow mesh",
+        *BUS,
+        *SESSION,
+        *NETWORK,
+        *SERVICE,
+        *CONDITIONS,
+        *PEER,
+        *EXHAUSTION,
+    }
 )
 _STILL_HEARS = (
     *("lose replies", "hold replies", "mute", "late", "corrupt", "garble", "twice", "slow service"),
+    *PEER_TALKS,
     *AT_A_POINT,
     *CONDITIONS,
 )

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from strands_actors.contract.driver import HOLDING_REASONS, Reason
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.supervisors.gate.messages import Resume, Resumed, Setpoint, Stop, StopReport
+from strands_actors.supervisors.gate.messages import Perform, Resume, Resumed, Setpoint, Stop, StopReport
 from strands_actors.supervisors.root.messages import Fence, StartTask
 
 from .conversation import Asked
@@ -30,12 +30,19 @@ FREEZE_S = 0.25
 are late."""
 ORDER_S = 0.3
 """A stop waits for one message on the mesh, and cuts short what need not be finished."""
+HELD_S = 0.15
+"""From the success of a verb that ends a motion until the robot holds."""
 WRITER_S = 1.3
 """A writer that is dead or frozen for so long has lost its lease (1 s)."""
 CONDITION_S = 0.4
 """What a robot reads of itself, at its control rate, is acted on."""
 START_S = 1.1
 """By then who asked for a task has been told that it was not started."""
+
+
+EXHAUSTED_S = 0.6
+"""Two bounds of a freeze: a process that lacks something finds that out by its first attempt, ends,
+and the next one acts."""
 
 
 class Violation(NamedTuple):
@@ -197,13 +204,17 @@ def a_death_is_followed_by_a_safe_frame(seen: Evidence) -> Found:
 
 
 def nothing_is_energised_without_a_resume(seen: Evidence) -> Found:
-    """By who may: a policy may not. A servo whose torque comes back by a goal is another matter."""
-    resumes = [asked for asked in seen.asked if isinstance(asked.message, Resume) and asked.who != "policy"]
+    """By who may: a policy may not. A servo whose torque comes back by a goal is another matter.
+
+    What was cut off may take effect for as long as the driver declares, which SAF-021 looks at."""
+    may_energise = Resume | Perform
+    asks = [asked for asked in seen.asked if isinstance(asked.message, may_energise) and asked.who != "policy"]
+    late_s = seen.model.driver.late_s
     for frame in seen.frames:
         arms = frame.kind == "enable" or (frame.kind == "safe" and not frame.safe_state)
         if not arms or not frame.energised - frame.energised_before:
             continue
-        if not any(asked.at_s <= frame.left_s <= asked.answered_s for asked in resumes):
+        if not any(asked.at_s <= frame.left_s <= asked.answered_s + late_s for asked in asks):
             yield (
                 frame.t_s,
                 f"motors {sorted(frame.energised - frame.energised_before)} are energised, nobody resumes",
@@ -270,6 +281,54 @@ def a_tree_ends(seen: Evidence) -> Found:
         yield seen.end_s, f"{', '.join(left)} still runs after its caller"
 
 
+def a_death_beside_an_exhausted_process_is_followed_by_a_safe_frame(seen: Evidence) -> Found:
+    for fault in seen.faults_beside_exhaustion():
+        end_s = fault.t_s + EXHAUSTED_S
+        if not seen.energised_at(fault.t_s) or (fault.kind == "freeze" and fault.for_s < EXHAUSTED_S):
+            continue
+        safe = not seen.energised_at(end_s) or seen.ends_by(end_s)
+        if not safe and not any(frame.safe_state and fault.t_s < frame.t_s <= end_s for frame in seen.frames):
+            yield end_s, f"{fault.kind} of {fault.who} at {seen.s(fault.t_s)}: no safe frame within {EXHAUSTED_S} s"
+
+
+def nothing_takes_effect_after_a_confirmed_stop(seen: Evidence) -> Found:
+    """What was asked before the stop energises nothing after its report."""
+    ends = seen.safe_states(Reason.STOP, Reason.ESTOP)
+    asks = [asked for asked in seen.asked if isinstance(asked.message, Resume | Perform) and asked.who != "policy"]
+    asks += [asked for _, asked in seen.setpoints()]  # of a robot that a setpoint energises
+    for asked in seen.asked:
+        report = asked.answer
+        if not isinstance(report, StopReport) or not report.confirmed or report.safe_state not in ends:
+            continue
+        for t_s, motors in seen.energising():
+            newer = any(asked.at_s < other.at_s <= t_s for other in asks)
+            if t_s > asked.answered_s and not newer:
+                told = f"{asked.who} is told at {seen.s(asked.answered_s)} that all motors are safe"
+                yield t_s, f"{told}, then motors {sorted(motors)} are energised, by what was asked before"
+
+
+def a_success_is_true(seen: Evidence) -> Found:
+    """A stop that a user reads as a success has let go of the robot; the end of a motion has ended
+    it."""
+    for told in seen.told:
+        if not told.success or not seen.energised_at(told.answered_s):
+            continue
+        if told.verb in ("stop", "estop", "cleanup"):
+            since_s = told.asked_s
+            others = any(
+                isinstance(asked.message, Resume | Perform) and since_s < asked.answered_s
+                for asked in seen.asked
+                if asked.at_s <= told.answered_s
+            )
+            if not others:
+                yield told.answered_s, f"{told.verb}: success, motors are energised, nobody has resumed"
+        elif told.verb in ("release", "stop_task"):
+            end_s = told.answered_s + HELD_S
+            frame = seen.last_order(end_s)
+            if frame is not None and seen.is_moved_by(frame, told) and seen.energised_at(end_s):
+                yield end_s, f"{told.verb}: success, the setpoint of {seen.s(frame.t_s)} stands"
+
+
 INVARIANTS: dict[str, Callable[[Evidence], Found]] = {
     "SAF-001 no setpoint past its deadline": no_setpoint_past_its_deadline,
     "SAF-002 no setpoint after a safe frame": no_setpoint_after_a_safe_frame,
@@ -288,6 +347,11 @@ INVARIANTS: dict[str, Callable[[Evidence], Found]] = {
     "SAF-018 a lock is obeyed": a_lock_is_obeyed,
     "SAF-018 nothing stays energised": nothing_stays_energised,
     "SAF-020 an order to stop is written": an_order_to_stop_is_written,
+    "SAF-021 nothing takes effect after a stop": nothing_takes_effect_after_a_confirmed_stop,
+    "SAF-023 a success is true": a_success_is_true,
+    "SAF-024 an exhausted process is no obstacle": (
+        a_death_beside_an_exhausted_process_is_followed_by_a_safe_frame
+    ),
     "SAF-019 a hold moves no joint": a_hold_moves_no_joint,
     "SAF-019 no frame energises a limp motor": no_frame_energises_a_limp_motor,
 }

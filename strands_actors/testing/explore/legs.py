@@ -13,6 +13,7 @@ from typing import Any
 from strands_actors.contract.loading import load
 
 from .children import SimOs
+from .kinds import PEER
 from .plan import Event
 from .robot_model import Effect, Frame, RobotModel, Seam, nothing, put
 from .udp_network import UdpNetwork
@@ -185,12 +186,13 @@ class LeggedRobot(RobotModel):
                 return self.brown_out, nothing
             case "low battery":
                 return put(self.onboard, "soc", EMPTY_PCT, FULL_PCT)
-        return None
+        return put(network.peer, "kind", event.kind, "") if event.kind in PEER else None
 
     def mend(self) -> None:
         network = self.network
         network.cut.clear()
         network.lost = network.late_s = network.doubled = network.spoiled = 0.0
+        network.peer.kind = ""
         self.stalled = False
         self.onboard.soc = FULL_PCT
 

@@ -46,6 +46,7 @@ class Socket:
         if not peer.process.dead and peer.bytes + len(data) <= SOCKET_BYTES:
             peer.queue.append((data, tuple(os.dup(fd) for fd in descriptors)))
             peer.bytes += len(data)
+            peer.process.hears(data)
             peer.process.post(peer.rouse)
         return True
 
@@ -261,6 +262,7 @@ class SimMesh:
 
     def arrived(self, data: bytes, urgent: bool) -> None:
         (self._urgent if urgent else self._inbox).append(data)
+        self.process.hears(data)
         self.process.post(self._rouse)
 
     def _rouse(self) -> None:

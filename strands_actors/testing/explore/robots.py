@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from .legs import LeggedRobot
+from .queued_robot import QueuedRobot
 from .robot_model import RobotModel
 from .service_robot import Base, Drone, SlowArm
 from .servo_arm import ServoArm
 from .session_arm import SessionArm
+from .upload_arm import UploadArm
 
 MODELS: dict[str, type[RobotModel]] = {
     "so101": ServoArm,
     "xarm7": SessionArm,
+    "ur5e": UploadArm,
     "unitree_go2": LeggedRobot,
     "fake_base": Base,
     "fake_drone": Drone,
     "fake_http": SlowArm,
+    "fake_queue": QueuedRobot,
 }
 ROBOTS = tuple(MODELS)

@@ -22,11 +22,13 @@ from .attack import attack
 from .children import FORKED_S, SimAhead, SimChild, SimSpawner, Starter
 from .evidence import Evidence
 from .invariants import Violation, violations_of
+from .kinds import AT_A_POINT, CALLER, EXHAUSTION, OPERATORS
 from .links import Net, Socket
 from .locks import SimLocks
-from .plan import ACTIVE_S, AT_A_POINT, BOOT_S, CALLER, OPERATORS, Event, Plan
+from .plan import ACTIVE_S, BOOT_S, Event, Plan
 from .robot_model import Effect, nothing, put
 from .robots import MODELS
+from .script import Script, SimProcesses
 from .seams import seams
 from .world import World
 
@@ -44,6 +46,7 @@ class Run:
         self.net = Net(world)
         self.model = MODELS[plan.robot](world, plan.robot)
         self.actions = Sweep.actions = self.model.actions()
+        SimProcesses.start_root = self._start_root
         SimLocks.disk = {}
         self.starter = Starter(
             world,
@@ -69,7 +72,7 @@ class Run:
             self._mend()
             world.run(world.began_s + LAST_S + self.model.SETTLE_S)
             world.close()
-        seen = Evidence(world, self.model, self.plan.events, world.began_s + LAST_S)
+        seen = Evidence(world, self.model, world.began_s + LAST_S)
         self.violations = violations_of(seen)
 
     def digest(self) -> str:
@@ -79,8 +82,8 @@ class Run:
     # -- the tree
 
     def _start_asker(self, name: str, events: list[Event]) -> None:
-        asker = Asker(self.world, name, events, self.plan.style, self.actions, self.model.driver)
-        asker.start_root = self._start_root
+        rest = self.world, name, events, self.actions, self.model.driver
+        asker = Script(*rest, self.plan.style, self.model) if name == CALLER else Asker(*rest)
         self.world.start(name, asker.main, None)
 
     def _asks(self, name: str, from_s: float = 0.0) -> list[Event]:
@@ -109,10 +112,11 @@ class Run:
         now_s = self.world.now_s - self.world.began_s
         self._start_asker(CALLER, self._asks(CALLER, now_s))
 
-    def _start_root(self, caller: str) -> SimChild:
+    def _start_root(self, caller: str) -> tuple[SimChild, memoryview]:
+        """Return it, and the page that its processes share."""
         world, model = self.world, self.model
         page = new_page()
-        world.pages[os.fstat(page).st_ino] = private_page()
+        words = world.pages[os.fstat(page).st_ino] = private_page()
         world.descriptors.append(page)
         args = {
             "robot": ROBOT,
@@ -136,7 +140,7 @@ class Run:
             "standby": {"lock": "", "place": model.PORT, "report": ""},
             "mesh": {"listen": [], "connect": [], "settings": {}},
         }
-        return self.starter.start("strands_actors.supervisors.root.process:main", args, FORKED_S)
+        return self.starter.start("strands_actors.supervisors.root.process:main", args, FORKED_S), words
 
     async def _root(self, args: dict[str, Any], sock: Socket) -> None:
         starter = self.starter
@@ -146,11 +150,21 @@ class Run:
     # -- what befalls it
 
     def _befall(self, event: Event) -> None:
-        self.world.note("plan", event.kind, f"{event.who or event.motor} {event.value or ''}")
+        """Do it now, or at the moment of its victim that it waits for."""
         begin, end = self._effect(event)
-        begin()
-        if event.value and event.kind not in ("kill", *AT_A_POINT):
-            self.world.after(event.value, lambda: self._over(event, end))
+        victim = self.world.find(event.who)
+
+        def befall() -> None:
+            self.world.note("plan", event.kind, f"{event.who or event.motor} {event.value or ''}")
+            self.world.befell.append((self.world.now_s, event))
+            begin()
+            if event.value and event.kind not in ("kill", *AT_A_POINT):
+                self.world.after(event.value, lambda: self._over(event, end))
+
+        if event.after and victim is not None:
+            victim.at_moment(event.after, event.steps, befall)
+        else:
+            befall()
 
     def _over(self, event: Event, end: Callable[[], None]) -> None:
         self.world.note("plan", "ends", event.kind)
@@ -182,6 +196,8 @@ class Run:
                 return victim.freeze, victim.go_on
             case "lag":
                 return put(victim, "lag_s", event.value, 0.0)
+            case kind if kind in EXHAUSTION:
+                return lambda: victim.resources.lack(kind), lambda: setattr(victim.resources, "lacks", "")
         raise ValueError(f"{event.kind} is no event")
 
     def _mend(self) -> None:
@@ -192,10 +208,13 @@ class Run:
         self.net.cut.clear()
         for process in self.world.processes:
             process.lag_s = 0.0
+            process.resources.lacks = ""
             process.go_on()
         while (caller := self.world.find(CALLER)) is not None:
             caller.kill()
 
 
-_DONE_TO = frozenset({"kill", "freeze", "lag", "cut mesh", "slow mesh", "slow spawner", "restart", "attack"})
+_DONE_TO = frozenset(
+    {"kill", "freeze", "lag", "cut mesh", "slow mesh", "slow spawner", "restart", "attack", *EXHAUSTION}
+)
 """Kinds of which ``who`` is the victim."""

@@ -14,18 +14,21 @@ from typing import Any
 
 import trio
 
+from strands_actors.caller import processes, rollouts, tree, tree_processes, writer
 from strands_actors.kernel.clock import VirtualClock
 from strands_actors.kernel.health import busy
-from strands_actors.supervisors import policy
+from strands_actors.supervisors import introspection, policy
 from strands_actors.supervisors.root import guardian, lock_keeper, process, standby_keeper, tasks
 from strands_actors.supervisors.standby import process as standby
 from strands_actors.supervisors.wire import group
 
-from .children import SimOs, SimPeer, Starter, life_of, suspected, until_ended
+from .askers import START_S
+from .children import SimOs, SimPeer, SimStatFile, Starter, life_of, suspected, until_ended
+from .exhaustion import enter, seams_of
 from .links import Net, SimLink, SimMesh
 from .locks import SimLocks
-from .reserve import SimReserves, SimStat
 from .robot_model import RobotModel, Seam
+from .script import SimProcesses
 from .world import World
 
 
@@ -67,6 +70,7 @@ def _threads(world: World) -> Callable[..., Any]:
     async def run_sync(
         do: Callable[..., Any], *args: Any, abandon_on_cancel: bool = False, limiter: object = None
     ) -> Any:
+        world.current.resources.start_thread()
         took_s = 0.004 * rng.random() if rng.random() < 0.95 else 1.5 * rng.random()
         with trio.CancelScope(shield=not abandon_on_cancel):
             await trio.sleep(took_s)
@@ -95,10 +99,8 @@ def seams(world: World, net: Net, starter: Starter, model: RobotModel) -> Iterat
         return found
 
     SimMesh.net = net
-    reserves = SimReserves(world)
+    world.enter = enter
     table: tuple[Seam, ...] = (
-        *reserves.seams(),
-        (busy, "_assumed", busy.IDLE),
         (trio.to_thread, "run_sync", _threads(world)),
         (group, "os", system),
         (group, "run_first", nothing),
@@ -110,7 +112,7 @@ def seams(world: World, net: Net, starter: Starter, model: RobotModel) -> Iterat
         (group, "take_name", nothing),
         (group, "be_taken_last", nothing),
         (group, "suspected", lambda pid: suspected(world, pid)),
-        (group, "StatFile", lambda pid: SimStat(world, pid)),
+        (group, "StatFile", lambda pid: SimStatFile(world, pid)),
         (group, "report_failure", report_failure),
         (process, "os", system),
         (process, "run_first", nothing),
@@ -123,6 +125,7 @@ def seams(world: World, net: Net, starter: Starter, model: RobotModel) -> Iterat
         (process, "words_of", words_of),
         (process, "wait_for_end_of", lambda pid: until_ended(find(pid))),
         (process, "report_failure", report_failure),
+        (busy, "_assumed", busy.IDLE),
         (guardian, "life_of", lambda pid: life_of(world, pid)),
         (lock_keeper, "run_like_others", lambda: None),
         (standby_keeper, "os", system),
@@ -145,14 +148,22 @@ def seams(world: World, net: Net, starter: Starter, model: RobotModel) -> Iterat
         (tasks, "Link", SimLink),
         (tasks, "ZenohMesh", SimMesh),
         (policy, "os", system),
+        (introspection, "os", system),
+        (tree, "processes_of", SimProcesses),
+        (tree_processes, "wait_for_end_of", lambda pid: until_ended(find(pid))),
+        (processes, "os", system),
+        (rollouts, "START_S", START_S),
+        (writer, "os", system),
         (policy, "gc_freeze", SimpleNamespace(left_alone=contextlib.nullcontext)),
+        *seams_of(world),
         *model.seams(),
     )
     before = [(owner, name, getattr(owner, name)) for owner, name, _ in table]
     try:
         for owner, name, replacement in table:
             setattr(owner, name, replacement)
-        yield
+        with busy.assumed(busy.IDLE):
+            yield
     finally:
         for owner, name, original in before:
             setattr(owner, name, original)

@@ -16,6 +16,7 @@ import trio
 
 from strands_actors.contract.wire import WireDown
 
+from .exhaustion import open_file
 from .world import Process, World
 
 Peer = Callable[[bytes, "str"], Iterable[tuple[float, bytes]]]
@@ -49,6 +50,7 @@ class SerialLine:
 
     def open(self, path: str, baud: int) -> SimPort:
         """As ``open_serial``."""
+        open_file(self.world.current, path)
         if not self.plugged:
             raise WireDown(f"{path}: cannot open at {baud} baud (no such file). Check port= and who else has it")
         if self._open is not None and self._open.handles and self._open.locked:

@@ -99,6 +99,7 @@ class ServiceRobot(RobotModel):
     PORT = "explored.example:80"
     KEEPS_TORQUE_BY_RESUME = False
     DRIVER: ClassVar[type[Driver]]
+    PEER: ClassVar[type[NotingPeer]] = NotingPeer
     HEIGHT_M: ClassVar[float] = 0.0
 
     def __init__(self, world: World, robot: str) -> None:
@@ -108,15 +109,25 @@ class ServiceRobot(RobotModel):
         self._motors = {axis.key: at for at, axis in enumerate(self.driver.table, 1)}
         velocities = (axis for axis in self.driver.table if axis.mode is AxisMode.VELOCITY)
         self.rest = {self._motors[axis.key]: axis.rest for axis in velocities}
-        self.peer = NotingPeer(self, self.driver.config.answer_s, self.HEIGHT_M)
+        self.rng = world.rng("service")
+        self.peer = self.PEER(self, self.driver.config.answer_s, self.HEIGHT_M)
 
-    def note(self, kind: str, safe_state: str, before: Sequence[float], energised: frozenset[int]) -> None:
-        """Log a frame that the robot took."""
-        role, was = self.world.current.role, self.energised_log[-1][1]
-        now_s = self.world.now_s
+    def note(
+        self,
+        kind: str,
+        safe_state: str,
+        before: Sequence[float],
+        energised: frozenset[int],
+        role: str = "",
+        left_s: float = 0.0,
+    ) -> None:
+        """Log a frame that the robot took. ``role``, ``left_s``: of who had sent it and when, if that
+        is not now."""
+        now_s, was = self.world.now_s, self.energised_log[-1][1]
+        role, left_s = role or self.world.current.role, left_s or now_s
         goals, earlier = _numbered(self.peer.told), _numbered(before)
         self.frames.append(
-            Frame(now_s, now_s, role, kind, str(safe_state), goals, earlier, {}, earlier, was, energised)
+            Frame(now_s, left_s, role, kind, str(safe_state), goals, earlier, {}, earlier, was, energised)
         )
         self.log_energised(energised)
         self.world.note("wire", role, f"{kind} {safe_state} {goals}")

@@ -9,6 +9,8 @@ from typing import Any
 
 from strands_actors.contract.loading import load
 
+from .hostile_peer import HostilePeer
+from .kinds import PEER
 from .plan import Event
 from .plant import Joints
 from .robot_model import Effect, Frame, RobotModel, Seam, nothing, put
@@ -91,6 +93,8 @@ class ServoArm(RobotModel):
         self.bus = FeetechBus(self.plant, self.ids, models, volts, lambda: world.now_s, goal_energises)
         self.line = SerialLine(world, self.PORT, self._hear)
         self.trouble = Trouble()
+        self.peer = HostilePeer(world.rng("peer"))
+        self._answers = self.peer.stream()
         self._rng = world.rng("bus")
         self._goal = load("strands_actors.drivers.feetech.protocol:GOAL_POSITION")
         self._torque = load("strands_actors.drivers.feetech.protocol:TORQUE_ENABLE")
@@ -148,12 +152,13 @@ class ServoArm(RobotModel):
                 return lambda: self.unload(motor), nothing
             case "brown out":
                 return lambda: self.brown_out(motor), nothing
-        return None
+        return put(self.peer, "kind", event.kind, "") if event.kind in PEER else None
 
     def mend(self) -> None:
         trouble = self.trouble
         trouble.replies_lost = trouble.requests_lost = False
         trouble.mute.clear()
+        self.peer.kind = ""
         trouble.late_s = trouble.corrupt = trouble.twice = 0.0
         self.line.put_back()
 
@@ -206,7 +211,8 @@ class ServoArm(RobotModel):
                 at = rng.randrange(len(data))
                 data = data[:at] + bytes([data[at] ^ (1 << rng.randrange(8))]) + data[at + 1 :]
             late_s = trouble.late_s * rng.random()
-            yield at_s + late_s, data
+            for piece in self._answers.spoil(data):
+                yield at_s + late_s, piece
             if trouble.twice and rng.random() < trouble.twice:
                 yield at_s + late_s + 0.002 * rng.random(), data
 

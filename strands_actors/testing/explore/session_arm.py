@@ -18,7 +18,6 @@ from .world import World
 
 TICK_S = 0.01
 """As often as it reports. A real one reckons 250 times a second."""
-LATE_S = 0.06
 GARBLED = 0.05
 """Share of replies."""
 TOLERATED_RAD = 0.02
@@ -52,20 +51,25 @@ class ArmPlant(Joints):
 
 
 class SlowActions:
-    """Gives the last joint an angle that no other action has; the first one swings."""
+    """Gives one joint, ``mark``, an angle that no other action has; another one, ``swing``, swings.
+    ``third`` is moved by single commands."""
 
-    def __init__(self, rng: random.Random) -> None:
+    def __init__(
+        self, rng: random.Random, mark: str = "joint7", swing: str = "joint1", third: str = "joint3"
+    ) -> None:
         self._rng = rng
+        self._keys = mark, swing, third
         self._given = 0
 
     def next(self, far: bool) -> dict[str, float]:
         self._given += 1
+        mark, swing, third = self._keys
         action = {
-            "joint7": 1e-4 * self._given,
-            "joint1": abs((STEP_RAD * self._given + 0.4) % 1.6 - 0.8) - 0.4,
+            mark: 1e-4 * self._given,
+            swing: abs((STEP_RAD * self._given + 0.4) % 1.6 - 0.8) - 0.4,
         }
         if far:
-            action["joint3"] = self._rng.uniform(-0.015, 0.015)
+            action[third] = self._rng.uniform(-0.015, 0.015)
         return action
 
 
@@ -115,32 +119,18 @@ class SessionArm(RobotModel):
         )
 
     def effect(self, event: Event) -> Effect | None:
-        network = self.network
         match event.kind:
-            case "pull":
-                return lambda: network.cut("out", "in"), lambda: network.mend("out", "in")
-            case "hold requests":
-                return lambda: network.cut("out"), lambda: network.mend("out")
-            case "hold replies":
-                return lambda: network.cut("in"), lambda: network.mend("in")
-            case "stall":
-                return lambda: setattr(network, "stalled", True), network.go_on
-            case "late":
-                return put(network, "late_s", LATE_S, 0.0)
             case "mute":
                 return put(self, "mute", True, False)
             case "garble":
                 return put(self, "garbled", GARBLED, 0.0)
-            case "reset":
-                return network.reset, nothing
             case "brown out":
                 return self.brown_out, nothing
-        return None
+        return self.network.effect(event)
 
     def mend(self) -> None:
-        self.network.mend("out", "in")
-        self.network.go_on()
-        self.network.late_s = self.garbled = 0.0
+        self.network.mend_all()
+        self.garbled = 0.0
         self.mute = False
 
     def brown_out(self) -> None:

@@ -16,10 +16,16 @@ import trio
 
 from strands_actors.contract.wire import WireDown
 
+from .exhaustion import open_file
+from .hostile_peer import HostilePeer
+from .kinds import PEER
+from .plan import Event
+from .robot_model import Effect, nothing, put
 from .world import Process, World
 
 CONNECT_S = 0.5
 """As long as ``open_tcp`` waits."""
+LATE_S = 0.06
 AGAIN_S = 0.2
 """Until what was held up is sent again, at most, once the way is free [assumed]."""
 
@@ -48,20 +54,33 @@ class TcpNetwork:
         self.streams: list[SimStream] = []  # that the controller knows
         self.stalled = False  # the controller neither reads nor says anything
         self.late_s = 0.0
+        self.mute = False
+        self.peer = HostilePeer(world.rng("peer"))
         self._accept = accept
         self._cut: dict[str, bool] = {"out": False, "in": False}
         self._rng = world.rng("network")
 
     async def open(self, host: str, port: int) -> SimStream:
         """As ``open_tcp``."""
-        process = self.world.current
+        process, name = self.world.current, f"{host}:{port}"
+        open_file(process, name)
         await trio.sleep(self._way_s())
-        if self._cut["out"] or self._cut["in"]:
+        if self.unreachable:
             await trio.sleep(CONNECT_S)
-            raise WireDown(f"{host}:{port}: cannot connect (no answer within {CONNECT_S:g} s)")
-        stream = SimStream(self, process, f"{host}:{port}", port)
+            raise WireDown(f"{name}: cannot connect (no answer within {CONNECT_S:g} s)")
+        return self.connect(name, port)
+
+    @property
+    def unreachable(self) -> bool:
+        return self._cut["out"] or self._cut["in"]
+
+    def connect(self, name: str, port: int) -> SimStream:
+        """Connect the present process at once."""
+        stream = SimStream(self, self.world.current, name, port)
         self.streams.append(stream)
         stream.hearer = self._accept(stream)
+        if stream.left == 0:
+            stream.end_by_robot()
         return stream
 
     def is_cut(self, way: str) -> bool:
@@ -93,6 +112,31 @@ class TcpNetwork:
         for stream in list(self.streams):
             stream.end_by_robot()
 
+    def effect(self, event: Event) -> Effect | None:
+        """Return what a fault of a network or of its peer does."""
+        match event.kind:
+            case "pull":
+                return lambda: self.cut("out", "in"), lambda: self.mend("out", "in")
+            case "hold requests":
+                return lambda: self.cut("out"), lambda: self.mend("out")
+            case "hold replies":
+                return lambda: self.cut("in"), lambda: self.mend("in")
+            case "stall":
+                return lambda: setattr(self, "stalled", True), self.go_on
+            case "late":
+                return put(self, "late_s", LATE_S, 0.0)
+            case "mute":
+                return put(self, "mute", True, False)
+            case "reset":
+                return self.reset, nothing
+        return put(self.peer, "kind", event.kind, "") if event.kind in PEER else None
+
+    def mend_all(self) -> None:
+        """Undo every fault."""
+        self.mend("out", "in")
+        self.go_on()
+        self.late_s, self.mute, self.peer.kind = 0.0, False, ""
+
     def forget(self, stream: SimStream) -> None:
         if stream in self.streams:
             self.streams.remove(stream)
@@ -115,7 +159,10 @@ class SimStream:
         self.process = process
         self.name = name
         self.port = port
+        self.left = network.peer.heard_before_reset()
+        """Pieces that the controller still takes before it resets it; None: it does not."""
         self.hearer: Hearer
+        self._answers = network.peer.stream()
         self._closed = False
         self._gone = False  # the controller has ended it, and we were told
         self._unsent: deque[Piece | None] = deque()  # None: the end
@@ -130,11 +177,12 @@ class SimStream:
 
     # -- ours
 
-    def write(self, data: bytes) -> None:
+    def write(self, data: bytes, late_s: float = 0.0) -> None:
+        """``late_s``: for which the system of either side keeps it."""
         if self.process.dead:
             return
         self._check()
-        self._put(Piece(self.network.world.now_s, self.process.role, data))
+        self._put(Piece(self.network.world.now_s, self.process.role, data), late_s)
 
     async def read(self) -> bytes:
         while True:
@@ -177,6 +225,7 @@ class SimStream:
 
     def _end(self) -> None:
         self._closed = True
+        self.process.resources.close_file()
         if self._waits and not self.process.dead:
             self._news.set()
         if self._gone:
@@ -232,11 +281,17 @@ class SimStream:
             self.network.forget(self)
         else:
             self.hearer.hear(piece)
+            if self.left is not None:
+                self.left -= 1
+                if self.left <= 0:
+                    self.end_by_robot()
 
     # -- the controller's
 
     def send(self, data: bytes) -> None:
-        self._say(data)
+        if not self.network.mute:
+            for answer in self._answers.spoil(data):
+                self._say(answer)
 
     def end_by_robot(self) -> None:
         self._untaken.clear()

@@ -5,10 +5,13 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import trio
 
+from .exhaustion import open_file
+from .hostile_peer import HostilePeer, Stream
 from .world import Process, World
 
 Address = tuple[str, int]
@@ -38,12 +41,16 @@ class UdpNetwork:
         self.doubled = 0.0
         self.spoiled = 0.0  # of what is sent to the robot
         self.late_s = 0.0
+        self.peer = HostilePeer(world.rng("peer"))
+        self._answers: dict[Address, Stream] = {}  # of the robot, by who gets them
         self.sockets: dict[Address, UdpSocket] = {}
         self._ports = ports
         self._rng = world.rng("network")
 
     def open_sockets(self, domain: int, address: str, multicast: bool) -> tuple[UdpSocket, ...]:
         """As ``rtps.sockets.open_sockets``; there is no multicast."""
+        if self.world.running is not None:
+            open_file(self.world.running, address)
         index = 0
         while any((address, port) in self.sockets for port in self._ports(domain, index)):
             index += 1
@@ -59,10 +66,15 @@ class UdpNetwork:
             data = datagram.data
             spoiled = data[:at] + bytes([data[at] ^ (1 << rng.randrange(8))]) + data[at + 1 :]
             datagram = datagram._replace(data=spoiled)
+        pieces = [datagram.data]
+        if way == "in":
+            stream = self._answers.setdefault(to, self.peer.stream())
+            pieces = stream.spoil(datagram.data)
         times = 2 if self.doubled and rng.random() < self.doubled else 1
-        for _ in range(times):
+        for data in pieces * times:
             late_s = self.late_s * rng.random() if self.late_s else 0.0
-            world.at(world.now_s + 30e-6 + 90e-6 * rng.random() + late_s, lambda: self._arrive(datagram, to))
+            arrives_s = world.now_s + 30e-6 + 90e-6 * rng.random() + late_s
+            world.at(arrives_s, partial(self._arrive, datagram._replace(data=data), to))
 
     def _arrive(self, datagram: Datagram, to: Address) -> None:
         sock = self.sockets.get(to)

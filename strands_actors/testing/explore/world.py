@@ -10,8 +10,9 @@ import random
 from collections.abc import Awaitable, Callable
 from typing import Any, NamedTuple
 
-from .conversation import Conversation
+from .conversation import Conversation, type_name
 from .loop import Loop
+from .resources import Resources
 
 BEGIN_S = 1000.0
 """A clock that begins at 0 would let "never" pass for "now"."""
@@ -60,8 +61,12 @@ class World:
         self._order = itertools.count()
         self._pids = itertools.count(100)
         self._streams: dict[str, random.Random] = {}
+        self.enter: Callable[[Process], None] = lambda process: None
+        """Called before a process runs."""
         self.over = False
         self.restarts = 0  # how often the script is to be started again
+        self.befell: list[tuple[float, Any]] = []
+        """What of the plan has happened, and when: the moment of some is known in the run only."""
 
     def rng(self, name: str) -> random.Random:
         if name not in self._streams:
@@ -147,6 +152,7 @@ class Process:
         """The system tells so, and has closed what it had open."""
         self.frozen = False
         self.lag_s = 0.0
+        self.resources = Resources()
         self.code: int | None = None
         self.began_s = world.now_s
         self.until_s = float("inf")
@@ -159,6 +165,8 @@ class Process:
         self._inbox: list[Callable[[], None]] = []
         self._due_s = float("inf")
         self._behind = False  # a step was due while it was frozen
+        self._moments: list[tuple[str, int, Callable[[], None]]] = []  # that wait for a message
+        self._countdowns: list[tuple[int, Callable[[], None]]] = []  # steps of its own that are left
 
         async def body() -> None:
             await main(self)
@@ -174,6 +182,20 @@ class Process:
         if not self.dead:
             self._inbox.append(do)
             self.wake()
+
+    def at_moment(self, message: str, steps: int, do: Callable[[], None]) -> None:
+        """Call ``do`` when the next message of that type has come and ``steps`` of its own tasks'
+        steps have passed since."""
+        self._moments.append((message, steps, do))
+
+    def hears(self, data: bytes) -> None:
+        """A frame has come for it."""
+        if not self._moments:
+            return
+        kind = type_name(data)
+        for moment in [each for each in self._moments if each[0] == kind]:
+            self._moments.remove(moment)
+            self._countdowns.append(moment[1:])
 
     def kill(self, code: int = -9, by_plan: bool = False) -> None:
         if self.dead:
@@ -236,10 +258,12 @@ class Process:
             return
         world = self.world
         world.running = self
+        world.enter(self)
         try:
             more_s = self.loop.step(self._deliver)
         finally:
             world.running = None
+        self._count_down()
         if self.code is not None:
             return  # it has ended in this step
         if self.loop.result is not None:
@@ -248,6 +272,13 @@ class Process:
             self._schedule(world.now_s + self._late_s(STEP_S))
         elif more_s < 3600.0:
             self._schedule(world.now_s + max(more_s, 1e-6) + self._late_s(WAKE_S))
+
+    def _count_down(self) -> None:
+        if self._countdowns:
+            due = [do for steps, do in self._countdowns if steps <= 1]
+            self._countdowns = [(steps - 1, do) for steps, do in self._countdowns if steps > 1]
+            for do in due:
+                do()
 
     def _deliver(self) -> None:
         inbox, self._inbox = self._inbox, []

@@ -1,0 +1,91 @@
+"""A script ends with its own exit code, however it ends and whatever its threads do: none is aborted
+by a thread of zenoh that enters Python as the interpreter goes."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from strands_actors.testing import Twin
+
+BEGIN = """
+import os, signal, sys, threading, time
+from strands_actors import Robot
+
+arm = Robot("so101", mode="real", port=sys.argv[1])
+arm.send_action({"shoulder_pan": 1.0})
+"""
+FOREVER = """
+def again(call):
+    while True:
+        call()
+
+for call in (lambda: arm.send_action({"shoulder_pan": 1.0}), arm.get_observation):
+    threading.Thread(target=again, args=(call,), daemon=True).start()
+time.sleep(0.3)
+"""
+FORKED = """
+child = os.fork()
+if child == 0:
+    raise SystemExit(0)
+assert os.waitpid(child, 0)[1] == 0
+"""
+ENDS = {
+    "nothing": ("", 0),
+    "daemon threads": (FOREVER, 0),
+    "an exception after cleanup": ("arm.cleanup()\nraise ValueError('x')", 1),
+    "Ctrl-C": ("os.kill(os.getpid(), signal.SIGINT)\ntime.sleep(30.0)", -signal.SIGINT),
+    "cleanup": ("arm.cleanup()", 0),
+    "an exit code": ("sys.exit(3)", 3),
+    "an exception": ("raise ValueError('x')", 1),
+    "daemon threads and an exception": (FOREVER + "raise ValueError('x')", 1),
+    "daemon threads and cleanup": (FOREVER + "arm.cleanup()", 0),
+    "a forked child": (FORKED, 0),
+}
+"""What a script does at its end, and the exit code that Python gives it."""
+SCRIPTS, LOOPS = 500, 16
+
+
+def ran(end: str, port: str, folder: Path) -> tuple[int, str]:
+    script = folder / "script.py"
+    script.write_text(BEGIN + end)
+    command = [sys.executable, str(script), port]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120.0)
+    return done.returncode, done.stderr
+
+
+@pytest.mark.quick_cases(4)
+@pytest.mark.parametrize("name", ENDS)
+def test_a_script_ends_with_its_own_exit_code(name: str, twin: Twin, tmp_path: Path) -> None:
+    end, code = ENDS[name]
+    found, said = ran(end, twin.port, tmp_path)
+    assert found == code, said
+    assert "FATAL" not in said and "Traceback" not in said.partition("ValueError: x")[2], said
+
+
+@contextlib.contextmanager
+def busy_loops(count: int) -> Iterator[None]:
+    loops = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
+    try:
+        yield
+    finally:
+        for loop in loops:
+            loop.kill()
+            loop.wait()
+
+
+@pytest.mark.long
+def test_none_of_many_scripts_is_aborted_beside_busy_loops(twin: Twin, tmp_path: Path) -> None:
+    names = itertools.cycle(ENDS)
+    with busy_loops(LOOPS):
+        for number, name in enumerate(itertools.islice(names, SCRIPTS)):
+            found, said = ran(ENDS[name][0], twin.port, tmp_path)
+            assert found == ENDS[name][1], f"script {number}, {name}: {said}"
+            assert "FATAL" not in said, f"script {number}, {name}: {said}"
