@@ -46,5 +46,6 @@ RIGS: Mapping[str, Rig] = {
         lambda position: {"head_yaw": 5.0},
         floods={**_WEBSOCKET_FLOODS, **_HTTP_FLOODS},
         bombs={**_WEBSOCKET_BOMBS, **_HTTP_BOMBS},
+        login="its daemon drops what comes before it has answered the upgrade, as uvicorn does",
     ),
 }
