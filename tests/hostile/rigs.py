@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from . import rigs_grpc, rigs_radio, rigs_serial, rigs_tcp
+from . import rigs_grpc, rigs_radio, rigs_serial, rigs_tcp, rigs_web
 from .bench import Rig
 
 RIGS: Mapping[str, Rig] = {
@@ -15,4 +15,5 @@ RIGS: Mapping[str, Rig] = {
     **rigs_grpc.RIGS,
     **rigs_serial.RIGS,
     **rigs_radio.RIGS,
+    **rigs_web.RIGS,
 }

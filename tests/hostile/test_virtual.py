@@ -39,6 +39,7 @@ MOST_MEMORY = 32 << 20
 """Bytes that a peer may make a process grow by."""
 BEFORE_S = 0.3
 """From the beginning of the fault to the stop: by then most wires have given their link up."""
+AGAIN_S = 2.0
 HEALED_S = 20.0
 """By then a robot that is honest again is connected, and known to be safe."""
 
@@ -164,10 +165,11 @@ async def stopped(trial: Trial, reason: Reason) -> StopReport | None:
 
 
 async def heal(trial: Trial) -> None:
-    """Stop it again and again, as a person would, until every motor has confirmed it."""
+    """Stop it again and again, as a person would, until every motor has confirmed it. A stop cuts an
+    attempt to connect short."""
     with trio.fail_after(HEALED_S):
         while True:
-            await trio.sleep(0.5)
+            await trio.sleep(AGAIN_S)
             with contextlib.suppress(Unreachable, AskTimeout):
                 status = await trial.tree.status()
                 if status.connected and status.mode == "disarmed":
