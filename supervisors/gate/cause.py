@@ -5,12 +5,12 @@ collides first reports that it stands, then why. So a cause has a rank, and for 
 stop a cause of a lower rank takes its place.
 
     rank             cause
-    ORDER            somebody wanted it: a stop, a cleanup, a lease that was given back
+    ORDER            somebody wanted it: a stop, a cleanup
     1, 2, 3, ...     a condition of the robot is broken, in the order in which the driver lists them
     REPORTED         the robot reports a fault, and its driver has no conditions
     FAULT            the robot could not do what it was told: hold, be armed
     LINK             the robot is no longer heard
-    LATE             no setpoint came in time
+    LATE             no setpoint came in time, or its writer ended: a hold
 
 Only conditions that no stop of ours can break are looked at (``OnResume.REFUSE``). A stopped arm is
 stopped because it was stopped.

@@ -348,9 +348,9 @@ class Gate(Actor):
         """Hold what a writer has commanded that gave its lease back, by its own wish. Return False
         when there is nothing to hold."""
         if held.under is not None:
-            return self._trip(Reason.POLICY, f"{held.holder}{ENDED}", rank=Rank.ORDER)
+            return self._trip(Reason.POLICY, f"{held.holder}{ENDED}")
         if self._live_until_ns or self._state.mode is Mode.LOST:
-            return self._trip(Reason.LEASE, GIVEN_BACK, rank=Rank.ORDER)
+            return self._trip(Reason.LEASE, GIVEN_BACK)
         return False
 
     def _writer_stopped(self, pid: int) -> None:
@@ -372,7 +372,7 @@ class Gate(Actor):
         if live_until > 0 and now_ns >= live_until:
             self._trip(Reason.EXPIRED, "the setpoint expired")
         elif why := self._leases.lapsed(now_ns, live_until == LATCHED):
-            self._trip(Reason.LEASE, why, rank=Rank.ORDER if why == GIVEN_BACK else None)
+            self._trip(Reason.LEASE, why)
         elif not admitted:
             self._look_at_conditions(now_ns, live=True)
 

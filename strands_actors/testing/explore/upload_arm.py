@@ -39,7 +39,7 @@ HALT_S = 0.02
 REGISTERS = -1
 """The port of the SDK's own connection, by which the control script gets its commands."""
 OFFSET = 24
-SCRIPT = f"def rtde_control():\n  reg_offset_int = # int register offset\n{OFFSET}\nend\n".encode()
+SCRIPT = b"def rtde_control():\n  reg_offset_int = # int register offset\n%d\nend\n" % OFFSET
 
 # By name, as the registry loads drivers.
 UR: Any = load("strands_actors.drivers.ur.driver:UR")

@@ -307,7 +307,9 @@ def test_saf_023_an_arm_that_holds_in_a_protective_stop_is_not_answered_armed(
     run_for(arm, wave, 0.3)
     assert state(arm) == "holding"
     twin.order(order)
-    until(lambda: name in why(nudge(arm)), "the arm tells it")
+    which = "safety_mode" if order.startswith("safety") else "robot_mode"
+    until(lambda: status(arm)[which] == order.partition(" ")[2], "the arm tells it")
+    assert name in why(nudge(arm))
     refused = why(arm.resume())
     assert refused.startswith("resume: ") and name in refused
     assert f"{remedy}, then call resume()" in refused
