@@ -120,8 +120,7 @@ class AsyncRobot:
         named = verbs.name_values(self._plan, name, values, arguments)
         if isinstance(named, Refused):
             return answers.refused(named)
-        arguments = named
-        return await answered(name, verbs.service, self._tree, name, arguments, action)
+        return await answered(name, verbs.service, self._tree, name, named, action)
 
     def __getattr__(self, name: str) -> Callable[..., Awaitable[Answer]]:
         """Return the driver's own services as methods."""

@@ -308,8 +308,7 @@ class RealRobot(RobotTool):
         named = verbs.name_values(self._plan, name, values, arguments)
         if isinstance(named, Refused):
             return answers.refused(named)
-        arguments = named
-        return self._verb_here(verbs.service_here, verbs.service, name, name, arguments, action)
+        return self._verb_here(verbs.service_here, verbs.service, name, name, named, action)
 
     def __getattr__(self, name: str) -> Callable[..., Answer]:
         """Return the driver's own services as methods."""

@@ -64,17 +64,15 @@ def read(driver: Driver, given: object) -> Call | Refused:
     """Return what a model asks for. A null is an input that is not given; a stop minds no input, and is
     understood in every form."""
     names = ", ".join(verb.name for verb in driver.TOOL_VERBS)
-    if not isinstance(given, Mapping):
-        if asks_for_stop(given):
-            return Call(_stop_of(driver))
-        return Refused("bad_input", f"tool: the input is {shown(given)}", f"give an object with action: {names}")
-    said = given.get("action")
+    said = given.get("action") if isinstance(given, Mapping) else None
     wanted = said.strip().lower() if isinstance(said, str) else said
     verb = next((verb for verb in driver.TOOL_VERBS if verb.name == wanted), None)
     if verb is None and asks_for_stop(given):
         verb = _stop_of(driver)
     if verb is not None and verb.does == "stop":
         return Call(verb)
+    if not isinstance(given, Mapping):
+        return Refused("bad_input", f"tool: the input is {shown(given)}", f"give an object with action: {names}")
     if len(given) > MAX_INPUTS:
         return Refused("bad_input", f"tool: it has {len(given)} inputs", f"give at most {MAX_INPUTS}")
     if all(value is None for value in given.values()):  # an empty input asks how the robot is

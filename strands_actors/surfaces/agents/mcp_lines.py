@@ -18,18 +18,13 @@ PENDING = 16
 """Refusals that wait to be written. Then no line is read until the client reads."""
 
 
-class _Refusal(msgspec.Struct):
-    error: ErrorData
-    id: str | int | None = None
-
-
 class Lines:
     """The lines, and the answers to those that are none. Who waits for a line can be cancelled: a
     thread that hangs in it is left."""
 
     def __init__(self) -> None:
         self._readline: Callable[[], str] = sys.stdin.readline
-        self._refused, self._refusals = trio.open_memory_channel[_Refusal](PENDING)
+        self._refused, self._refusals = trio.open_memory_channel[JSONRPCError](PENDING)
 
     def __aiter__(self) -> AsyncIterator[str]:
         return self
@@ -49,20 +44,19 @@ class Lines:
     async def answer(self, outgoing: Any) -> None:
         """Send what refused lines are answered with, until cancelled."""
         async for refusal in self._refusals:
-            error = JSONRPCError(jsonrpc="2.0", id=refusal.id, error=refusal.error)
-            await outgoing.send(SessionMessage(error))
+            await outgoing.send(SessionMessage(refusal))
 
 
-def understood(line: str) -> str | _Refusal:
+def understood(line: str) -> str | JSONRPCError:
     """Return a line as the server reads it, or how it is refused. Pure."""
     try:
         said = msgspec.json.decode(line)
     except (msgspec.DecodeError, RecursionError) as error:
-        return _Refusal(ErrorData(code=PARSE_ERROR, message=f"no JSON: {error}. send one JSON-RPC message a line"))
+        return _refusal(PARSE_ERROR, f"no JSON: {error}. send one JSON-RPC message a line")
     if not isinstance(said, dict) or said.get("jsonrpc") != "2.0":
         id = said.get("id") if isinstance(said, dict) else None
         why = 'no JSON-RPC message. send an object with "jsonrpc": "2.0" a line'
-        return _Refusal(ErrorData(code=INVALID_REQUEST, message=why), id if isinstance(id, str | int) else None)
+        return _refusal(INVALID_REQUEST, why, id if isinstance(id, str | int) else None)
     given = said.get("params")
     if said.get("method") != "tools/call" or not isinstance(given, dict):
         return line
@@ -70,3 +64,7 @@ def understood(line: str) -> str | _Refusal:
         return line
     given["arguments"] = {"input": given["arguments"]}
     return msgspec.json.encode(said).decode()
+
+
+def _refusal(code: int, why: str, number: str | int | None = None) -> JSONRPCError:
+    return JSONRPCError(jsonrpc="2.0", id=number, error=ErrorData(code=code, message=why))
