@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
 from collections.abc import Iterator
 from functools import partial
 
@@ -14,6 +12,7 @@ import trio
 from strands_actors.caller.run_directory import Name
 from strands_actors.kernel.channels.pubsub import PubSub
 from strands_actors.kernel.channels.zenoh_session import unix_endpoint
+from tests.spinning import spinning
 
 from .world import until
 
@@ -23,13 +22,8 @@ ROUNDS = 30
 
 @pytest.fixture
 def every_core_taken() -> Iterator[None]:
-    spinning = [
-        subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2 * (os.cpu_count() or 1))
-    ]
-    yield
-    for process in spinning:
-        process.kill()
-        process.wait()
+    with spinning(2 * (os.cpu_count() or 1)):
+        yield
 
 
 def all_there(heard: list[str], sent: list[str]) -> bool:

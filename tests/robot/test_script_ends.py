@@ -3,17 +3,16 @@ by a thread of zenoh that enters Python as the interpreter goes."""
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from strands_actors.testing import Twin
+from tests.spinning import spinning
 
 BEGIN = """
 import os, signal, sys, threading, time
@@ -70,21 +69,10 @@ def test_a_script_ends_with_its_own_exit_code(name: str, twin: Twin, tmp_path: P
     assert "FATAL" not in said and "Traceback" not in said.partition("ValueError: x")[2], said
 
 
-@contextlib.contextmanager
-def busy_loops(count: int) -> Iterator[None]:
-    loops = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
-    try:
-        yield
-    finally:
-        for loop in loops:
-            loop.kill()
-            loop.wait()
-
-
 @pytest.mark.long
 def test_none_of_many_scripts_is_aborted_beside_busy_loops(twin: Twin, tmp_path: Path) -> None:
     names = itertools.cycle(ENDS)
-    with busy_loops(LOOPS):
+    with spinning(LOOPS):
         for number, name in enumerate(itertools.islice(names, SCRIPTS)):
             found, said = ran(ENDS[name][0], twin.port, tmp_path)
             assert found == ENDS[name][1], f"script {number}, {name}: {said}"

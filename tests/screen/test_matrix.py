@@ -29,6 +29,7 @@ from strands_actors.testing.queueing import DISTURBED_MS, Queue
 from strands_actors.testing.trials import Problem, Trials, trial
 from strands_actors.testing.worker import Order
 from tests.cli.command import Command
+from tests.spinning import spinning
 
 from .blinky import Blinky
 
@@ -252,20 +253,15 @@ def test_a_process_that_waits_for_a_processor_is_seen_to() -> None:
     """Two that spin on the one processor that both may use: each stands in line half of the
     time."""
     alone = {min(os.sched_getaffinity(0))}
-    spinning = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2)]
-    try:
-        for process in spinning:
+    with spinning(2) as processes:
+        for process in processes:
             os.sched_setaffinity(process.pid, alone)
-        queue, idle = Queue([process.pid for process in spinning]), Queue([])
+        queue, idle = Queue([process.pid for process in processes]), Queue([])
         deadline_s = time.monotonic() + 20.0
         while queue.stood_ms() < 50.0:
             assert time.monotonic() < deadline_s
             time.sleep(0.01)
         assert idle.stood_ms() == 0.0
-    finally:
-        for process in spinning:
-            process.kill()
-            process.wait()
 
 
 def test_the_page_shows_figures_reasons_and_conditions() -> None:
