@@ -82,6 +82,8 @@ class GetSafety(Message, frozen=True):
     """Ask what is known of the robot's safety. The answer is the report of the last stop, as long as
     it stands. Orders nothing."""
 
+    channel: str = ""
+
 
 class Setpoint(Message, frozen=True):
     """A target. Written before ``deadline_ns`` or never; ``latched``: then kept while the lease
@@ -185,11 +187,11 @@ class Performed(Message, frozen=True):
 
 
 class GetObservation(Message, frozen=True):
-    pass
+    channel: str = ""
 
 
 class GetStatus(Message, frozen=True):
-    pass
+    channel: str = ""
 
 
 class Writing(Message, frozen=True):

@@ -18,6 +18,7 @@ from .sessions import CLOCK_TTL_S, Sessions
 
 _MAX_CLOCKS = 64
 _MAX_TURNS = 256
+_MAX_SENDERS = 64
 
 _decode_envelope = msgspec.json.Decoder(Envelope).decode
 _decode_sender = msgspec.json.Decoder(Sender).decode
@@ -52,6 +53,25 @@ class Limit:
             return False
         self._left -= 1.0
         return True
+
+
+class Limits:
+    """A ``Limit`` for each sender: nobody's flood has the commands of another refused.
+
+    The one who has been silent longest is forgotten first, and begins anew.
+    """
+
+    def __init__(self, rate: float, burst: int) -> None:
+        self._rate = rate
+        self._burst = burst
+        self._of: dict[str, Limit] = {}
+
+    def admits(self, sender: str, now_ns: int) -> bool:
+        limit = self._of.pop(sender, None) or Limit(self._rate, self._burst)
+        if len(self._of) >= _MAX_SENDERS:
+            del self._of[next(iter(self._of))]
+        self._of[sender] = limit
+        return limit.admits(now_ns)
 
 
 class Clocks:

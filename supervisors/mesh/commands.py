@@ -35,7 +35,7 @@ from strands_actors.supervisors.root.messages import TaskStatus
 
 from . import schemas as mesh_json
 from .answers import Answers, told
-from .command_rules import Limit, Shared, read_command, read_envelope, refuse_stale, to_be_asked
+from .command_rules import Limit, Limits, Shared, read_command, read_envelope, refuse_stale, to_be_asked
 from .lease_rules import refuse_by_mode
 from .motion import NOBODY_TO_ASK, Motion, holder_of, no_answer, task_json
 from .readings import TELEOP, features, state_of, task_of, tool_of
@@ -52,6 +52,8 @@ TAKEN_AT_ONCE = 16
 """So a flood costs at most 1600 readings a second."""
 
 COMMANDS_PER_S = 20
+"""Of each who asks; of all together who put, since the names that they give prove nothing."""
+PUT_BY = ""
 MOVES_PER_S = 100
 """Of the one who holds the lease."""
 REFUSALS_PER_S = 20
@@ -84,7 +86,7 @@ class Commands(Actor):
         self._answers = answers
         self._shared = shared
         self._what = "what is no command"
-        self._commands = Limit(COMMANDS_PER_S, COMMANDS_PER_S)
+        self._commands = Limits(COMMANDS_PER_S, COMMANDS_PER_S)
         self._moves = Limit(MOVES_PER_S, MOVES_PER_S // 5)
         self._refusals = Limit(REFUSALS_PER_S, REFUSALS_PER_S)
         self._holder = ""  # the sender to whom the last lease was granted over the mesh, and that lease
@@ -144,7 +146,7 @@ class Commands(Actor):
                 why = f"{command.action}: it is for {said.target[:64]!r}, and this is {self._robot}"
                 command = Refused("target", why, "ask on the key of the robot that is meant", said.target[:64])
         self._what = type(command).__name__.lower() if isinstance(command, Command) else "what is no command"
-        refused_now = command if isinstance(command, Refused) else self._check(envelope.sender_id, command, now_ns)
+        refused_now = command if isinstance(command, Refused) else self._check(envelope.sender_id, command, asked)
         if refused_now is not None:
             self._refuse(envelope.sender_id, envelope.turn_id, refused_now)
         elif isinstance(command, Command):
@@ -160,14 +162,16 @@ class Commands(Actor):
     def _turn(self, turn: str, received: Received) -> str:
         return turn if received.reply is None else self._answers.expect(turn, received.reply)
 
-    def _check(self, sender: str, command: Command, now_ns: int) -> Refused | None:
-        if isinstance(command, mesh_json.Leased) and (sender, command.lease) == (self._holder, self._lease.id):
-            limit, rate = self._moves, MOVES_PER_S
+    def _check(self, sender: str, command: Command, asked: bool) -> Refused | None:
+        now_ns = self.context.clock.now_ns()
+        holds = isinstance(command, mesh_json.Leased) and (sender, command.lease) == (self._holder, self._lease.id)
+        if holds:
+            rate, admitted = MOVES_PER_S, self._moves.admits(now_ns)
         else:
-            limit, rate = self._commands, COMMANDS_PER_S
-        if not limit.admits(now_ns):
+            rate, admitted = COMMANDS_PER_S, self._commands.admits(sender if asked else PUT_BY, now_ns)
+        if not admitted:
             return Refused("rate", f"more than {rate} commands a second", "send fewer", limit=f"{rate}")
-        if isinstance(command, mesh_json.Leased) and limit is not self._moves:
+        if isinstance(command, mesh_json.Leased) and not holds:
             return Refused("lease", f"{plain(sender)} holds no lease of this robot", "acquire it first")
         return refuse_stale(self._shared.clocks, sender, command, now_ns)
 

@@ -57,7 +57,7 @@ from strands_actors.supervisors.root.guardian import Guardian
 from strands_actors.supervisors.root.messages import Describe, TreeReport
 from strands_actors.supervisors.root.stopping import make_safe
 
-from .command_rules import Limit, Shared
+from .command_rules import Limits, Shared
 from .gateway_messages import Datable, Dated, Sync, Synced
 from .lease_rules import refuse_by_mode
 
@@ -72,7 +72,7 @@ TAKEN_AT_ONCE = 16
 WRITES_PER_S = 1100
 """Of who holds a lease: a stream at the highest rate a rollout may have, and its heartbeats."""
 COMMANDS_PER_S = 50
-"""Of all others together."""
+"""Of each caller, as the readings are: nobody's flood has another's resume refused."""
 READINGS_PER_S = 500
 ASK_S = 0.3
 TREE_S = 0.5
@@ -142,9 +142,9 @@ class Gateway(Actor):
         self._driver = driver
         self._pubsub = pubsub
         self._shared = shared
-        self._writes = Limit(WRITES_PER_S, WRITES_PER_S // 10)
-        self._commands = Limit(COMMANDS_PER_S, COMMANDS_PER_S)
-        self._readings = Limit(READINGS_PER_S, READINGS_PER_S // 5)
+        self._writes = Limits(WRITES_PER_S, WRITES_PER_S // 10)
+        self._commands = Limits(COMMANDS_PER_S, COMMANDS_PER_S)
+        self._readings = Limits(READINGS_PER_S, READINGS_PER_S // 5)
         self._busy_until_ns = 0
 
     async def started(self) -> None:
@@ -186,7 +186,7 @@ class Gateway(Actor):
                 what = type(message.message).__name__.lower()
                 self._shared.audit(message.channel, what, f"refused: {refused.text}", "another host")
             return refused or self._obey(message)
-        refusal = self._refuse_rate(self._readings, READINGS_PER_S, now_ns)
+        refusal = self._refuse_rate(self._readings, READINGS_PER_S, message.channel, now_ns)
         if refusal is not None:
             return refusal
         match message:
@@ -210,13 +210,16 @@ class Gateway(Actor):
             return refusal
         if isinstance(message, Setpoint | Beat | Release | Perform):
             refusal = sessions.refuse_lease(dated.session, message.lease)
-            return refusal or self._refuse_rate(self._writes, WRITES_PER_S, now_ns) or self._refuse_guarded(message)
+            return refusal or (
+                self._refuse_rate(self._writes, WRITES_PER_S, dated.channel, now_ns)
+                or self._refuse_guarded(message)
+            )
         if isinstance(message, Acquire) and message.over:
             refusal = sessions.refuse_lease(dated.session, message.over)
-        return refusal or self._refuse_rate(self._commands, COMMANDS_PER_S, now_ns)
+        return refusal or self._refuse_rate(self._commands, COMMANDS_PER_S, dated.channel, now_ns)
 
-    def _refuse_rate(self, limit: Limit, rate: int, now_ns: int) -> Refused | None:
-        if limit.admits(now_ns):
+    def _refuse_rate(self, limits: Limits, rate: int, who: str, now_ns: int) -> Refused | None:
+        if limits.admits(who, now_ns):
             return None
         return Refused("rate", f"more than {rate} commands a second", "send fewer", limit=f"{rate}")
 

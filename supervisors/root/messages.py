@@ -167,7 +167,7 @@ class TaskStatus(Message, frozen=True):
 
 
 class Describe(Message, frozen=True):
-    pass
+    channel: str = ""
 
 
 class GetMesh(Message, frozen=True):

@@ -257,6 +257,22 @@ def test_more_than_a_few_commands_a_second_are_refused() -> None:
     run(test)
 
 
+@pytest.mark.parametrize("how", ["asks", "puts"])
+def test_saf_025_one_operators_flood_has_no_command_of_another_refused(how: str) -> None:
+    async def test() -> None:
+        async with robot_on_mesh() as (robot, _, _), mesh() as flooder, mesh() as operator:
+            for turn in range(2 * COMMANDS_PER_S):
+                if how == "asks":
+                    await flooder.request(robot, mesh_json.Status())
+                else:
+                    said = {"sender_id": operator.sender, "turn_id": f"t{turn}", "command": {"action": "status"}}
+                    await raw(flooder, robot, json.dumps(said).encode())
+            for _ in range(COMMANDS_PER_S // 2):
+                assert not isinstance(answer := await operator.request(robot, mesh_json.Status()), Refused), answer
+
+    run(test)
+
+
 def test_nothing_on_a_command_key_waits_for_a_robot_that_comes_later() -> None:
     async def test() -> None:
         hardware = FakeHardware()

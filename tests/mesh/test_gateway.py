@@ -395,3 +395,15 @@ def test_a_caller_that_asks_too_often_is_told_so() -> None:
             assert "" in codes and "rate" in codes
 
     run(test)
+
+
+def test_saf_025_one_callers_flood_has_no_resume_of_another_refused() -> None:
+    async def test() -> None:
+        async with world() as (_, _, one, two):
+            report = await two.stop()
+            assert isinstance(report, StopReport) and report.confirmed
+            codes = {getattr(await one.dated(Acquire("me")), "code", "") for _ in range(3 * COMMANDS_PER_S)}
+            assert "rate" in codes
+            assert isinstance(await two.dated(Resume("other")), Resumed)
+
+    run(test)
