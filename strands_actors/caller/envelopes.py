@@ -259,6 +259,7 @@ def tree(report: TreeReport) -> dict[str, Any]:
         "robot": report.robot,
         "state": report.state,
         "epoch": report.epoch,
+        "locked_by": report.locked_by,
         "processes": [
             {"role": process.role, "pid": process.pid, "restarts": process.restarts} for process in report.processes
         ],

@@ -2,19 +2,24 @@
 
 A command that moves the robot has to be well formed. A stop has not: who sends ``"by": null``, a
 field more or no ``turn_id`` means the robot to stop all the same, and hears too late that its form
-was wrong.
+was wrong. What is no command at all is a stop, too, when it says so in any other form
+(``contract/stop_words.py``).
 """
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import msgspec
 
-from .schemas import MAX_TEXT, is_name
+from strands_actors.contract.stop_words import asks_for_stop
+
+from .schemas import ACTIONS, MAX_TEXT, is_name
 
 STOPS = {"stop": False, "estop": True}
 """By the action: whether it locks."""
+_LOCKING = re.compile(rb"\be[-_ ]?stop\b|\bemergency\b")
 
 _UNREADABLE = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
 _NOTHING = msgspec.Raw(b"null")
@@ -66,17 +71,22 @@ class Said(msgspec.Struct, frozen=True):
 def read_loosely(payload: bytes) -> Said:
     """Return what it says, whatever else is in it. The action is that of the command; where there is
     no command, it may stand beside the names."""
-    around = _read(_decode_around, payload)
-    if around is None:
-        return Said()
+    around = _read(_decode_around, payload) or _Around()
     within = _read(_decode_within, around.command) or _Within(_text_or(around.command, around.action), around.by)
     return Said(
         _name(around.sender_id),
         _name(around.turn_id),
         _text(around.target_id),
-        _text(within.action).strip().lower(),
+        _action(within.action, payload),
         _text(within.by)[:MAX_TEXT],
     )
+
+
+def _action(raw: msgspec.Raw, payload: bytes) -> str:
+    action = _text(raw).strip().lower()
+    if action in STOPS or action in ACTIONS or not asks_for_stop(payload):
+        return action
+    return "estop" if _LOCKING.search(payload.lower()) else "stop"
 
 
 def _read(decode: Any, data: bytes | msgspec.Raw) -> Any:

@@ -206,6 +206,7 @@ class TreeReport(Message, frozen=True):
     processes: tuple[ProcessInfo, ...]
     actors: tuple[ActorInfo, ...]
     last_stop: StopReport | None = None  # by the root's own path
+    locked_by: str = ""  # who e-stopped it
 
 
 class Happened(Message, frozen=True):

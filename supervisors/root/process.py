@@ -487,7 +487,8 @@ class Tree:
             for process in actors:
                 nursery.start_soon(ask, process)
         found = tuple(itertools.chain.from_iterable(actors.values()))
-        return TreeReport(self.robot, mode, state.epoch, tuple(report), found, self.guardian.last_report)
+        last_stop = self.guardian.last_report
+        return TreeReport(self.robot, mode, state.epoch, tuple(report), found, last_stop, state.locked_by)
 
 
 def _is_end_of_task(error: BaseException) -> bool:

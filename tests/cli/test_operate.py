@@ -32,6 +32,7 @@ def test_estop_locks_until_resume(cli: Command, robot: RobotProcess) -> None:
     assert done.stdout.startswith("so101: limp, 6 motors confirmed")
     assert done.stdout.count("\n") == 1
 
+    assert "so101  e-stopped by the command line" in cli.run("tree").stdout
     assert refusal_code(robot.call("send_action", MOVE)) == "locked_out"
     assert "disarmed" in robot.call("start_task", "wave", None, "localhost", "mock")["content"][0]["text"]
 

@@ -32,7 +32,7 @@ def test_nobody_is_there(cli: Command) -> None:
 
 def test_a_running_robot(cli: Command, robot: RobotProcess) -> None:
     tree = only(cli.json("tree"))
-    assert list(tree) == ["robot", "state", "epoch", "processes", "actors"]
+    assert list(tree) == ["robot", "state", "epoch", "locked_by", "processes", "actors"]
     assert (tree["robot"], tree["state"]) == ("so101", "armed")
     assert tree["epoch"] >= 1
     assert set(pids(tree)) == {"caller", "root", "spawner", "wire", "standby", "twin"}
@@ -75,6 +75,7 @@ def test_a_frozen_root_is_listed_as_unreachable(cli: Command, robot: RobotProces
         "robot": "so101",
         "state": "unreachable",
         "epoch": 0,
+        "locked_by": "",
         "processes": [{"role": "root", "pid": root, "restarts": 0}],
         "actors": [],
     }

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from strands_actors.drivers import list_native_drivers
 from strands_actors.surfaces.cli import run
 from strands_actors.version import __version__
 
@@ -99,14 +100,23 @@ def test_help_names_every_command(cli: Command) -> None:
 
 
 def test_list_tells_who_drives_which_robot(cli: Command) -> None:
-    rows = {row["robot"]: row for row in cli.json("list")["robots"]}
+    rows = {row["robot"]: row for row in cli.json("list", "--all")["robots"]}
     needed = "pip install 'lerobot[feetech]'"
     both = {"robot": "so101", "driver": "FeetechDriver", "coverage": ["lerobot", "strands"], "missing": needed}
     assert rows["so101"] == both
     assert rows["ability_hand"] == {"robot": "ability_hand", "driver": None, "coverage": [], "missing": None}
-    drawn = cli.run("list").stdout
+    drawn = cli.run("list", "--all").stdout
     assert all(robot in drawn for robot in rows)
     assert "lerobot: pip install" in drawn  # who would drive it, and does not here
+
+
+def test_list_shows_first_what_works_here(cli: Command) -> None:
+    robots = {row["robot"] for row in cli.json("list")["robots"]}
+    assert robots == set(list_native_drivers())
+    left = len(cli.json("list", "--all")["robots"]) - len(robots)
+    drawn = cli.run("list").stdout
+    assert "ability_hand" not in drawn and "so101" in drawn
+    assert f"{left} more" in drawn and "--all" in drawn
 
 
 def test_a_problem_is_the_exit_code_of_the_process(cli: Command) -> None:

@@ -17,7 +17,7 @@ from strands_actors.supervisors.mesh.stop_rules import Said, read_loosely
 from .world import Samples, mesh, raw, robot_on_mesh, run, until
 
 NAMED = {"sender_id": "dash", "turn_id": "1"}
-FORMS: list[tuple[dict[str, Any], bool, str]] = [
+FORMS: list[tuple[Any, bool, str]] = [
     ({**NAMED, "command": {"action": "stop", "reason": "collision"}}, False, "dash"),
     ({**NAMED, "command": {"action": "stop", "by": None}}, False, "dash"),
     ({**NAMED, "command": {"action": " STOP ", "by": {"name": "me"}}}, False, "dash"),
@@ -28,6 +28,12 @@ FORMS: list[tuple[dict[str, Any], bool, str]] = [
     ({**NAMED, "command": "stop"}, False, "dash"),
     ({**NAMED, "target_id": None, "action": "stop"}, False, "dash"),
     ({"command": {"action": "estop"}}, True, ""),
+    ({**NAMED, "command": {"action": ["stop"]}}, False, "dash"),
+    ({**NAMED, "command": {"name": "halt"}}, False, "dash"),
+    ({**NAMED, "command": {"stop": True}}, False, "dash"),
+    ({"input": "please stop"}, False, ""),
+    (["e-stop"], True, ""),
+    ("emergency stop", True, ""),
     ({**NAMED, "padding": "x" * 20_000, "command": {"action": "stop"}}, False, "dash"),
 ]
 
@@ -85,9 +91,20 @@ def test_no_bytes_raise(payload: bytes) -> None:
     read_loosely(b'{"command": ' + payload + b"}")
 
 
-@pytest.mark.parametrize("payload", [b"", b"null", b"[]", b"[" * 5000, b'{"command": {"action": ["stop"]}}'])
+@pytest.mark.parametrize("payload", [b"", b"null", b"[]", b"[" * 5000, b'{"command": {"action": ["stopped"]}}'])
 def test_what_says_nothing_is_no_stop(payload: bytes) -> None:
     assert read_loosely(payload) == Said()
+
+
+@pytest.mark.parametrize("action", sorted(mesh_json.ACTIONS.keys() - {"stop", "estop"}))
+def test_no_other_command_is_a_stop(action: str) -> None:
+    said = {"sender_id": "stop", "turn_id": "stop", "by": "stop", "command": {"action": action, "text": "stop"}}
+    assert read_loosely(json.dumps(said).encode()).action == action
+
+
+@pytest.mark.parametrize("action", ["stop_task", "stop_recording", "unstoppable", "do not stop"])
+def test_a_word_more_makes_it_no_stop(action: str) -> None:
+    assert not read_loosely(json.dumps({**NAMED, "command": {"action": action}}).encode()).stops
 
 
 def test_what_is_wrong_with_one_field_spoils_no_other() -> None:

@@ -10,11 +10,10 @@ from typing import Any, Literal
 from strands_actors.contract.driver import Driver, Service
 from strands_actors.contract.plain_numbers import as_python
 from strands_actors.contract.shown import closest, shown
+from strands_actors.contract.stop_words import asks_for_stop
 from strands_actors.contract.tool_spec import tool_spec
 from strands_actors.contract.tool_verbs import ToolVerb
 from strands_actors.kernel.messages import Refused
-
-from .stop_words import asks_for_stop
 
 Kind = Literal["read", "motion", "stop"]
 

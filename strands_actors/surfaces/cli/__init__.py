@@ -16,7 +16,7 @@ from strands_actors.contract.extras import MissingExtra
 from strands_actors.surfaces.recording.errors import RecordingError
 
 from .errors import Problem
-from .options import All, Json, Kind, Mesh, What, Which, finite, one_or_all
+from .options import All, Every, Json, Kind, Mesh, What, Which, finite, one_or_all
 
 USAGE = 2
 INTERRUPTED = 130
@@ -62,11 +62,11 @@ def demo(
 
 
 @app.command("list")
-def list_(json: Json = False) -> None:
-    """The robots there are, and who drives them."""
+def list_(all_: Every = False, json: Json = False) -> None:
+    """The robots that this machine can drive, and who drives them."""
     from .robots import show_robots
 
-    show_robots(as_json=json)
+    show_robots(as_json=json, every=all_)
 
 
 @app.command()

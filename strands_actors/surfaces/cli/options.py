@@ -47,4 +47,5 @@ Which = Annotated[
 Kind = Annotated[str, typer.Argument(metavar="ROBOT", help="As `list` names it.", autocompletion=_known)]
 What = Annotated[str, typer.Argument(metavar="ROBOT|KEY", help="A robot, or a key with wildcards.")]
 Mesh = Annotated[Path | None, typer.Option("--mesh", metavar="FILE", help="How to reach robots elsewhere (TOML).")]
+Every = Annotated[bool, typer.Option("--all", help="Those, too, that nothing here drives.")]
 All = Annotated[bool, typer.Option("--all", help="Every robot of this user.")]

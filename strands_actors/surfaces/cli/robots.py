@@ -22,7 +22,13 @@ from strands_actors.drivers import (
 from .errors import Problem
 
 
-def show_robots(as_json: bool) -> None:
+def show_robots(as_json: bool, every: bool) -> None:
+    """Show the robots that something drives on this machine.
+
+    Args:
+        as_json: Print JSON.
+        every: Show those, too, that nothing here drives, and what would.
+    """
     drivers = list_native_drivers()
     rows = [
         {
@@ -33,8 +39,9 @@ def show_robots(as_json: bool) -> None:
         }
         for robot, coverage in list_driver_coverage().items()
     ]
+    shown = [row for row in rows if every or _drivers_here(row)]
     if as_json:
-        print(json.dumps({"robots": rows}))
+        print(json.dumps({"robots": shown}))
         return
     from rich import box
     from rich.console import Console
@@ -43,15 +50,23 @@ def show_robots(as_json: bool) -> None:
     table = Table(box=box.SIMPLE_HEAD)
     for title in ("robot", "driver", "driven by"):
         table.add_column(title)
-    for row in rows:
-        style = "" if row["driver"] or (row["coverage"] and not row["missing"]) else "dim"
-        table.add_row(str(row["robot"]), str(row["driver"] or "-"), _driven_by(row), style=style)
-    Console().print(table)
+    for row in shown:
+        who = _driven_by(row) if every else ", ".join(_drivers_here(row))
+        table.add_row(str(row["robot"]), str(row["driver"] or "-"), who, style="" if _drivers_here(row) else "dim")
+    console = Console()
+    console.print(table)
+    if not every and (left := len(rows) - len(shown)):
+        console.print(f"{left} more are known by name and have no driver on this machine: --all shows them")
+
+
+def _drivers_here(row: Mapping[str, Any]) -> list[str]:
+    """Return who drives a robot on this machine."""
+    return [who for who in row["coverage"] if who != "lerobot" or not row["missing"]]
 
 
 def _driven_by(row: Mapping[str, Any]) -> str:
-    """Return who really drives a robot on this machine, and what installs who would."""
-    here = [who for who in row["coverage"] if who != "lerobot" or not row["missing"]]
+    """Return who drives a robot on this machine, and what installs who would."""
+    here = _drivers_here(row)
     lacking = [f"lerobot: {row['missing']}"] if row["missing"] else []
     return ", ".join([*here, *(f"({text})" for text in lacking)]) or "-"
 

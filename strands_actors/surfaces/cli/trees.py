@@ -6,10 +6,9 @@ import json
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-import msgspec
 import trio
 
-from strands_actors.caller import directory
+from strands_actors.caller import directory, envelopes
 from strands_actors.caller.run_directory import Note
 from strands_actors.caller.strays import strays
 from strands_actors.supervisors.root.messages import ProcessInfo, TreeReport
@@ -39,7 +38,7 @@ def show_trees(as_json: bool) -> int:
     reports = trio.run(_ask_all)
     code = int(any(report.state == directory.UNREACHABLE for report in reports))
     if as_json:
-        print(json.dumps({"robots": [as_plain(report) for report in reports]}))
+        print(json.dumps({"robots": [envelopes.tree(report) for report in reports]}))
         return code
     from rich.console import Console
 
@@ -66,24 +65,13 @@ async def _ask_all() -> list[TreeReport]:
     return [found[robot] for robot in sorted(found)]
 
 
-def as_plain(report: TreeReport) -> dict[str, object]:
-    return {
-        "robot": report.robot,
-        "state": str(report.state),
-        "epoch": report.epoch,
-        "processes": [msgspec.structs.asdict(process) for process in report.processes],
-        "actors": [msgspec.structs.asdict(actor) for actor in report.actors],
-    }
-
-
 def draw(report: TreeReport, states: Mapping[int, str] | None = None, introspection: bool = True) -> Tree:
     """``states``: what a process does, by pid, where it is not simply running."""
     from rich.text import Text
     from rich.tree import Tree
 
-    head = Text.assemble(
-        (report.robot, "bold"), "  ", styled(report.state), f"  epoch {report.epoch}" if report.epoch else ""
-    )
+    epoch = f"  epoch {report.epoch}" if report.epoch else ""
+    head = Text.assemble((report.robot, "bold"), "  ", state_of(report.state, report.locked_by), epoch)
     tree = Tree(head, guide_style="dim")
     actors = [
         actor for actor in report.actors if introspection or actor.role not in ("introspection", "instrument")
@@ -106,6 +94,13 @@ def draw(report: TreeReport, states: Mapping[int, str] | None = None, introspect
                     leaf.append(f"  restarts {actor.restarts}", "yellow")
                 branch.add(leaf)
     return tree
+
+
+def state_of(state: str, locked_by: str) -> Text:
+    """A robot's state, as people are shown it: an e-stop is more than a stop."""
+    from rich.text import Text
+
+    return Text(f"e-stopped by {locked_by}", "bold magenta") if locked_by else styled(state)
 
 
 def styled(state: str) -> Text:

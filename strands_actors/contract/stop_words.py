@@ -1,4 +1,4 @@
-"""Whether something that was sent as a tool's input asks for a stop, in whatever form. Pure.
+"""Whether something that was sent as a tool's input, or over the mesh, asks for a stop, in whatever form. Pure.
 
 A model, a gateway or a person sends a stop as an object, as JSON text, as an object within another,
 in a list, in another case, or as a sentence of stop words alone. Each is understood. Nothing else
