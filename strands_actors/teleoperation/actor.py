@@ -19,7 +19,9 @@ from typing import Any
 import msgspec
 import trio
 
+from strands_actors.caller.stop_lines import stop_by_name
 from strands_actors.contract.axis import Axis
+from strands_actors.contract.driver import Reason
 from strands_actors.contract.loading import load
 from strands_actors.contract.wire import Observation, WireDown
 from strands_actors.kernel.actor import Actor, describe
@@ -38,6 +40,7 @@ from strands_actors.supervisors.gate.messages import (
     Release,
     Setpoint,
     Status,
+    Stop,
 )
 from strands_actors.supervisors.root.messages import (
     EpisodeKey,
@@ -64,6 +67,8 @@ LOOK_S = 0.02
 REPORT_S = 0.1
 ROBOT_S = 0.5
 """While it is idle it asks so often whether the robot can be moved at all."""
+SHOWN_S = 0.5
+"""So long the page shows what became of its stop before this process ends."""
 AGAIN_S = 1.0
 """Until a leader that is gone is tried again."""
 RECORDER_S = 3.0
@@ -112,6 +117,7 @@ class Teleoperation(Actor):
         self._ended: TaskStatus | None = None
         self._episode = EpisodeState()
         self._episode_ns = 0
+        self._stopping = False  # by the page, which is to be told what became of it before this ends
 
     async def started(self) -> None:
         context = self.context
@@ -180,7 +186,7 @@ class Teleoperation(Actor):
     async def _serve(self, told: Mapping[str, Any]) -> None:
         axes = [axis.key for axis in self._axes]
         title = self._rollout.instruction
-        page = Page(self.context.clock, self._operator.take, self._press, self._shown, axes, title)
+        page = Page(self.context.clock, self._operator.take, self._press, self._stop, self._shown, axes, title)
         try:
             await page.serve(told["host"], told["port"], partial(write_address, Path(told["address_file"])))
         except OSError as failure:
@@ -189,6 +195,21 @@ class Teleoperation(Actor):
     def _press(self, t_ns: int, word: str) -> None:
         """A key of the recorder's, if there is one: it listens."""
         self._tasks.tell(EpisodeKey(t_ns, word))
+
+    async def _stop(self) -> str:
+        """The page's stop button: the gate is told at once, and the robot is asked what became of it,
+        by the root's path when the gate does not answer. Then this has ended, as after any stop."""
+        self._stopping = True
+        by = f"the page of {self._rollout.robot}"
+        self._gate.tell(Stop(Reason.STOP, by))
+        became = await stop_by_name(self._rollout.robot, by)
+        self.context.start_soon(self._end_after_stop, became)
+        return became
+
+    async def _end_after_stop(self, became: str) -> None:
+        await trio.sleep(SHOWN_S)
+        self._stopping = False
+        await self._end("stop", f"stopped by its page: {became}")
 
     def _shown(self) -> dict[str, Any]:
         """What the page is told: where the robot was last sent, and what its recorder does,
@@ -316,7 +337,7 @@ class Teleoperation(Actor):
 
     async def _refused(self, answer: Message | None) -> None:
         self._machine.not_engaged(_text(answer))
-        if isinstance(answer, Refused) and answer.code in OVER:
+        if isinstance(answer, Refused) and answer.code in OVER and not self._stopping:
             await self._finish("stop", answer.text, answer.code)
 
     async def _leave(self, why: str) -> None:
@@ -363,7 +384,7 @@ class Teleoperation(Actor):
         """A stop ends a teleoperation, also one that sends nothing."""
         while self._ended is None:
             await trio.sleep(ROBOT_S)
-            if self._machine.state is State.IDLE:
+            if self._machine.state is State.IDLE and not self._stopping:
                 status = await self._ask(GetStatus())
                 if isinstance(status, Status) and status.mode not in WRITABLE:
                     await self._end("stop", f"the robot is {status.mode}: {status.cause}".removesuffix(": "))

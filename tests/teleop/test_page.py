@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import socket
@@ -125,6 +126,27 @@ def test_a_page_jogs_and_letting_go_of_it_in_any_way_is_a_hold(pair: Pair) -> No
                 while True:
                     again.recv(timeout=20.0)
     json_of(pair.arm.stop_task())
+
+
+def test_saf_002_stop_on_the_page_stops_the_robot_and_says_what_became_of_it(pair: Pair) -> None:
+    with operated(pair) as (_, socket):
+        say(socket, False)
+        before_ns = time.monotonic_ns()
+        for _ in range(3):  # as the page does, until it is answered
+            told = {"held": False, "rates": {}, "at_ms": time.monotonic() * 1e3, "stop": True}
+            socket.send(json.dumps(told))
+        stopped = ""
+        with contextlib.suppress(ConnectionClosed):
+            while True:
+                stopped = json.loads(socket.recv(timeout=20.0))["stopped"] or stopped
+        assert stopped.startswith("limp, ") and "NOT" not in stopped
+        safe = until(lambda: pair.follower.log.first_safe(before_ns), "it is stopped")
+        assert safe.safe_state == "limp"
+        pair.follower.log.no_setpoint_after_safe(before_ns)
+        task = until(
+            lambda: (seen := json_of(pair.arm.get_task_status())) and not seen["running"] and seen, "it ends"
+        )
+        assert (task["exit_reason"], task["exit_detail"]) == ("stop", f"stopped by its page: {stopped}")
 
 
 def test_the_address_is_for_its_user_alone_and_without_its_token_there_is_nothing(

@@ -43,7 +43,13 @@ class Served:
 @asynccontextmanager
 async def served(host: str = "127.0.0.1") -> AsyncIterator[Served]:
     told: list[Operate] = []
-    serving = server.Page(MonotonicClock(), told.append, lambda *_: None, lambda: {"state": "idle"}, ["a"], "t")
+
+    async def stop() -> str:
+        return "limp, 6 motors confirmed"
+
+    serving = server.Page(
+        MonotonicClock(), told.append, lambda *_: None, stop, lambda: {"state": "idle"}, ["a"], "t"
+    )
     async with trio.open_nursery() as nursery:
         tell, addresses = trio.open_memory_channel[str](1)
         nursery.start_soon(serving.serve, host, 0, tell.send_nowait)
@@ -107,3 +113,37 @@ def test_a_page_is_found_by_its_name_in_any_case(host: str) -> None:
 def test_a_page_that_no_browser_could_name_is_refused(listen: str) -> None:
     with pytest.raises(ValueError, match=r"every address of this host\. give the one .* as 192\.0\.2\.5"):
         Teleoperator("phone", listen=listen)
+
+
+STOP = """
+const html = require("fs").readFileSync(process.argv[1], "utf-8")
+const part = (from, to) => html.slice(html.indexOf(from), html.indexOf(to))
+const elements = {stop: {}}
+const element = id => elements[id]
+const shown = [], sent = [], letGo = () => {}
+const show = (state, why) => shown.push(`${state}: ${why}`)
+let key = ""
+const performance = {now: () => 1}
+const full = {bufferedAmount: 5000, send: text => sent.push(JSON.parse(text))}
+const text = part("let socket, open", "function turn").replace("let stop = false", "var stop = false")
+eval(text.replace("let socket, open = false", "var socket = full, open = false"))
+pressStop()
+console.log(shown.pop(), "|", sent.length)
+open = true; pressStop()
+console.log(shown.pop(), "|", sent.pop().stop)
+showStopped("asked, not confirmed yet"); console.log(shown.pop(), "|", stop)
+showStopped("limp, 6 motors confirmed"); console.log(shown.pop(), "|", stop)
+open = false; showStopped(""); console.log(shown.pop())
+open = true; pressStop(); open = false; showStopped(""); console.log(shown.pop())
+"""
+
+
+def test_the_pages_stop_claims_nothing_that_it_was_not_told() -> None:
+    assert run_on_page(STOP).splitlines() == [
+        "stopping: NOT SENT: this page is not connected. use the robot's own switch | 0",
+        "stopping: sent | true",
+        "stopping: asked, not confirmed yet | false",
+        "stopped: limp, 6 motors confirmed | false",
+        "stopped: limp, 6 motors confirmed",
+        "stopping: NOT CONFIRMED: the connection ended. cut its power if it still moves",
+    ]

@@ -11,11 +11,12 @@ import trio
 from strands_actors.caller import strays
 from strands_actors.caller.directory import Directory
 from strands_actors.caller.run_directory import Note, locks_dir
+from strands_actors.caller.stop_lines import line_of
 from strands_actors.caller.strays import Stray
 from strands_actors.contract.driver import Reason
 from strands_actors.supervisors.gate.messages import Resumed, StopReport
 from strands_actors.supervisors.root.locks import Locks, locked_robots
-from strands_actors.supervisors.stop_result import Confirmed, NothingRan, StopResult, Unconfirmed, Unreachable
+from strands_actors.supervisors.stop_result import Confirmed, StopResult, Unconfirmed, Unreachable
 
 Verb = Callable[[Directory, Note], Awaitable[tuple[bool, str]]]
 """Does it to one robot: whether that was confirmed, and a line for people."""
@@ -52,34 +53,7 @@ VERBS: dict[str, Verb] = {"stop": stop, "e-stop": estop, "resume": resume}
 
 
 def _told(result: StopResult) -> tuple[bool, str]:
-    match result:
-        case Unreachable():
-            return False, f"NOT CONFIRMED: {result.text}"
-        case Unconfirmed():
-            named = ", ".join(f"{m.axis} (id {m.id}): {m.detail}" for m in result.unsafe)
-            return False, f"NOT CONFIRMED by {named or 'the robot'}. cut its power if it still moves"
-        case Confirmed(proof):
-            return True, _confirmed(proof)
-        case _:
-            assert_never(result)
-
-
-def _confirmed(proof: StopReport | NothingRan) -> str:
-    match proof:
-        case NothingRan(why):
-            return why
-        case StopReport(motors=()):
-            return f"{proof.safe_state}, it was already"
-        case StopReport():
-            how = " by the stop channel" if proof.path == "stop_channel" else ""
-            confirmed = f"{_motors(len(proof.motors))} confirmed in {proof.took_ms:.1f} ms{how}"
-            return f"{proof.safe_state}, {confirmed}"
-        case _:
-            assert_never(proof)
-
-
-def _motors(count: int) -> str:
-    return "1 motor" if count == 1 else f"{count} motors"
+    return isinstance(result, Confirmed), line_of(result)
 
 
 async def end(lost: Sequence[Stray], lock: bool) -> tuple[bool, str]:

@@ -8,6 +8,7 @@ from typing import Any
 
 import msgspec
 
+from strands_actors.caller.stop_lines import stop_by_name
 from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.teleoperation.page.server import Page
 
@@ -32,5 +33,8 @@ async def serve_keys(
     def press(t_ns: int, word: str) -> None:
         command(word, t_ns)
 
-    page = Page(MonotonicClock(), lambda operated: None, press, status, [], f"recording of {robot}")
+    async def stop() -> str:
+        return await stop_by_name(robot, "the recorder's page")
+
+    page = Page(MonotonicClock(), lambda operated: None, press, stop, status, [], f"recording of {robot}")
     await page.serve(host, port, tell)

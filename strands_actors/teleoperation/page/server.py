@@ -6,7 +6,7 @@ import contextlib
 import json
 import os
 import secrets
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -17,7 +17,7 @@ from wsproto import ConnectionType, WSConnection
 from wsproto.events import AcceptConnection, CloseConnection, Message, Ping, Request, TextMessage
 from wsproto.utilities import ProtocolError
 
-from strands_actors.kernel.clock import Clock
+from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.serving import GONE, Client, serve_clients
 from strands_actors.supervisors.root.messages import Operate
 
@@ -30,6 +30,9 @@ SILENT_S = 2.0
 """A page that has said nothing for so long is gone, though its connection may stay for ever: a phone
 that sleeps, a network that is lost."""
 MAX_MESSAGE = 4096
+STOPPED_SHOWN_S = 20.0
+"""So long a page shows what became of its stop."""
+ASKED = "asked, not confirmed yet"
 MOST_STRANGERS = 16
 """Clients that have not shown the token."""
 LONGEST_MS = 1e12
@@ -40,12 +43,13 @@ REASONS = {400: "Bad Request", 403: "Forbidden", 404: "Not Found", 405: "Method 
 
 class Told(msgspec.Struct):
     """What the page says, 30 times a second. ``at_ms``: by its own clock; ``episode``: a key of the
-    recorder's, pressed now."""
+    recorder's, pressed now; ``stop``: the stop button was pressed."""
 
     held: bool
     at_ms: Annotated[float, msgspec.Meta(ge=0.0, le=LONGEST_MS)]
     rates: dict[str, float] = {}
     episode: Literal["", "start", "finish", "discard", "again"] = ""
+    stop: bool = False
 
 
 class _Operator:
@@ -59,13 +63,15 @@ class _Operator:
 
 class Page:
     """``operate``: is told what the operator does; ``press``: which key of the recorder's, and
-    when; ``status``: what the page shows; ``axes``: what can be moved."""
+    when; ``stop``: stops the robot, and returns what became of that; ``status``: what the page shows;
+    ``axes``: what can be moved."""
 
     def __init__(
         self,
         clock: Clock,
         operate: Callable[[Operate], None],
         press: Callable[[int, str], None],
+        stop: Callable[[], Awaitable[str]],
         status: Callable[[], dict[str, Any]],
         axes: list[str],
         title: str,
@@ -73,6 +79,10 @@ class Page:
         self._clock = clock
         self._operate = operate
         self._press = press
+        self._stop = stop
+        self._stopping = False
+        self._stopped = ""
+        self._stopped_ns = 0
         self._status = status
         self._axes = axes
         self._title = title
@@ -88,7 +98,8 @@ class Page:
         names = {host, "localhost"} if host.startswith("127.") else {host}
         self._hosts = frozenset(f"{name.lower()}:{number}" for name in names)  # as browsers say them
         tell(f"http://{host}:{number}/?token={self._token}")
-        await serve_clients(self._answer, listener, MOST_STRANGERS, SEND_S)
+        async with trio.open_nursery() as self._stops:  # a stop goes on when the page that asked has gone
+            await serve_clients(self._answer, listener, MOST_STRANGERS, SEND_S)
 
     async def _answer(self, client: Client) -> None:
         data = b""
@@ -165,12 +176,24 @@ class Page:
         self._operate(Operate(t_ns, held, told.rates))
         if told.episode:
             self._press(t_ns, told.episode)
+        if told.stop and not self._stopping:
+            self._stopping, self._stopped = True, ASKED
+            self._stops.start_soon(self._stop_robot)
+
+    async def _stop_robot(self) -> None:
+        self._stopped = await self._stop()
+        self._stopping = False
+        self._stopped_ns = self._clock.now_ns()
+
+    def _shown(self) -> dict[str, Any]:
+        is_old = not self._stopping and self._clock.now_ns() - self._stopped_ns > STOPPED_SHOWN_S * NS
+        return {**self._status(), "stopped": "" if is_old else self._stopped}
 
     async def _tell(self, client: Client, end: WSConnection, scope: trio.CancelScope) -> None:
         """What the page shows; a page that does not read is gone."""
         try:
             while True:
-                await client.send(end.send(TextMessage(json.dumps(self._status()))))
+                await client.send(end.send(TextMessage(json.dumps(self._shown()))))
                 await trio.sleep(TELL_S)
         except (*GONE, ProtocolError):
             scope.cancel()

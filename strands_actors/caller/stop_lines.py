@@ -1,0 +1,53 @@
+"""What became of a stop, in a line for people."""
+
+from __future__ import annotations
+
+from typing import assert_never
+
+from strands_actors.contract.driver import Reason
+from strands_actors.supervisors.gate.messages import StopReport
+from strands_actors.supervisors.stop_result import Confirmed, NothingRan, StopResult, Unconfirmed, Unreachable
+
+from . import directory
+
+
+async def stop_by_name(robot: str, by: str) -> str:
+    """Stop a robot of this user, and return what became of it. Nothing is raised: who pressed a button
+    has no other reader."""
+    try:
+        async with directory.join() as joined:
+            for note in joined.notes:
+                if note.robot == robot:
+                    return line_of(await joined.stop(note, Reason.STOP, by))
+    except OSError as failure:
+        return f"NOT CONFIRMED: {failure}. cut its power if it still moves"
+    return f"NOT CONFIRMED: no tree of {robot} is found. cut its power if it still moves"
+
+
+def line_of(result: StopResult) -> str:
+    """Return whether every motor was read back safe, and what to do when not."""
+    match result:
+        case Unreachable():
+            return f"NOT CONFIRMED: {result.text}"
+        case Unconfirmed():
+            named = ", ".join(f"{m.axis} (id {m.id}): {m.detail}" for m in result.unsafe)
+            return f"NOT CONFIRMED by {named or 'the robot'}. cut its power if it still moves"
+        case Confirmed(proof):
+            return _confirmed(proof)
+        case _:
+            assert_never(result)
+
+
+def _confirmed(proof: StopReport | NothingRan) -> str:
+    match proof:
+        case NothingRan(why):
+            return why
+        case StopReport(motors=()):
+            return f"{proof.safe_state}, it was already"
+        case StopReport():
+            how = " by the stop channel" if proof.path == "stop_channel" else ""
+            count = len(proof.motors)
+            motors = "1 motor" if count == 1 else f"{count} motors"
+            return f"{proof.safe_state}, {motors} confirmed in {proof.took_ms:.1f} ms{how}"
+        case _:
+            assert_never(proof)
