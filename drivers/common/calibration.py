@@ -67,6 +67,12 @@ def find(robot_types: Iterable[str], robot_id: str, root: Path | None = None, ki
     return None
 
 
+def ids(robot_types: Iterable[str], root: Path | None = None, kind: str = ROBOTS) -> list[str]:
+    """Return the ids of which there are files."""
+    base = folder() if root is None else root
+    return sorted({path.stem for robot_type in robot_types for path in (base / kind / robot_type).glob("*.json")})
+
+
 def load(path: Path, motors: Mapping[str, int], max_offset: int) -> dict[str, MotorCalibration]:
     """Read a file and ``check`` it. Raise ``ValueError``."""
     try:

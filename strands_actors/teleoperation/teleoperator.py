@@ -119,7 +119,7 @@ class Teleoperator:
         told = self._options if transport is not None else {**self._options, "tool_name": robot_id or leader}
         self._options = driver_class.resolve(leader, told)
         self._driver_class = driver_class
-        self._driver = build_driver(driver_class, leader, "", self._options)
+        self._driver = build_driver(driver_class, leader, self._port or "", self._options)
         if transport is not None:
             self._twin = TwinProcess(driver_class.TWIN, leader, has_control=True)
 
@@ -133,6 +133,11 @@ class Teleoperator:
         if self._driver is None:
             raise TypeError(f"{self.name} is no arm: it has no axes of its own")
         return self._driver
+
+    @property
+    def caveats(self) -> tuple[str, ...]:
+        """What is to be known of a leader arm before it leads: it is not calibrated. A twin needs not."""
+        return () if self._driver is None or self._twin is not None else self._driver.caveats
 
     @property
     def twin_process(self) -> TwinProcess | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -23,6 +24,8 @@ from strands_actors.supervisors.root.messages import Operate
 from .actor import GRIPPER, KEY
 from .machine import Kind
 from .teleoperator import Teleoperator, place_of_map
+
+_log = logging.getLogger("strands_actors")
 
 ACTOR = "strands_actors.teleoperation.actor:Teleoperation"
 FOR_EVER_S = 1e9
@@ -86,7 +89,10 @@ def attach(
         if isinstance(begun, Refused):
             return answers.refused(begun)
         tree.rollouts.no_operator = NOT_THE_DEADMAN if chosen == GRIPPER else None
-        return answers.success(answers.task(begun))
+        for caveat in leader.caveats:
+            _log.warning("%s leads %s: %s", leader.name, tree.robot, caveat)
+        told = answers.task(begun)
+        return answers.success({**told, "caveats": list(leader.caveats)} if leader.caveats else told)
 
     return run
 

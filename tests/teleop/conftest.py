@@ -29,7 +29,8 @@ class Pair:
         self.teleoperator = Teleoperator("so101_leader", port=leader.port)
 
     def begin(self, **keywords: Any) -> None:
-        json_of(self.arm.attach_teleop(self.teleoperator, deadman="key", **keywords))
+        begun = json_of(self.arm.attach_teleop(self.teleoperator, deadman="key", **keywords))
+        assert "so101_leader is not calibrated" in begun["caveats"][0], "for all it knows it is no twin"
         self.wait(lambda now: now["leader"] == "connected" and now["leader_age_ms"] is not None, held=False)
 
     def engage(self) -> None:

@@ -90,7 +90,14 @@ def test_its_calibration_is_lerobots_of_a_teleoperator(tmp_path: Path, monkeypat
     file.write_text(json.dumps(motors))
     calibrated = Teleoperator("so101_leader", port="/dev/null", id="left").driver
     assert calibrated.travel()["shoulder_pan"] == pytest.approx((-87.9, 87.9), abs=0.1)
-    assert Teleoperator("so101_leader", port="/dev/null").driver.travel() == {}
+    other = Teleoperator("so101_leader", port="/dev/null")
+    assert other.driver.travel() == {}
+    (caveat,) = other.caveats
+    assert "so101_leader is not calibrated" in caveat and "calibrated are the ids left: give one of them" in caveat
+    assert "calibrate so101_leader --port /dev/null" in caveat
+    for by_command in (leader_of("so101_leader:/dev/null:left"), leader_of("so101_leader:/dev/null", "left")):
+        assert by_command.driver.travel() == calibrated.travel() and by_command.caveats == ()
+    assert Teleoperator("so101_leader", transport="twin").caveats == ()
 
 
 def test_a_hand_moves_twins_alone() -> None:
@@ -145,6 +152,21 @@ def test_a_koch_leader_is_moved_by_hand_and_read_and_leads_its_follower() -> Non
 )
 def test_the_command_says_where_a_leader_is(text: str, expected: str) -> None:
     assert repr(leader_of(text)) == expected
+
+
+def test_a_port_whose_name_has_colons_is_no_id(tmp_path: Path) -> None:
+    port = tmp_path / "pci-0000:00:14.0-usb-0:1:1.0"
+    port.touch()
+    assert repr(leader_of(f"so101_leader:{port}")) == f"<Teleoperator so101_leader ({port})>"
+    assert repr(leader_of(f"so101_leader:{port}:left")) == f"<Teleoperator so101_leader ({port})>"
+
+
+def test_the_command_takes_one_id_for_who_has_one() -> None:
+    with pytest.raises(ValueError, match="name two ids"):
+        leader_of("so101_leader:/dev/null:left", "right")
+    for text in ("keyboard", "phone", "phone:127.0.0.1"):
+        with pytest.raises(TypeError, match="has no id"):
+            leader_of(text, "right")
 
 
 def test_the_command_wants_to_know_where() -> None:

@@ -77,7 +77,7 @@ class ServoDriver(Driver):
 
     @classmethod
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
-        accepted = (*cls.OPTIONS, "tool_name", "calibration_source")
+        accepted = (*cls.OPTIONS, "tool_name", "calibration_source", "calibrated_ids")
         if unknown := [name for name in options if name not in accepted]:
             raise TypeError(f"{robot}: unknown option {', '.join(unknown)}. Use {', '.join(cls.OPTIONS)}")
         name = cls.TABLES.canonical(robot)
@@ -92,6 +92,7 @@ class ServoDriver(Driver):
             "timeout": _timeout_s(robot, options.get("timeout")),
             "calibration": motors and {key: _plain(motor) for key, motor in motors.items()},
             "calibration_source": source,
+            "calibrated_ids": [] if motors else lerobot.ids(cls.lerobot_types(name), kind=cls.CALIBRATIONS),
         }
 
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
@@ -116,9 +117,11 @@ class ServoDriver(Driver):
         kinds = {"percent": PartKind.GRIPPER}
         self.declare(*(Part(kinds.get(unit, PartKind.ARM), tuple(group)) for unit, group in groups))
         if calibration is None:
+            known = ", ".join(resolved.get("calibrated_ids", ()))
+            hint = f"calibrated are the ids {known}: give one of them, or " if known else ""
             self.caveats = (
                 f"{self.robot} is not calibrated: its limits are those of its model, and 0 degrees is the middle "
-                f"of each servo. run `strands-actors calibrate {self.robot} --port {port or 'P'}`",
+                f"of each servo. {hint}run `strands-actors calibrate {self.robot} --port {port or 'P'}`",
             )
         self.gates = all_gates(self.joints, self.timing.state_ttl_s, self.FAULT_CODES, self.REMEDIES)
 
@@ -171,8 +174,7 @@ class ServoDriver(Driver):
         if isinstance(given, (str, Path)):
             path: Path | None = Path(given).expanduser()
         elif given is None:
-            tool_name = options.get("tool_name")
-            types = cls.lerobot_types(robot)
+            tool_name, types = options.get("tool_name"), cls.lerobot_types(robot)
             path = lerobot.find(types, str(tool_name), kind=cls.CALIBRATIONS) if tool_name else None
         else:
             raise ValueError(f"{robot}: calibration is {given!r}. Give a path, a dict or None")

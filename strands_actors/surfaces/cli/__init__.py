@@ -225,8 +225,8 @@ def teleop(
         typer.Option(
             "--from",
             metavar="LEADER",
-            help="NAME:PORT of a leader arm, keyboard, lerobot:TYPE, module:Class; page, gamepad and phone are one "
-            "page, :ADDRESS:PORT of it for your network.",
+            help="NAME:PORT or NAME:PORT:ID of a leader arm, keyboard, lerobot:TYPE, module:Class; page, gamepad "
+            "and phone are one page, :ADDRESS:PORT of it for your network.",
         ),
     ],
     port: Annotated[str | None, typer.Option(help="Of a real robot: its serial port or address.")] = None,
@@ -242,12 +242,14 @@ def teleop(
         float | None, typer.Option(min=0.0, callback=finite, help="How long; else until a key.")
     ] = None,
     id_: Annotated[str | None, typer.Option("--id", help="The robot's name, and its calibration's.")] = None,
+    leader_id: Annotated[str | None, typer.Option(help="The leader's: as it was calibrated with --id.")] = None,
     json: Json = False,
 ) -> None:
     """Lead a robot by a leader arm, or by keys. It follows while the dead-man is held."""
     from .teleop import teleop as run
 
-    raise typer.Exit(run(robot, leader, port, twin, deadman, relative, hz, max_speed, map_, seconds, id_, json))
+    led_by = leader, leader_id
+    raise typer.Exit(run(robot, led_by, port, twin, deadman, relative, hz, max_speed, map_, seconds, id_, json))
 
 
 meshes = typer.Typer(name="mesh", help="Who is on the mesh, and who may be.", add_completion=False)

@@ -30,7 +30,7 @@ TWIN = "twin"
 
 def teleop(
     robot: str,
-    leader: str,
+    leader: tuple[str, str | None],
     port: str | None,
     twin: bool,
     deadman: str | None,
@@ -42,14 +42,15 @@ def teleop(
     robot_id: str | None,
     as_json: bool,
 ) -> int:
-    """Run until a key, the time or the robot ends it. 0 when it ended as it was asked to."""
+    """Run until a key, the time or the robot ends it. ``leader``: what leads, and its id. 0 when it
+    ended as it was asked to."""
     is_terminal = sys.stdin.isatty()
     try:
         mapped = load(map_fn) if map_fn else None
     except (ImportError, AttributeError) as failure:
         raise Problem(f"teleop: --map {map_fn}: {failure}. give module:function") from failure
     try:
-        led_by = leader_of(leader, relative)
+        led_by = leader_of(*leader, relative)
         arm = _robot(robot, port, twin, robot_id)
     except (ValueError, TypeError) as refusal:
         raise Problem(f"teleop: {refusal}") from refusal
@@ -75,19 +76,33 @@ def teleop(
     return 0 if told["exit_reason"] in ("stopped", "duration") else 1
 
 
-def leader_of(text: str, relative: bool = False) -> Teleoperator:
-    """Return what ``--from`` says: ``NAME:PORT``, ``NAME:twin``, ``keyboard``, ``module:Class``.
-    Raise ``ValueError``, ``TypeError``."""
+def leader_of(text: str, leader_id: str | None = None, relative: bool = False) -> Teleoperator:
+    """Return what ``--from`` says.
+
+    Args:
+        text: ``NAME:PORT``, ``NAME:PORT:ID``, ``NAME:twin``, ``keyboard``, ``module:Class``, ``lerobot:TYPE``.
+        leader_id: Under which a leader arm's calibration is kept, LeRobot's ``id``.
+        relative: It leads from where it and the robot are when it is engaged.
+
+    Raises:
+        ValueError: There is no such leader, or its id is given twice.
+        TypeError: What it is given, it does not take.
+    """
     name, _, where = text.partition(":")
     if name in PAGES and where:
-        return Teleoperator(name, listen=where)
+        return Teleoperator(name, listen=where, id=leader_id)
     if name == KEYBOARD or not name.endswith("_leader"):
-        return Teleoperator(text, relative=relative)
+        return Teleoperator(text, relative=relative, id=leader_id)
     if not where:
         raise ValueError(f"--from {text} does not say where it is. give {text}:/dev/ttyACM1, or {text}:twin")
     if where == TWIN:
-        return Teleoperator(name, transport=TWIN, relative=relative)
-    return Teleoperator(name, port=where, relative=relative)
+        return Teleoperator(name, transport=TWIN, relative=relative, id=leader_id)
+    if ":" in where and not os.path.exists(where):  # udev's names of ports by path have colons, too
+        where, _, own_id = where.rpartition(":")
+        if leader_id not in (None, own_id):
+            raise ValueError(f"--from {text} and --leader-id {leader_id} name two ids. give one")
+        leader_id = own_id
+    return Teleoperator(name, port=where, relative=relative, id=leader_id)
 
 
 def _robot(robot: str, port: str | None, twin: bool, robot_id: str | None) -> RealRobot:
