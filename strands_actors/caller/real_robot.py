@@ -182,6 +182,11 @@ class RealRobot(RobotTool):
         self._asked_to_connect = True
         return self._connect_now()
 
+    def ensure_connected(self) -> str | None:
+        """Connect as the first command does, unless that was done. None, or why not. Who stopped it
+        meanwhile finds it stopped."""
+        return f"connect: {CLEANED_UP}" if self._closed else self._connect_first()
+
     def _connect_now(self) -> str | None:
         if self._closed:
             return f"connect: {CLEANED_UP}"

@@ -18,7 +18,7 @@ import msgspec
 
 from strands_actors.contract.shown import shown
 from strands_actors.kernel.processes.interpreter import PYTHON, environment
-from strands_actors.surfaces.recording.given import name_of, path_of
+from strands_actors.surfaces.recording.given import name_of, path_of, started
 
 from .errors import DatasetError
 from .run import require_order
@@ -50,8 +50,8 @@ def record_dataset(
     cameras: Sequence[str] | str = (),
     codec: str | None = None,
 ) -> DatasetRecording:
-    """Record episodes of a connected robot (or the running one of that name) into a dataset, which
-    is made, or grows.
+    """Record episodes of a robot, or of the running one of that name, into a dataset, which is made,
+    or grows. A robot that is not connected yet is connected, as its first command would do.
 
     with record_dataset(arm, "pick", task="pick the cube up", cameras=["wrist"]) as recording:
         with recording.episode():
@@ -67,6 +67,7 @@ def record_dataset(
         raise DatasetError(f"{what}: cameras is {shown(cameras)}. give the names of the robot's cameras, in a list")
     order = Order(name, folder, task, fps, tuple(named), codec)
     require_order(order)
+    started(what, robot, DatasetError)
     return DatasetRecording(order)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import hashlib
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +13,7 @@ from strands_actors.contract import driver as contract
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.loading import load
 from strands_actors.contract.shown import shown
-from strands_actors.drivers import PLAIN, get_native_driver_class
+from strands_actors.drivers import MODEL, PLAIN, SIMULATION, get_native_driver_class
 from strands_actors.supervisors import gate
 from strands_actors.supervisors.instrument import Attached
 from strands_actors.supervisors.loading import describe_driver
@@ -24,22 +25,33 @@ if TYPE_CHECKING:
     from .file import Info
 
 SUFFIXES = (".py", ".toml")
+OF_THIS_PACKAGE = (PLAIN, MODEL, SIMULATION)
+"""Drivers of robots whose own driver is another: one of the drivers page, a model file, a simulation."""
 
 
 def driver_class_of(description: dict[str, object]) -> type[Driver]:
     """Return the registered class of the robot. One that only the file names is not loaded: a file
     is no authority for what code to run. Raise ``RecordingError``."""
-    robot = str(description.get("robot"))
-    if description.get("class") == PLAIN:  # of this package: what decides for any class of the drivers page
-        plain: type[Driver] = load(PLAIN)
-        return plain
+    robot, named = str(description.get("robot")), description.get("class")
+    if named in OF_THIS_PACKAGE:
+        if named == SIMULATION:
+            _require_known(robot, description.get("options"))
+        own: type[Driver] = load(named)
+        return own
     found = get_native_driver_class(robot)
     if found is None or not issubclass(found, Driver):
         raise RecordingError(f"there is no driver for {robot} here. install the package that has it")
     where = describe_driver(found, robot, "", {})["class"]
-    if where != description.get("class"):
-        raise RecordingError(f"{robot} was driven by {description.get('class')}, here it is {where}")
+    if where != named:
+        raise RecordingError(f"{robot} was driven by {named}, here it is {where}")
     return found
+
+
+def _require_known(robot: str, options: object) -> None:
+    """Raise ``RecordingError`` unless the driver whose robot was simulated is the one of that name
+    here."""
+    simulated = options.get("class") if isinstance(options, Mapping) else None
+    driver_class_of({"robot": robot, "class": simulated})
 
 
 def build_driver(info: Info) -> Driver:

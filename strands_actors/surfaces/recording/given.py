@@ -18,6 +18,16 @@ def name_of(what: str, robot: object, error: type[RecordingError] = RecordingErr
     return name
 
 
+def started(what: str, robot: object, error: type[RecordingError] = RecordingError) -> str:
+    """Return the name of a robot that runs: one that is given as an object is connected first, as its
+    first command would connect it. Raise ``error``."""
+    name = name_of(what, robot, error)
+    connect = getattr(robot, "ensure_connected", None)
+    if connect is not None and (problem := connect()):
+        raise error(f"{what}: {problem}")
+    return name
+
+
 def path_of(what: str, which: str, path: object, error: type[RecordingError] = RecordingError) -> Path:
     """Return a path that was given as text, or as a path. Raise ``error``."""
     text = os.fspath(path) if isinstance(path, str | os.PathLike) else None

@@ -15,7 +15,7 @@ import trio
 from strands_actors.kernel.processes.interpreter import PYTHON, environment
 
 from .errors import RecordingError
-from .given import name_of, path_of
+from .given import path_of, started
 from .to_file import record_until_told
 
 END_S = 15.0
@@ -29,10 +29,11 @@ class Named(Protocol):
 
 @contextmanager
 def record(robot: str | Named, path: str | Path) -> Iterator[None]:
-    """Record a connected robot (or the running one of that name) for as long as the block runs.
-    Raise ``RecordingError`` when it cannot be recorded; the robot does not notice."""
-    name = name_of("record", robot)
+    """Record a robot, or the running one of that name, for as long as the block runs. A robot that
+    is not connected yet is connected first, as its first command would do. Raise ``RecordingError``
+    when it cannot be recorded; the robot does not notice."""
     path = path_of("record", "path", path)
+    name = started("record", robot)
     process = subprocess.Popen(
         [*PYTHON, "-m", __name__, name, str(path)],
         stdin=subprocess.DEVNULL,
