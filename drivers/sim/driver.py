@@ -98,6 +98,9 @@ class SimDriver(Driver):
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         return self.real.parse_simulated(action, state)
 
+    def observed(self, observation: Observation) -> dict[str, float]:
+        return self.real.observed(observation)
+
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
         return self.real.as_json(values)
 

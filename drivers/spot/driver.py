@@ -21,13 +21,14 @@ from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
 from strands_actors.contract.tool_verbs import STATE, STATUS, STOP, ToolVerb
+from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.velocity_base import parse_twist
 from strands_actors.kernel.messages import Refused
 
 from .config import LATE_S, SAFE_S, SpotConfig
 from .gates import conditions_of, gates_of, refuse_leg, refuse_twist, with_parts
 from .protocol import TWIST_S
-from .robots import BASE, DRIVES, KEYS, TABLES, parts_of
+from .robots import BASE, DRIVES, KEYS, LEG_SENSORS, TABLES, parts_of
 
 STREAM_TTL_S = 0.3
 """Lifetime of a setpoint of a stream: three periods."""
@@ -167,6 +168,11 @@ class Spot(Driver):
         """Return a row by key, without what this robot has not: an arm."""
         row = dict(zip(self.axes, values, strict=False))
         return {key: value for key, value in row.items() if value == value}
+
+    def observed(self, observation: Observation) -> dict[str, float]:
+        """Return its legs, too, which nobody but its own controller moves."""
+        legs = {key: observation.sensors.get(sensor) for key, sensor in LEG_SENSORS.items()}
+        return {**super().observed(observation), **{key: row[0] for key, row in legs.items() if row}}
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
         target = self.as_json(values)

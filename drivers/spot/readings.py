@@ -9,7 +9,7 @@ from strands_actors.contract.wire import Observation
 
 from .gates import BEHAVIOUR
 from .protocol import Motors, Reading
-from .robots import ARM, BASE, CLAW, LEGS, wire_name
+from .robots import ARM, BASE, CLAW, LEG_SENSORS, LEGS, wire_name
 
 Targets = tuple[float | None, ...]
 
@@ -34,7 +34,7 @@ def sensors_of(reading: Reading) -> dict[str, tuple[float, ...]]:
         "estopped": (float(len(reading.pressed)),),
     }
     legs = [(key, reading.joints.get(wire_name(key))) for key in LEGS]
-    return {**told, **{f"{key}_rad": (joint[0],) for key, joint in legs if joint is not None}}
+    return {**told, **{LEG_SENSORS[key]: (joint[0],) for key, joint in legs if joint is not None}}
 
 
 def observe(reading: Reading, stamp_ns: int, faults: Mapping[str, str]) -> Observation:

@@ -15,6 +15,7 @@ ARM = ("arm_sh0", "arm_sh1", "arm_el0", "arm_el1", "arm_wr0", "arm_wr1")
 CLAW = "arm_f1x"
 KEYS = (*BASE, *ARM, CLAW)
 LEGS = tuple(f"{leg}_{joint}" for leg in ("fl", "fr", "hl", "hr") for joint in ("hx", "hy", "kn"))
+LEG_SENSORS = {key: f"{key}_rad" for key in LEGS}
 """Read only: the robot's own controller walks."""
 
 DRIVES, MOVES_ARM, MOVES_CLAW = len(KEYS), len(KEYS) + 1, len(KEYS) + 2

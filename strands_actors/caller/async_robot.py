@@ -47,7 +47,7 @@ class Observations(AsyncIterator[dict[str, float]]):
             await trio.sleep_until(self._last_s)
             answer = await self._tree.observe()
             if isinstance(answer, Observation):
-                return self._tree.driver.as_json(answer.position)
+                return self._tree.driver.observed(answer)
 
 
 class AsyncRobot:

@@ -236,7 +236,7 @@ def status(
 
 def positions(driver: Driver, observation: Observation) -> dict[str, float | None]:
     """By public key; what was never read is null."""
-    return {key: _known(value) for key, value in driver.as_json(observation.position).items()}
+    return {key: _known(value) for key, value in driver.observed(observation).items()}
 
 
 def velocities(driver: Driver, observation: Observation) -> dict[str, float | None]:

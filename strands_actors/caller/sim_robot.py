@@ -195,7 +195,7 @@ class SimRobot(RealRobot):
             return answers.error(problem)
         if isinstance(answer, Refused):
             return answers.refused(answer)
-        return answers.success({"position": tree.driver.as_json(answer.observation.position)})
+        return answers.success({"position": tree.driver.observed(answer.observation)})
 
     def cleanup(self) -> Answer:
         answer = super().cleanup()

@@ -97,7 +97,7 @@ def get_observation_here(tree: RobotTree) -> Answer:
 def _observed(tree: RobotTree, answer: Observation | Refused) -> Answer:
     if isinstance(answer, Refused):
         return answers.refused(answer)
-    return answers.success(tree.driver.as_json(answer.position))
+    return answers.success(tree.driver.observed(answer))
 
 
 class Observing:
@@ -271,7 +271,7 @@ async def resume(tree: RobotTree, lift: bool = True) -> Answer:
     if isinstance(answer, Refused):
         return answers.refused(answer)
     assert isinstance(answer, Resumed)
-    position = tree.driver.as_json(answer.observation.position)
+    position = tree.driver.observed(answer.observation)
     return answers.success({"armed": True, "epoch": answer.epoch, "position": position})
 
 

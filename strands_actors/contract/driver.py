@@ -359,10 +359,14 @@ class Driver(ABC):
         """Return a row in axis order as the public keys."""
         return dict(zip(self.axes, values, strict=True))
 
-    def as_telemetry(self, values: Sequence[float]) -> dict[str, float]:
-        """``as_json`` for other hosts: a position stands under ``x`` and under ``x.pos``, since a
+    def observed(self, observation: Observation) -> dict[str, float]:
+        """Return where the robot is, by public key: its axes, and joints that it only tells of."""
+        return self.as_json(observation.position)
+
+    def as_telemetry(self, observation: Observation) -> dict[str, float]:
+        """``observed`` for other hosts: a position stands under ``x`` and under ``x.pos``, since a
         reader of JSON cannot ask for the other."""
-        told = self.as_json(values)
+        told = self.observed(observation)
         rates = {axis.key for axis in self.table if axis.mode is AxisMode.VELOCITY}
         return told | {f"{key}{SUFFIX}": value for key, value in told.items() if key not in rates}
 

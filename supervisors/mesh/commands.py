@@ -316,7 +316,7 @@ class Commands(Actor):
             return no_answer(answer)
         age_s = (self.context.clock.now_ns() - answer.t_ns) / NS
         return {
-            "joints": self._driver.as_telemetry(answer.position),
+            "joints": self._driver.as_telemetry(answer),
             "unit": self._driver.unit,
             "age_s": age_s,
         }

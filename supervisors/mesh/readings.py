@@ -49,7 +49,7 @@ def state_of(robot: str, driver: Driver, task: TaskStatus, status: Status | None
     }
     observation = None if status is None else status.observation
     if status is not None and observation is not None:
-        state["joints"] = driver.as_telemetry(observation.position)
+        state["joints"] = driver.as_telemetry(observation)
         state["age_s"] = status.age_s
         if status.mode in WRITABLE and status.target:
             state["targets"] = driver.as_json(status.target)

@@ -103,6 +103,8 @@ def test_it_stands_up_before_it_walks_and_says_so(spot: RealRobot, twin: Twin) -
         "twist": {"vx": 0.2, "vy": 0.0, "wz": 0.0},
     }
     until(lambda: spot.get_observation()["arm_sh0"] == pytest.approx(0.3), "the arm is there")
+    legs = {key for key in spot.get_observation() if key.endswith(("_hx", "_hy", "_kn"))}
+    assert len(legs) == 12 and legs <= json_of(spot.state())["joints"].keys(), "read, though not commanded"
 
 
 def test_saf_001_a_twist_ends_on_the_robots_clock_and_nothing_repeats_it(spot: RealRobot, twin: Twin) -> None:
