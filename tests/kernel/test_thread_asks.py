@@ -11,6 +11,7 @@ from concurrent.futures import Future
 
 import pytest
 import trio
+import zenoh
 
 from strands_actors.kernel.actor import Actor
 from strands_actors.kernel.asks import went_away
@@ -199,6 +200,34 @@ def test_a_forked_process_keeps_off_its_parents_session() -> None:
         finally:
             os._exit(1)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
+
+
+@real_time
+async def test_saf_006_a_stop_that_a_thread_asks_for_is_urgent_on_its_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As one that the loop asks for is: it overtakes what waits, and waits for no batch."""
+    seen: list[tuple[str, zenoh.Priority, bool]] = []
+    take = ZenohMesh._on_sample
+
+    def spy(self: ZenohMesh, sample: zenoh.Sample) -> None:
+        kind = decode_frame(sample.payload.to_bytes()).kind
+        if kind == ASK:
+            seen.append((str(sample.key_expr), sample.priority, sample.express))
+        take(self, sample)
+
+    monkeypatch.setattr(ZenohMesh, "_on_sample", spy)
+    async with by_zenoh() as pair:
+        ours = pair.way
+        assert isinstance(ours, ZenohMesh)
+        ours.serve_threads()
+        cell = await pair.host("there", There)
+        ref = pair.here.ref(cell.address, There)
+        await ref.ask(Alarm(1), PATIENCE_S)  # by the loop
+        await trio.to_thread.run_sync(ref.ask_here, Alarm(2), PATIENCE_S)
+        await trio.to_thread.run_sync(ref.ask_here, Ping(), PATIENCE_S)
+    asked = [(priority, express) for key, priority, express in seen if key == cell.address]
+    by_loop, by_thread, ordinary = asked[-3:]
+    assert by_thread == by_loop == (zenoh.Priority.REAL_TIME, True)
+    assert ordinary == (zenoh.Priority.INTERACTIVE_HIGH, False)
 
 
 @real_time

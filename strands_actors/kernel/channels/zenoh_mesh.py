@@ -14,6 +14,7 @@ from __future__ import annotations
 import os
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import msgspec
@@ -66,7 +67,7 @@ class ZenohMesh:
         self._tokens: Any = None
         self._private: set[str] = set()
         self._threads: ThreadAsks | None = None
-        self._asked: dict[str, zenoh.Publisher] = {}
+        self._asked: dict[tuple[str, bool], zenoh.Publisher] = {}  # by address, and whether it is urgent
         self.node: Node
         opened(self)
 
@@ -160,7 +161,7 @@ class ZenohMesh:
         try:
             with calls:
                 if to in self._private:
-                    return self._query(to, data, self._on_sample)
+                    return self._query(to, data, self._on_sample, urgent)
                 publisher = self._publisher(to, urgent)
                 if to in self._alive or _is_heard(to, publisher):
                     publisher.put(data)
@@ -171,7 +172,7 @@ class ZenohMesh:
             return False  # no key at all (a peer names where its answer goes), or the session is closed
         return self._guests is not None and self._guests.send(to, data, descriptors, urgent)
 
-    def _query(self, to: str, data: bytes, on_answer: Callable[[zenoh.Sample], None]) -> bool:
+    def _query(self, to: str, data: bytes, on_answer: Callable[[zenoh.Sample], None], urgent: bool) -> bool:
         if to not in self._alive:
             return False
 
@@ -184,7 +185,8 @@ class ZenohMesh:
             callback(answered),
             payload=data,
             congestion_control=zenoh.CongestionControl.BLOCK,
-            priority=zenoh.Priority.INTERACTIVE_HIGH,
+            priority=_URGENT if urgent else zenoh.Priority.INTERACTIVE_HIGH,
+            express=urgent,
             timeout=ANSWERED_S,
         )
         return True
@@ -225,27 +227,29 @@ class ZenohMesh:
         """From any thread, which waits: see ``Ref.ask_here``."""
         if self._threads is None:
             raise RuntimeError("serve_threads() was not called")
-        return self._threads.ask(self._put_question, to, sender, message, decode, deadline_s)
+        put = partial(self._put_question, message.lane == "urgent")
+        return self._threads.ask(put, to, sender, message, decode, deadline_s)
 
     def forget(self, to: str, why: str) -> None:
         """Threads ask nothing of the actor at ``to`` any more; those that wait for it are told
         ``why``."""
-        publisher = self._asked.pop(to, None)
-        if publisher is not None:
-            publisher.undeclare()  # type: ignore[no-untyped-call]
+        for urgent in (False, True):
+            publisher = self._asked.pop((to, urgent), None)
+            if publisher is not None:
+                publisher.undeclare()  # type: ignore[no-untyped-call]
         if self._threads is not None:
             self._threads.fail(to, Unreachable(why))
 
-    def _put_question(self, to: str, data: bytes) -> bool:
+    def _put_question(self, urgent: bool, to: str, data: bytes) -> bool:
         try:
             with calls:
                 if to in self._private:
-                    return self._query(to, data, self._on_answer)
+                    return self._query(to, data, self._on_answer, urgent)
                 if to not in self._alive:
                     return False
-                publisher = self._asked.get(to)
+                publisher = self._asked.get((to, urgent))
                 if publisher is None:  # two threads at once may make two: one of them is kept
-                    publisher = self._asked[to] = self._declare(to, False)
+                    publisher = self._asked[to, urgent] = self._declare(to, urgent)
                 publisher.put(data)
         except zenoh.ZError:
             return False
