@@ -13,7 +13,7 @@ from msgspec.structs import replace
 
 from strands_actors.contract.wire import MotorReport
 from strands_actors.drivers.common.udp_port import UdpListener
-from strands_actors.drivers.kuka.link import ALONE_STAND_S, Link, answer_instead, first_message
+from strands_actors.drivers.kuka.link import ALONE_STAND_S, RUN, Link, answer_instead, first_message
 from strands_actors.drivers.kuka.protocol import (
     COUNTER,
     JOINTS,
@@ -173,3 +173,22 @@ def test_a_controller_that_names_no_answer_while_it_monitors_is_not_called_ackno
 def test_numbers_that_wrap_are_compared_as_such() -> None:
     assert has_reached(5, 5) and has_reached(0, COUNTER) and has_reached(3, COUNTER - 3)
     assert not has_reached(4, 5) and not has_reached(COUNTER, 0)
+
+
+def test_saf_022_a_session_that_is_commanded_is_joined_when_its_numbers_go_on() -> None:
+    """Not by one message, which may be an old one: its position would be a jump."""
+
+    async def test() -> None:
+        controller = Controller()
+        read = controller.read
+        old = await read()
+        replayed = [old, old, old, old]
+
+        async def replaying() -> bytes:
+            return replayed.pop() if replayed else await read()
+
+        controller.read = replaying  # type: ignore[method-assign]
+        said = await first_message(port(controller))
+        assert said.sequence == 1 + RUN - 1 and not replayed
+
+    virtual(test)

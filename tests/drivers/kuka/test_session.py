@@ -201,3 +201,38 @@ def test_a_hold_that_nobody_asked_for_ends_the_motion_too() -> None:
     assert (unasked.position, unasked.reflected) == (moved, said.sequence)
     assert not controller.session.has_goal
     assert math.isclose(moved[0], HERE[0] + SPEED[0] * 0.005)
+
+
+def test_saf_022_an_old_message_that_commands_is_no_news_and_a_new_session_is() -> None:
+    session = FriSession(SPEED)
+    said = Monitoring(500, commanded=HERE, state=State.COMMANDING_ACTIVE, sample_ms=5)
+    assert session.hear(said)
+    for sequence in (500, 495, 400, 3):
+        assert not session.hear(replace(said, sequence=sequence)), sequence
+    assert session.hear(replace(said, sequence=3, state=State.MONITORING_WAIT))
+    assert session.hear(replace(said, sequence=4))
+
+
+def test_saf_022_a_hold_stays_where_it_is_whatever_the_controller_says_it_was_told() -> None:
+    controller = Controller()
+    controller.session.aim(off(HERE, 0, 0.5), 0.02)
+    moved = [controller.cycle() for _ in range(10)][-1]
+    controller.session.hold()
+    for reflected in (controller.said.reflected, 77, 1 << 20):
+        controller.said = replace(controller.said, commanded=off(HERE, 3, 1.0), reflected=reflected)
+        assert controller.cycle(arrives=False) == moved
+
+
+def test_saf_022_a_number_that_was_not_sent_by_then_is_no_acknowledgement() -> None:
+    controller = Controller()
+    session = controller.session
+    for _ in range(5):
+        session.hear(controller.said)
+        controller.cycle()
+    hold = session.next_number(controller.said)
+    forged = replace(controller.said, reflected=hold)
+    session.hear(forged)
+    session.answer(forged)
+    assert not session.has_taken(forged, hold)
+    session.hear(replace(forged, sequence=forged.sequence + 1))
+    assert session.has_taken(forged, hold)
