@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Awaitable, Callable, Iterator, Sequence
-from itertools import islice
 
 import trio
 
@@ -31,16 +30,13 @@ from .protocol import (
     name_of,
 )
 from .robots import Arm
-from .session import LATE, FriSession
+from .session import LATE, RUN, FriSession, follow_each_other
 
 MOST_WAITING = 256
 """Datagrams that are taken at once: a flood does not keep an answer waiting for longer. The system
 keeps no more for a socket."""
 MOST_READ = 64
 """Of those, the newest that are decoded: a message takes 0.1 ms."""
-RUN, GAP = 3, 2
-"""A session that is commanded already is joined after so many messages whose numbers go on, by
-``GAP`` at most. One message may be an old one, whose position the arm has left."""
 STANDING_RAD_S = 0.02
 STAND_S = 0.03
 """Positions so far apart tell whether the arm stands."""
@@ -76,10 +72,10 @@ class Link:
         ``WireDown``."""
         while True:
             # Noise and what was said before are no message: silence is judged by the last that was one.
-            for said in self._inbox.newest(await self.port.read()):
-                if self.session.hear(said):
-                    self._take(said)
-                    return said
+            news = [said for said in self._inbox.messages(await self.port.read()) if self.session.hear(said)]
+            if news:
+                self._take(news[-1])
+                return news[-1]
 
     def _take(self, said: Monitoring) -> None:
         if (said.sequence - self.said.sequence) & COUNTER > LATE:
@@ -254,10 +250,8 @@ async def first_message(port: UdpListener) -> Monitoring:
     inbox, data = Inbox(port), met[-1]
     run: list[Monitoring] = []
     while True:
-        for said in reversed(list(islice(inbox.newest(data), RUN))):
-            if run and not 0 < (said.sequence - run[-1].sequence) & COUNTER <= GAP:
-                run.clear()
-            run.append(said)
+        for said in inbox.messages(data):
+            run = [*run, said] if follow_each_other(run, said) else [said]
         if run and (run[-1].state < State.COMMANDING_WAIT or len(run) >= RUN):
             return run[-1]
         data = await port.read()
@@ -270,11 +264,11 @@ class Inbox:
         self._port = port
         self._budget = ReceiveBudget("the FRI session", MOST_WAITING, MOST_WAITING * LARGEST)
 
-    def newest(self, first: bytes) -> Iterator[Monitoring]:
-        """Return ``first`` and what waits behind it, as far as it is understood, from the newest on.
-        Raise ``WireDown`` for a peer that cannot be followed."""
+    def messages(self, first: bytes) -> Iterator[Monitoring]:
+        """Return ``first`` and what waits behind it, as far as it is understood. Raise ``WireDown``
+        for a peer that cannot be followed."""
         waiting = [first, *self._budget.turn(self._port.read_waiting)]
-        return filter(None, map(understood, waiting[: -1 - MOST_READ : -1]))
+        return filter(None, map(understood, waiting[-MOST_READ:]))
 
 
 def understood(data: bytes) -> Monitoring | None:

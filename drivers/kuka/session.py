@@ -12,6 +12,8 @@ answers are alike, by ``LIVE_RAD`` at least: so a hold can be told from a setpoi
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from .protocol import COUNTER, Command, Monitoring, State, has_reached
 
 LIVE_RAD = 1e-12
@@ -19,10 +21,18 @@ LIVE_RAD = 1e-12
 LATE = 10
 """A message that is so few numbers behind was overtaken on the way. A larger step back is a new
 session, which begins by monitoring: one that commands has been answered for seconds."""
+RUN, GAP = 3, 2
+"""Where numbers do not go on from the last one, so many messages are believed that follow each other,
+by ``GAP`` at most. One alone may be an old one: the arm has left the position that it tells."""
 MOST_SENT = 256
 """Answers that are remembered. A controller drops the session after a few that it has not taken."""
 
 Row = tuple[float, ...]
+
+
+def follow_each_other(run: Sequence[Monitoring], said: Monitoring) -> bool:
+    """Tell whether a message goes on from the last one of a run."""
+    return bool(run) and 0 < (said.sequence - run[-1].sequence) & COUNTER <= GAP
 
 
 class FriSession:
@@ -32,6 +42,7 @@ class FriSession:
         self._speed_rad_s = speed_rad_s
         self._answered: int | None = None  # sequence of the message that was answered last
         self._heard: int | None = None  # sequence of the newest message
+        self._unconnected: list[Monitoring] = []  # that follow each other, and not the newest
         self._sent: dict[int, Row] = {}  # positions by number, from the one that was taken last
         self._sequence = 0
         self._sent_by_then = 0  # sequence of the last answer when that message came
@@ -61,15 +72,23 @@ class FriSession:
         self._goal = self._per_cycle = ()
 
     def hear(self, said: Monitoring) -> bool:
-        """Note a message. Return whether it is news: its number goes on, or it begins a session."""
+        """Note a message. Return whether it is news: its number goes on, or a session begins that
+        does."""
         if self._heard is not None:
             ahead = (said.sequence - self._heard) & COUNTER
             if not ahead or ahead > COUNTER - LATE:
+                return False
+            if ahead > LATE and not self._goes_on(said):
                 return False
             if ahead > COUNTER // 2 and said.state >= State.COMMANDING_WAIT:
                 return False
         self._heard, self._sent_by_then = said.sequence, self._sequence
         return True
+
+    def _goes_on(self, said: Monitoring) -> bool:
+        follows = follow_each_other(self._unconnected, said)
+        self._unconnected = [*self._unconnected, said][-RUN:] if follows else [said]
+        return len(self._unconnected) == RUN
 
     def is_due(self, said: Monitoring) -> bool:
         """Tell whether a message wants an answer: with a receive multiplier only every so many do,

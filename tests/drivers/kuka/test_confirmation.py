@@ -13,7 +13,7 @@ from msgspec.structs import replace
 
 from strands_actors.contract.wire import MotorReport
 from strands_actors.drivers.common.udp_port import UdpListener
-from strands_actors.drivers.kuka.link import ALONE_STAND_S, RUN, Link, answer_instead, first_message
+from strands_actors.drivers.kuka.link import ALONE_STAND_S, Link, answer_instead, first_message
 from strands_actors.drivers.kuka.protocol import (
     COUNTER,
     JOINTS,
@@ -25,6 +25,7 @@ from strands_actors.drivers.kuka.protocol import (
     has_reached,
 )
 from strands_actors.drivers.kuka.robots import arm_of
+from strands_actors.drivers.kuka.session import RUN
 from strands_actors.kernel.clock import VirtualClock
 from tests.drivers.common.memory_port import virtual
 

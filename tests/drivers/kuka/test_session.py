@@ -203,14 +203,20 @@ def test_a_hold_that_nobody_asked_for_ends_the_motion_too() -> None:
     assert math.isclose(moved[0], HERE[0] + SPEED[0] * 0.005)
 
 
-def test_saf_022_an_old_message_that_commands_is_no_news_and_a_new_session_is() -> None:
+def test_saf_022_an_old_message_is_no_news_and_a_new_session_that_goes_on_is() -> None:
     session = FriSession(SPEED)
     said = Monitoring(500, commanded=HERE, state=State.COMMANDING_ACTIVE, sample_ms=5)
-    assert session.hear(said)
-    for sequence in (500, 495, 400, 3):
-        assert not session.hear(replace(said, sequence=sequence)), sequence
-    assert session.hear(replace(said, sequence=3, state=State.MONITORING_WAIT))
-    assert session.hear(replace(said, sequence=4))
+    monitoring = replace(said, state=State.MONITORING_WAIT)
+
+    def news(said: Monitoring, *sequences: int) -> list[bool]:
+        return [session.hear(replace(said, sequence=sequence)) for sequence in sequences]
+
+    assert news(said, 500, 500, 495, 510, 509) == [True, False, False, True, False]
+    assert not any(news(said, 3, 4, 5, 6)), "a session does not begin with being commanded"
+    assert not any(news(monitoring, 3, 80, 7, 8, 30)), "old messages, in any order"
+    assert not any(news(said, 600, 700)), "one that is far ahead"
+    assert news(monitoring, 3, 4, 5, 6) == [False, False, True, True]
+    assert news(monitoring, 100, 101, 102) == [False, False, True], "the link was held up"
 
 
 def test_saf_022_a_hold_stays_where_it_is_whatever_the_controller_says_it_was_told() -> None:
