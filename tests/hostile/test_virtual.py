@@ -18,6 +18,7 @@ import trio.testing
 from strands_actors.contract.driver import Reason
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import AskTimeout, Unreachable
+from strands_actors.supervisors.gate.failsafe import Mode
 from strands_actors.supervisors.gate.messages import (
     Beat,
     Lease,
@@ -160,27 +161,28 @@ async def ready(trial: Trial) -> None:
 
 
 class Answer(NamedTuple):
-    """What became of a stop. ``report``: None, no answer in time. ``by_root``: the process of the wire
-    had ended before, and the root was stopping the robot."""
+    """What became of a stop. ``report``: None, no answer in time. ``had_begun``: the robot was being
+    stopped already, by its gate or, where the process of the wire had ended, by the root."""
 
     report: StopReport | None
-    by_root: bool
+    had_begun: bool
 
 
 async def stopped(trial: Trial, reason: Reason) -> Answer:
     """Ask for a stop: of the gate, or of the next one."""
-    by_root = False
+    had_begun = False
     with trio.move_on_after(trial.tree.driver.timing.safe_s + 1.0):
         while True:
             try:
+                had_begun = had_begun or (await trial.tree.status()).mode == Mode.STOPPING
                 answer = await trial.tree.gate.ask(Stop(reason), 60.0)
             except Unreachable:
-                by_root = True
+                had_begun = True
                 await trio.sleep(0.01)
                 continue
             assert not isinstance(answer, Refused), answer
-            return Answer(answer if isinstance(answer, StopReport) else None, by_root)
-    return Answer(None, by_root)
+            return Answer(answer if isinstance(answer, StopReport) else None, had_begun)
+    return Answer(None, had_begun)
 
 
 async def heal(trial: Trial) -> None:
@@ -197,12 +199,12 @@ async def heal(trial: Trial) -> None:
 
 
 def is_safe(trial: Trial, fault: Fault, asked_s: float, answer: Answer) -> None:
-    """Hold the wire's log of a stop against what every stop must show. A root that stops the robot
-    already may have written before it was asked: then nothing else has come since."""
+    """Hold the wire's log of a stop against what every stop must show. Where one had begun, its frame may
+    be there already: then nothing else has come since."""
     if trial.peer.deaf:
         assert trial.peer.writes, "nothing was written"
     else:
-        since_s = trial.last("setpoint") if answer.by_root else asked_s
+        since_s = trial.last("setpoint") if answer.had_begun else asked_s
         safe_s = trial.first("safe", since_s)
         assert safe_s is not None, "no safe frame"
         took_s = safe_s - asked_s
