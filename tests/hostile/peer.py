@@ -57,6 +57,7 @@ class HostilePeer:
         self.rng = random.Random(seed)
         self.kind = ""
         self.flood = b""  # repeated without an end
+        self.word = b""  # one datagram of it
         self.change: Change = bytes
         self.deaf = False  # what the host writes is garbled, too
         self.reset_after = math.inf  # bytes that a new connection says before it is reset
@@ -71,12 +72,13 @@ class HostilePeer:
 
     def begin(self, kind: str, flood: bytes = b"", change: Change = bytes, deaf: bool = False) -> None:
         self.kind, self.deaf, self.change, self.writes = kind, deaf, change, 0
+        self.word = flood
         self.flood = flood * max(1, CHUNK // len(flood)) if flood else b""
         self._wake()
 
     def end(self) -> None:
         """Let it be an honest robot again. Its old connections are of no more use: they are reset."""
-        self.kind, self.flood, self.change, self.deaf = "", b"", bytes, False
+        self.kind, self.flood, self.word, self.change, self.deaf = "", b"", b"", bytes, False
         self.reset_after = math.inf
         self.reset()
 
@@ -89,6 +91,11 @@ class HostilePeer:
 
     def garble(self, data: bytes) -> bytes:
         return self.rng.randbytes(len(data))
+
+    @property
+    def step(self) -> int:
+        """Return the number of the task step that runs."""
+        return self._steps.count
 
     def count(self, size: int) -> None:
         """Note a read that did not wait. Raise ``Endless``."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from . import rigs_grpc, rigs_radio, rigs_serial, rigs_tcp, rigs_web
+from . import rigs_franka, rigs_grpc, rigs_kuka, rigs_radio, rigs_serial, rigs_tcp, rigs_ur, rigs_web
 from .bench import Rig
 
 RIGS: Mapping[str, Rig] = {
@@ -16,4 +16,7 @@ RIGS: Mapping[str, Rig] = {
     **rigs_serial.RIGS,
     **rigs_radio.RIGS,
     **rigs_web.RIGS,
+    **rigs_kuka.RIGS,
+    **rigs_franka.RIGS,
+    **rigs_ur.RIGS,
 }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections import deque
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -17,7 +17,7 @@ from strands_actors.drivers.common.tcp_port import OrderlyStream
 from strands_actors.drivers.common.twin.http import HttpSession
 from strands_actors.drivers.common.twin.http import serving as serving_http
 from strands_actors.drivers.common.twin.server import Frost
-from strands_actors.drivers.common.twin.tcp import ClientGone, Handler
+from strands_actors.drivers.common.twin.tcp import ClientGone, Connection, Handler
 from strands_actors.drivers.common.twin.websocket import serving_both, serving_websocket
 from strands_actors.drivers.common.websocket import begin_websocket, open_websocket
 from strands_actors.drivers.earthrover.config import EarthRoverConfig
@@ -72,6 +72,8 @@ class _Pipe:
 class _Stream:
     """The host's end."""
 
+    name = "the robot in memory"
+
     def __init__(self, said: _Pipe, heard: _Pipe) -> None:
         self._said, self._heard = said, heard
 
@@ -96,19 +98,21 @@ class _Stream:
     close_in_order = close
 
 
-class _Connection:
-    """The robot's end, as a ``Connection`` of the twin's server."""
+class _Connection(Connection):
+    """The robot's end."""
 
     def __init__(self, heard: _Pipe, said: _Pipe, log: Any) -> None:
         self._heard, self._said = heard, said
         self.log = log
         self.frost = Frost()
 
-    def bits_per_s(self) -> None:
-        return None
+    @property
+    def peer_host(self) -> str:
+        return "192.0.2.9"
 
-    def quiet_for(self, seconds: float) -> bool:
-        return False
+    @property
+    def takes(self) -> bool:
+        return True
 
     async def receive(self) -> tuple[int, bytes]:
         data = await self._heard.get()
@@ -119,6 +123,11 @@ class _Connection:
     def send(self, data: bytes) -> None:
         if not self._said.closed:
             self._said.put(data)
+
+    offer = send
+
+    def hang_up(self) -> None:
+        self._said.close()
 
 
 class _Log:
@@ -131,13 +140,17 @@ class _Log:
         self, t_ns: int, sender: str, frames: Sequence[tuple[str, bytes]], safe_state: str | None = None
     ) -> None:
         if sender == "host":
-            self.entries += [(trio.current_time(), kind) for kind, _ in frames]
+            for kind, _ in frames:
+                self.note(kind)
+
+    def note(self, kind: str) -> None:
+        self.entries.append((trio.current_time(), kind))
 
 
 class Service:
-    """One robot behind one port, whose words ``peer`` changes."""
+    """One robot whose words ``peer`` changes. ``handler``: of its one port, or of each by number."""
 
-    def __init__(self, peer: HostilePeer, handler: Handler) -> None:
+    def __init__(self, peer: HostilePeer, handler: Handler | Mapping[int, Handler]) -> None:
         self._peer = peer
         self._handler = handler
         self._nursery: trio.Nursery | None = None
@@ -153,12 +166,13 @@ class Service:
         await trio.lowlevel.checkpoint()
         assert self._nursery is not None
         to_robot, to_host = _Pipe(), _Pipe()
-        self._nursery.start_soon(self._serve, _Connection(to_robot, to_host, self.log), to_robot, to_host)
+        handler = self._handler[port] if isinstance(self._handler, Mapping) else self._handler
+        self._nursery.start_soon(self._serve, handler, _Connection(to_robot, to_host, self.log), to_robot, to_host)
         return HostileStream(self._peer, _Stream(to_robot, to_host))
 
-    async def _serve(self, connection: Any, *pipes: _Pipe) -> None:
+    async def _serve(self, handler: Handler, connection: _Connection, *pipes: _Pipe) -> None:
         try:
-            await self._handler(connection)
+            await handler(connection)
         except* ClientGone:
             pass
         finally:
