@@ -23,7 +23,8 @@ from strands_actors import Robot, record_dataset, register_native_driver, regist
 from strands_actors.surfaces import cli
 from strands_actors.surfaces.cli.dataset import is_achieved
 from strands_actors.surfaces.dataset import DatasetError
-from strands_actors.surfaces.dataset.dataset import Dataset, Index
+from strands_actors.surfaces.dataset.dataset import Dataset
+from strands_actors.surfaces.dataset.index import Index
 from strands_actors.surfaces.dataset.repair import repair
 from strands_actors.surfaces.dataset.run import EpisodeSummary, Summary
 from strands_actors.surfaces.dataset.session import Order
