@@ -20,11 +20,12 @@ from .errors import DamagedError, DatasetError
 from .index import RESTORE, Index
 from .info import Info
 from .rows import EpisodeRow
-from .tables import integers, read_table, refuse_damage
-from .video import Pictures, look
+from .tables import integers, read_groups, read_table, refuse_damage
+from .video import Pictures, checksums, look
 
-WITHIN = 0.5
-"""Of a period: how far a frame may be shown from its time."""
+DRIFT_S = 1e-4
+"""How far from 1 / fps a period may be: what LeRobot accepts."""
+NO_FIGURES = "meta/stats.json cannot be read"
 
 
 class Checked(msgspec.Struct):
@@ -58,16 +59,25 @@ class _Data(msgspec.Struct, frozen=True):
     task: NDArray[np.int64]
     seconds: NDArray[np.float64]
     wrong: str  # what holds for all of its episodes; empty: nothing
+    unread: str  # why a part of it cannot be read; empty: all was read
 
 
-def check(index: Index) -> Checked:
-    """Compare a dataset with its index. Reads every data file, and the index of every video."""
+def check(index: Index, read_pictures: bool = True) -> Checked:
+    """Compare a dataset with its index. Reads every data file, and the index of every video.
+
+    Args:
+        index: The dataset.
+        read_pictures: Read the videos to their end, too, and compare the checksums that a recording
+            or a copy has. Videos of other programs have none: their pictures are counted.
+    """
     found = Checked({}, dict(index.lost), list(index.doubts))
     if index.info is not None:
         _check_data(index, index.info, found)
         for key in index.info.videos:
-            _check_videos(index, index.info, key, found)
+            _check_videos(index, index.info, key, found, read_pictures)
         _check_neighbours(index, found)
+        if index.rows and not index.info.is_older and not index.figures():
+            found.faults.append(NO_FIGURES)
     return found
 
 
@@ -129,7 +139,7 @@ def _look_elsewhere(index: Index, found: Checked, counted: dict[Path, Counter[in
 
 def _read(path: Path, info: Info) -> _Data:
     pictures = [key for key, feature in info.features.items() if feature.dtype == "image"]
-    table = read_table(path, without=pictures)
+    table, unread = read_groups(path, without=pictures)
     with refuse_damage(path):
         episode = integers(table, "episode_index")
         frame = integers(table, "frame_index")
@@ -140,7 +150,7 @@ def _read(path: Path, info: Info) -> _Data:
         seconds = frame / info.fps
         if "timestamp" in columns:
             seconds = np.ravel(table["timestamp"].cast(pa.float64()).to_numpy())
-        return _Data(episode, frame, number, task, seconds, _schema_difference(table.schema, info))
+        return _Data(episode, frame, number, task, seconds, _schema_difference(table.schema, info), unread)
 
 
 def _schema_difference(schema: pa.Schema, info: Info) -> str:
@@ -159,7 +169,8 @@ def _compare(row: EpisodeRow, data: _Data, index: Index, info: Info) -> tuple[in
     """Return how many frames of an episode its data file has, and what is wrong with them."""
     (places,) = np.nonzero(data.episode == row.number)
     if len(places) != row.frames:
-        return min(len(places), row.frames), f"it has {len(places)} frames of it, the index counts {row.frames}"
+        why = f"it has {len(places)} frames of it, the index counts {row.frames}"
+        return min(len(places), row.frames), ". ".join(filter(None, (why, data.unread)))
     order = np.arange(row.frames)
     if not np.array_equal(places, places[0] + order) or not np.array_equal(data.frame[places], order):
         return row.frames, "its frames are out of order"
@@ -169,7 +180,7 @@ def _compare(row: EpisodeRow, data: _Data, index: Index, info: Info) -> tuple[in
             f"its frames are numbered from {data.index[places[0]]}, the index has them from {row.first}",
         )
     late = np.abs(data.seconds[places] - order / info.fps)
-    if not bool((late <= WITHIN / info.fps).all()):  # NaN is not within
+    if not bool((late <= DRIFT_S * np.maximum(order, 1)).all()):  # a NaN is not below it
         return row.frames, f"its timestamps are not those of {info.fps:g} fps"
     return row.frames, _task_difference(row, data.task[places], index)
 
@@ -187,7 +198,7 @@ def _task_difference(row: EpisodeRow, tasks: NDArray[np.int64], index: Index) ->
 # -- videos
 
 
-def _check_videos(index: Index, info: Info, key: str, found: Checked) -> None:
+def _check_videos(index: Index, info: Info, key: str, found: Checked, read_pictures: bool) -> None:
     by_file: dict[Path, list[EpisodeRow]] = defaultdict(list)
     for row in index.rows.values():
         by_file[row.videos[key].path].append(row)
@@ -204,7 +215,10 @@ def _check_videos(index: Index, info: Info, key: str, found: Checked) -> None:
         if len(rows) == 1 and opened[path].count > _end(rows[0], key, info):
             why = f"{path}: it has {opened[path].count} pictures, the index counts {_end(rows[0], key, info)}"
             _damage(found, rows[0].number, why, rows[0].frames)
-        _check_overlap(sorted(rows, key=lambda row: (row.videos[key].start_s, row.number)), key, path, info, found)
+        rows.sort(key=lambda row: (row.videos[key].start_s, row.number))
+        if read_pictures:
+            _check_pictures(index, rows, key, path, info, found)
+        _check_overlap(rows, key, path, info, found)
     _check_size(by_file, opened, key, info, found)
 
 
@@ -220,8 +234,17 @@ def _count_pictures(row: EpisodeRow, key: str, path: Path, has: Pictures, info: 
     there = max(0, min(row.frames, has.count - _start(row, key, info)))
     if there < row.frames:
         _damage(found, row.number, f"{path}: it has {there} pictures of it, the index counts {row.frames}", there)
-    elif abs(has.seconds - (has.count - 1) / info.fps) > WITHIN / info.fps:
+    elif abs(has.seconds - (has.count - 1) / info.fps) > DRIFT_S * has.count:
         _damage(found, row.number, f"{path}: its pictures are not shown at {info.fps:g} fps", row.frames)
+
+
+def _check_pictures(index: Index, rows: list[EpisodeRow], key: str, path: Path, info: Info, found: Checked) -> None:
+    stated = [index.marks[row.number].pictures.get(key) if row.number in index.marks else None for row in rows]
+    if any(each is not None for each in stated):
+        spans = [(_start(row, key, info), row.frames) for row in rows]
+        for row, its, read in zip(rows, stated, checksums(index.root / path, spans, info.fps), strict=True):
+            if its is not None and its != read:
+                _damage(found, row.number, f"{path}: its pictures are not those that were recorded", row.frames)
 
 
 def _check_overlap(rows: list[EpisodeRow], key: str, path: Path, info: Info, found: Checked) -> None:

@@ -16,7 +16,7 @@ from typing import IO
 
 import msgspec
 
-from .check import check
+from .check import NO_FIGURES, check
 from .episode import Episode, columns_of, data_table, figures_of, index_row, index_table, marks_of
 from .errors import DatasetError
 from .index import Index
@@ -54,8 +54,9 @@ class Dataset:
         Args:
             root: The dataset's folder. It is made when it is not there.
             storage: The disk; a test may replace it.
-            accept_damage: Open a dataset whose data or videos are damaged, too. ``checked`` lists
-                what is damaged. When it is not certain what is counted, it is refused in any case.
+            accept_damage: Read every picture, and open a dataset whose data or videos are damaged,
+                too. ``checked`` lists what is damaged. When it is not certain what is counted, it is
+                refused in any case.
 
         Raises:
             DatasetError: It is damaged, of another kind, or another process writes into it.
@@ -76,7 +77,7 @@ class Dataset:
                     "`strands-actors dataset convert` makes a copy of that version"
                 )
             index.require_certain()
-            self.checked = check(index)
+            self.checked = check(index, read_pictures=accept_damage)
             if not accept_damage:
                 self.checked.require_sound(root)
             self._take(index)
@@ -206,9 +207,11 @@ class Dataset:
             else:
                 self.storage.place(self.root / path, _free(self.staging / ASIDE / path))
                 self.swept.append(str(path))
-        if (uncounted or ours) and self._info is not None:
+        has_figures = bool(index.figures()) or not self._figures
+        if (uncounted or ours or not has_figures) and self._info is not None:
             self._write(self.root / TASKS, parquet(tasks_table(self._tasks)))
             self._write(self.root / STATS, _json(self._figures))
+            self.checked.faults = [fault for fault in self.checked.faults if fault != NO_FIGURES]
 
     def _require_empty(self, strange: list[Path]) -> None:
         """Before the first episode there is nothing of ours to put aside."""
@@ -237,9 +240,10 @@ class Dataset:
         task = staged.about.task
         tasks = self._tasks if task in self._tasks else [*self._tasks, task]
         columns = columns_of(layout, table, number, self._frames, tasks.index(task))
-        videos = {camera.name: self._video(staged, camera.name, frames) for camera in layout.cameras}
+        videos = {camera.name: staged.folder / f"{camera.name}.final.mp4" for camera in layout.cameras}
+        pictures = {camera.key: self._video(staged, camera.name, frames) for camera in layout.cameras}
         figures = figures_of(staged, columns, layout, videos)
-        marks = marks_of(staged, table)
+        marks = marks_of(staged, table, pictures)
         row = index_row(number, task, self._frames, frames, slot, layout, figures)
         total = aggregate([self._figures, figures]) if self._figures else figures
         info = layout.info(number + 1, self._frames + frames, len(tasks))
@@ -267,11 +271,11 @@ class Dataset:
         self.storage.remove(folder)
         return self.episodes[-1]
 
-    def _video(self, staged: Staged, camera: str, frames: int) -> Path:
+    def _video(self, staged: Staged, camera: str, frames: int) -> int:
         path = staged.folder / f"{camera}.final.mp4"
-        remux(staged.video(camera), path, staged.about.layout.fps, frames)
+        checksum = remux(staged.video(camera), path, staged.about.layout.fps, frames)
         self.storage.sync_path(path)
-        return path
+        return checksum
 
     def _usable(self, staged: Staged) -> int:
         layout = staged.about.layout

@@ -24,12 +24,13 @@ MARKS = b"strands_actors"
 class Marks(msgspec.Struct, frozen=True):
     """What is wrong with an episode. ``gaps``: frames that are missing; ``stale``: frames in which
     the state, or a camera, was older than 1.5 periods; ``repaired``: its recorder did not finish
-    it."""
+    it; ``pictures``: a checksum of the pictures of each video, by its key."""
 
     gaps: int = 0
     stale: dict[str, int] = {}
     repaired: bool = False
     began: str = ""
+    pictures: dict[str, int] = {}
 
     @property
     def told(self) -> str:
@@ -48,14 +49,14 @@ class Episode(msgspec.Struct, frozen=True):
     marks: Marks
 
 
-def marks_of(staged: Staged, table: pa.Table) -> Marks:
+def marks_of(staged: Staged, table: pa.Table, pictures: dict[str, int]) -> Marks:
     """Of the rows that the episode has."""
     stale = Counter(name for row in table[STALE].to_pylist() for name in row)
     gaps = sum(table[GAP].to_pylist())
     finished = staged.finished
     if finished is not None:
         gaps += finished.gap + finished.frames - table.num_rows
-    return Marks(gaps, dict(sorted(stale.items())), finished is None, staged.about.began)
+    return Marks(gaps, dict(sorted(stale.items())), finished is None, staged.about.began, pictures)
 
 
 def columns_of(layout: Layout, table: pa.Table, episode: int, first: int, task: int) -> dict[str, NDArray[Any]]:

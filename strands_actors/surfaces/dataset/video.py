@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import functools
-import itertools
 import os
 import zlib
 from collections.abc import Iterator, Sequence
@@ -183,10 +181,10 @@ def look(path: Path) -> Pictures:
         return Pictures(len(times), *size, seconds)
 
 
-def remux(source: Path, path: Path, fps: int, frames: int) -> None:
+def remux(source: Path, path: Path, fps: int, frames: int) -> int:
     """Write the first ``frames`` frames as an ordinary MP4, which begins with its index, without
-    encoding them again."""
-    concatenate([Span(source, 0, frames)], path, fps)
+    encoding them again. Return their checksum."""
+    return concatenate([Span(source, 0, frames)], path, fps)[0]
 
 
 def concatenate(spans: Sequence[Span], path: Path, fps: float) -> list[int]:
@@ -208,7 +206,7 @@ def concatenate(spans: Sequence[Span], path: Path, fps: float) -> list[int]:
                 stream = stream or container.add_stream_from_template(source, opaque=True)
                 delay = source.codec_context.has_b_frames
                 checksum = 0
-                for order, (number, packet) in enumerate(_numbered(opened, source, span, rate)):
+                for order, (number, packet) in enumerate(_numbered(_packets(opened), source, span, rate)):
                     checksum = zlib.crc32(packet, checksum)
                     packet.stream = stream
                     packet.time_base = Fraction(1, rate.numerator)
@@ -221,23 +219,33 @@ def concatenate(spans: Sequence[Span], path: Path, fps: float) -> list[int]:
     return sums
 
 
-def checksums(path: Path, frames: Sequence[int], fps: float) -> list[int]:
-    """Return what ``concatenate`` returned, from the file that it has written."""
-    firsts = itertools.accumulate(frames, initial=0)
-    sums = []
-    with _reading(path) as (container, stream):
+def checksums(path: Path, spans: Sequence[tuple[int, int]], fps: float) -> list[int | None]:
+    """Read the pictures of spans, without decoding them.
+
+    Args:
+        path: The video.
+        spans: For each span its first picture and how many it has, in their order.
+        fps: Pictures a second.
+
+    Returns:
+        For each span what ``concatenate`` returned for it; None when a picture of it is not there.
+    """
+    found: list[int | None] = [None] * len(spans)
+    with contextlib.suppress(DatasetError), _reading(path) as (container, stream):
         packets = _packets(container)
-        for first, count in zip(firsts, frames, strict=False):
-            part = _numbered(packets, stream, Span(path, first, count), rate_of(fps))
-            sums.append(functools.reduce(lambda checksum, each: zlib.crc32(each[1], checksum), part, 0))
-    return sums
+        for at, (first, count) in enumerate(spans):
+            checksum = 0
+            for _, packet in _numbered(packets, stream, Span(path, first, count), rate_of(fps)):
+                checksum = zlib.crc32(packet, checksum)
+            found[at] = checksum
+    return found
 
 
-def _numbered(container: Any, stream: VideoStream, span: Span, rate: Fraction) -> Iterator[tuple[int, Any]]:
+def _numbered(packets: Iterator[Any], stream: VideoStream, span: Span, rate: Fraction) -> Iterator[tuple[int, Any]]:
     """The packets of a span in the order of decoding, each with the number of its picture in the span."""
     base, start = stream.time_base or Fraction(1), stream.start_time or 0
     missing = set(range(span.frames))
-    for packet in _packets(container) if hasattr(container, "demux") else container:
+    for packet in packets:
         number = round(((packet.pts or 0) - start) * base * rate) - span.first
         if number not in missing:
             continue
