@@ -82,6 +82,7 @@ class Dataset:
                 self.checked.require_sound(root)
             self._take(index)
             self._sweep(index)
+            self._last = index.last_slot()
             self._recover()
         except BaseException:
             self.close()
@@ -93,7 +94,7 @@ class Dataset:
         self._frames = index.frames
         self._tasks = index.tasks
         self._figures = aggregate([row.figures for _, row in sorted(index.rows.items())])
-        self._last = index.last_slot()
+        self._last: FileSlot | None = None
         self._info = index.info
 
     @property
@@ -201,14 +202,18 @@ class Dataset:
             self._require_empty([path for path in uncounted if self.root / path not in ours])
         for folder in [*self.staging.glob(REMOVED + "*"), *done]:
             self.storage.remove(folder)
+        swept = bool(ours)
         for path in filter(is_own_name, uncounted):  # what is called otherwise is somebody's: it stays
             if self.root / path in ours or path.name.endswith(STAGED_SUFFIX):
                 self.storage.remove(self.root / path)
+            elif self.checked.damaged:
+                continue  # it may be what a damaged episode lacks
             else:
                 self.storage.place(self.root / path, _free(self.staging / ASIDE / path))
                 self.swept.append(str(path))
+            swept = True
         has_figures = bool(index.figures()) or not self._figures
-        if (uncounted or ours or not has_figures) and self._info is not None:
+        if (swept or not has_figures) and self._info is not None:
             self._write(self.root / TASKS, parquet(tasks_table(self._tasks)))
             self._write(self.root / STATS, _json(self._figures))
             self.checked.faults = [fault for fault in self.checked.faults if fault != NO_FIGURES]

@@ -90,7 +90,7 @@ class Index:
 
     def require_certain(self) -> None:
         """Raise ``DamagedError`` unless it is certain what is counted."""
-        reasons = [*self.doubts, *(f"episode {number}: {why}" for number, why in sorted(self.lost.items()))]
+        reasons = [*(f"episode {number}: {why}" for number, why in sorted(self.lost.items())), *self.doubts]
         if reasons:
             more = f" ({len(reasons) - 1} more)" if len(reasons) > 1 else ""
             raise DamagedError(f"{self.root} is damaged, and was not touched: {reasons[0]}{more}. {RESTORE}")
@@ -105,7 +105,9 @@ class Index:
         return sorted(found)
 
     def last_slot(self) -> FileSlot | None:
-        names = [path for path in self.files if is_own_name(path.relative_to(self.root))]
+        """Return the last file there is, counted or not: what comes next replaces none."""
+        every = self.files.union(path for path in self.uncounted() if path.suffix != STAGED_SUFFIX)
+        names = [path for path in every if is_own_name(path.relative_to(self.root))]
         slots = [FileSlot(int(path.parent.name[6:]), int(path.stem[5:])) for path in names]
         return max(slots, default=None)
 
@@ -159,22 +161,21 @@ class Index:
         except DatasetError as damage:
             self.doubts.append(str(damage))
             return
-        if info.total_tasks is not None and len(tasks) < info.total_tasks:
-            self.doubts.append(f"{self.root / TASKS} has {len(tasks)} tasks, {INFO} counts {info.total_tasks}")
         self.tasks = tasks[: info.total_tasks]
 
     # -- version 2
 
     def _read_older(self, info: Info) -> None:
-        rows = sorted(self._lines(EPISODES, OlderRow), key=lambda row: row.episode_index)
         tasks = sorted(self._lines(OLDER_TASKS, OlderTask), key=lambda task: task.task_index)
+        is_numbered = [task.task_index for task in tasks] == list(range(len(tasks)))
+        if not is_numbered:
+            self.doubts.append(f"{self.root / OLDER_TASKS} does not number its tasks from 0")
+        self.tasks = [task.task for task in tasks] if is_numbered and not self._unread else []
+        rows = sorted(self._lines(EPISODES, OlderRow), key=lambda row: row.episode_index)
         has_stats = (self.root / OLDER_STATS).exists()  # version 2.0 has none
         figures = (
             {line.episode_index: line.stats for line in self._lines(OLDER_STATS, OlderFigures)} if has_stats else {}
         )
-        self.tasks = [task.task for task in tasks]
-        if [task.task_index for task in tasks] != list(range(len(tasks))):
-            self.doubts.append(f"{self.root / OLDER_TASKS} does not number its tasks from 0")
         first = 0
         for row in rows:
             if row.episode_index in self.rows:
@@ -210,6 +211,8 @@ class Index:
     def _compare(self, info: Info) -> None:
         """Compare what ``info.json`` counts with the rows."""
         self.doubts += self._unread
+        if not self.doubts and len(self.tasks) < (tasks := info.total_tasks or min(1, len(self.rows))):
+            self.doubts.append(f"{self.root} has {len(self.tasks)} tasks, and it should have {tasks}")
         counted = len(self.rows) + len(self.lost)
         total = counted if info.total_episodes is None else info.total_episodes
         unread = f" ({'. '.join(self._unread)})" if self._unread else ""

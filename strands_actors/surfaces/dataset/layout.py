@@ -194,10 +194,12 @@ def difference_of(ours: Mapping[str, Feature], theirs: Mapping[str, Feature]) ->
     """Return which features differ in what a program relies on; empty: none."""
     for key in (*ours, *(key for key in theirs if key not in ours)):
         mine, other = ours.get(key), theirs.get(key)
+        if mine is None or other is None:
+            return f"{key} is only in {'the dataset' if mine is None else 'the recording'}"
         if (here := _essence(mine)) != (there := _essence(other)):
             return f"{key} is {there}, not {here}"
         # A dataset of an older version has no units: then they are the robot's.
-        if mine and other and mine.flat_units and other.flat_units and mine.flat_units != other.flat_units:
+        if mine.flat_units and other.flat_units and mine.flat_units != other.flat_units:
             here, there = (", ".join(unit or "no unit" for unit in each.flat_units) for each in (mine, other))
             return f"{key} is in {there}, not in {here}"
     return ""
@@ -211,9 +213,7 @@ def contradiction_of(ours: Mapping[str, Feature], theirs: Mapping[str, Feature])
     return difference_of({key: feature for key, feature in ours.items() if key in theirs}, theirs)
 
 
-def _essence(feature: Feature | None) -> str:
-    if feature is None:
-        return "not there"
+def _essence(feature: Feature) -> str:
     if feature.dtype == "video":
         height, width = feature.height_width
         return f"video {width}x{height}x{math.prod(feature.shape) // (height * width)}"

@@ -75,7 +75,8 @@ def repair(root: Path, drop: bool = False, storage: Storage | None = None) -> Re
                 dropped.append(folder.name)
             else:
                 repaired.append(_repair(dataset, folder))
-        if drop and (aside := dataset.staging / ASIDE).exists():
+        aside = dataset.staging / ASIDE
+        if drop and aside.exists() and not dataset.checked.damaged:  # a damaged episode may lack it
             dropped += sorted(str(path.relative_to(aside)) for path in aside.rglob("*") if path.is_file())
             dataset.storage.remove(aside)
         damaged = [Damage(number, why) for number, why in sorted(dataset.checked.damaged.items())]
