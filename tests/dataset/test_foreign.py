@@ -135,6 +135,16 @@ def test_a_table_of_an_older_version_that_is_no_table_is_named(name: str, data: 
             convert(root, root.with_name("copy"))
 
 
+def test_an_episode_whose_row_names_no_task_has_that_of_its_frames(root: Path, tmp_path: Path) -> None:
+    write_older(root)
+    rows = [json.loads(line) for line in (root / "meta/episodes.jsonl").read_text().splitlines()]
+    rows[0]["tasks"] = None
+    del rows[1]["tasks"]
+    (root / "meta/episodes.jsonl").write_text("\n".join(map(json.dumps, rows)))
+    convert(root, tmp_path / "copy")
+    assert [one.task for one in show(tmp_path / "copy").episodes] == ["wave", TASKS[1], "wave"]
+
+
 # -- a new one
 
 

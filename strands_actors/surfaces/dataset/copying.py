@@ -27,7 +27,7 @@ from .layout import DATA_MB, INFO, STAGING, STATS, TASKS, VIDEO_MB, FileSlot, ta
 from .rows import EpisodeRow, VideoSpan
 from .statistics import Figures, PictureFigures, aggregate, of_column
 from .storage import STAGED_SUFFIX, Storage
-from .tables import parquet, read_table, refuse_damage
+from .tables import integers, parquet, read_table, refuse_damage
 from .video import Span, concatenate, decode_image, pictures_of, setup_of
 
 MB = 1_000_000
@@ -153,9 +153,13 @@ class _Copy:
             tables = []
             for number in group:
                 one = self._episodes[number]
-                tables.append(self._renumbered(_frames_of(self._index.root, one.source), one.row.first))
+                table = self._renumbered(_frames_of(self._index.root, one.source), one.row.first)
+                tables.append(table)
                 one.slots["data"] = slot
-                one.row = msgspec.structs.replace(one.row, data=slot.data)
+                tasks = one.row.tasks or tuple(
+                    self._index.tasks[at] for at in np.unique(integers(table, "task_index"))
+                )
+                one.row = msgspec.structs.replace(one.row, data=slot.data, tasks=tasks)
             with refuse_damage(self._index.root):
                 self._write(slot.data, parquet(*tables))
 

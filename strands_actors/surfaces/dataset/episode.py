@@ -149,6 +149,8 @@ def decode_marks(metadata: Mapping[bytes, bytes]) -> dict[int, Marks]:
 
 def _kind(name: str, value: Any) -> pa.DataType:
     """The same for every episode, whatever its values are."""
+    if name == "tasks":
+        return pa.list_(pa.string())
     if isinstance(value, list):
         return pa.list_(_kind(name, value[0]) if value else pa.float64())
     if isinstance(value, str):

@@ -153,6 +153,8 @@ def _reading(path: Path) -> Iterator[tuple[Any, VideoStream]]:
         with contextlib.closing(av.open(str(path))) as container:
             if not container.streams.video:
                 raise DatasetError(f"{path} has no pictures")
+            if container.streams.video[0].codec_context is None:
+                raise DatasetError(f"{path} has pictures of a codec that is not known")
             yield container, container.streams.video[0]
     except FileNotFoundError as missing:
         raise DatasetError(f"{path} is missing") from missing
