@@ -94,7 +94,6 @@ class Dataset:
         self._frames = index.frames
         self._tasks = index.tasks
         self._figures = aggregate([row.figures for _, row in sorted(index.rows.items())])
-        self._last: FileSlot | None = None
         self._info = index.info
 
     @property
