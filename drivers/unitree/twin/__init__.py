@@ -2,7 +2,7 @@
 behind them.
 
 A Go2 and a B2 also walk: SportModeState 50 times a second as long as their onboard mode has the
-motors. Their velocities are ``setpoint`` in the log, ``safe`` when zero; so are StopMove and Damp.
+motors. Their velocities are ``setpoint`` in the log, StopMove and Damp ``safe``.
 
 The log has every LowCmd (``safe`` with its safe state when it gives no torque, else ``setpoint``;
 ``garbled`` when its checksum is wrong, ``other`` when it is for another ``mode_machine``) and every
@@ -19,7 +19,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from typing import Annotated, Any, Literal, Unpack
 
 from strands_actors.contract.options import option
@@ -148,12 +147,9 @@ class UnitreeServer(DdsServer):
             return ("read" if request.api in _READS else "config"), None
         match request.api:
             case rpc.MOVE:
-                with suppress(MalformedFrame):
-                    if not any(rpc.parsed(request.parameter).values()):
-                        return "safe", SafeState.ZERO
                 return "setpoint", ""
-            case rpc.STOP_MOVE:
-                return "safe", SafeState.STOP
+            case rpc.STOP_MOVE:  # a hold as well as a stop
+                return "safe", None
             case rpc.DAMP:
                 return "safe", SafeState.DAMP
         return "config", None

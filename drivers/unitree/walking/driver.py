@@ -98,7 +98,7 @@ class _Walking(Driver):
         dialect = dialect_of(model.walks)
         self.config = UnitreeConfig(model, port, chosen.network_interface, chosen.domain or 0)
         self.declare(base_of(model.walks))
-        self.conditions = conditions(dialect, chosen.battery_floor_pct, self.timing.state_ttl_s)
+        self.conditions = conditions(dialect, chosen.battery_floor_pct)
         self.gates = (past_range(self.table),)
         self._dialect = dialect
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from strands_actors.contract.driver import Condition, OnResume
 from strands_actors.contract.wire import Observation
-from strands_actors.drivers.unitree.gates import MODE_TTL_S, battery_above, battery_known, stale
+from strands_actors.drivers.unitree.gates import MODE_TTL_S, battery_above, battery_known
 from strands_actors.drivers.unitree.robots import Model
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
@@ -14,19 +14,18 @@ from strands_actors.kernel.messages import Refused
 from .robots import BASE
 from .sport import Dialect
 
-GAIT_TTL_S = 0.5
+GAIT_TTL_S = 0.3
 """A SportModeState comes 300 times a second from a robot, 50 times from a twin."""
 
 JOINTS_ELSEWHERE = "make it with level='low' to command its joints"
 WALKS_ELSEWHERE = "make it with level='sport' to walk"
 
 
-def conditions(dialect: Dialect, floor_pct: float, state_ttl_s: float) -> tuple[Condition, ...]:
+def conditions(dialect: Dialect, floor_pct: float) -> tuple[Condition, ...]:
     """Return them in the order in which they are asked: the first that refuses answers. What a
     service of the robot mends keeps it armed."""
     walks = Walks(dialect)
     return (
-        Condition(stale(state_ttl_s), is_silence=True),
         Condition(released, on_resume=OnResume.STAY_ARMED),
         Condition(walks.mode_known, is_silence=True, on_resume=OnResume.STAY_ARMED),
         Condition(walks.posture, on_resume=OnResume.STAY_ARMED),
@@ -39,9 +38,7 @@ def conditions(dialect: Dialect, floor_pct: float, state_ttl_s: float) -> tuple[
 def released(observation: Observation, now_ns: int) -> Refused | None:
     """Refuse a robot whose joints are commanded: its onboard controller has let go of them."""
     known = observation.sensors.get("sport_mode_released")
-    if known is None or now_ns / NS - known[1] > MODE_TTL_S:
-        return Refused("sport_mode_unknown", "move: the onboard mode is not known", "check the robot's network")
-    if not known[0]:
+    if known is None or not known[0] or now_ns / NS - known[1] > MODE_TTL_S:
         return None
     why = "move: the sport mode is released: the joints are commanded one by one, and the robot does not balance"
     return Refused("sport_mode_released", why, "end what commands them, then call select_sport_mode()", "released")

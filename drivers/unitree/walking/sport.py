@@ -49,10 +49,9 @@ class Posture(NamedTuple):
 class Dialect(msgspec.Struct, frozen=True):
     """One service: its words for the same things."""
 
-    zero: Order
-    """Ends a velocity, and is answered. The robot goes on balancing."""
     stop: Order
-    """Ends whatever it does on its own feet."""
+    """Ends a velocity, and whatever else it does; is answered, as a velocity need not be. The robot
+    stays on its feet."""
     balance: Order
     """Ends a gait on the spot, once it stands."""
     damp: Order
@@ -131,7 +130,6 @@ def _sport(sits: bool) -> SportDialect:
             "rise from sitting, and balance", ((Order(rpc.RISE_SIT), WALKING),), frozenset((SIT,)), WALKING
         )
     return SportDialect(
-        zero=Order(rpc.MOVE, json.dumps({"x": 0.0, "y": 0.0, "z": 0.0})),
         stop=Order(rpc.STOP_MOVE),
         balance=Order(rpc.BALANCE_STAND),
         damp=Order(rpc.DAMP),

@@ -1,8 +1,8 @@
 """How a robot that walks is stopped, by the wire and by the root's stop channel alike: the order is
 repeated until the onboard controller has answered it and reports that the robot obeys.
 
-``zero``  velocity zero. The robot goes on balancing, and takes the next velocity
 ``stop``  StopMove: the robot ends what it does and stays on its feet by its own controller
+``zero``  the same, then BalanceStand: it takes the next velocity from there
 ``damp``  Damp, the vendor's own emergency stop: every joint brakes, the robot sinks to the floor
 """
 
@@ -39,9 +39,7 @@ class Stopping:
         self._link = link
         self._damps = safe_state == SafeState.DAMP
         dialect = link.dialect
-        self._order: Order = {SafeState.DAMP: dialect.damp, SafeState.ZERO: dialect.zero}.get(
-            SafeState(safe_state), dialect.stop
-        )
+        self._order: Order = dialect.damp if self._damps else dialect.stop
         self._told_ns = 0
 
     @property
