@@ -85,6 +85,10 @@ class _Walking(Driver):
         chosen = read_options(robot, LegsOptions, options)
         if chosen.simulator:
             raise ValueError(f"{robot}: simulator=True has no sport service. Leave out level='sport'")
+        if chosen.on_exit != "zero_torque":
+            raise ValueError(
+                f"{robot}: on_exit is of level='low'. Leave it out: walking, a stop leaves it standing"
+            )
         return plain(chosen)
 
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:

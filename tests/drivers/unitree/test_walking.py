@@ -62,6 +62,7 @@ def test_saf_001_a_velocity_ends_with_its_lifetime_and_the_robot_stands(world: W
         world.log.no_setpoint_after_safe(round(began_s * NS))
         assert world.gait.twist == REST and world.gait.mode == BALANCE
         assert world.gait.position[0] == pytest.approx(0.5 * stop_s, abs=0.5 * 2 * TICK_S)
+        await robot.acquire()
         assert isinstance(await robot.move(vx=0.1), Accepted), "a hold takes the next velocity"
 
     on(world, act)
@@ -129,7 +130,7 @@ def test_saf_023_a_stop_that_is_not_answered_is_not_confirmed(world: World) -> N
         world.bus.deaf = True
         report = await robot.tree.gate.ask(Stop(Reason.STOP), 2 * STOP_S)
         assert isinstance(report, StopReport) and not report.confirmed
-        assert all("the robot says nothing" in motor.detail for motor in report.motors)
+        assert all("it has not answered" in motor.detail for motor in report.motors)
         world.bus.deaf = False
         await robot.tree.until("disarmed")
         assert world.gait.twist == REST, "it is tried again"

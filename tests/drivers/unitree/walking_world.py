@@ -135,7 +135,11 @@ class Commander:
     async def resume(self) -> None:
         await self.tree.gate.ask(Resume("test"), 10.0)
         await self.tree.until("armed")
-        lease = await self.tree.gate.ask(Acquire("test"), 1.0)
+        await self.acquire()
+
+    async def acquire(self) -> None:
+        """Take the lease again, after a hold or a stop."""
+        lease = await self.tree.gate.ask(Acquire("test", again=self.lease.id), 1.0)
         assert isinstance(lease, Lease), lease
         self.lease = lease
 
