@@ -89,6 +89,19 @@ class LeggedBody(Jointed):
         """A motor without supply, from the next ``drive`` on."""
         self._off[index] = off
 
+    def carry(self, vx_m_s: float, vy_m_s: float, vyaw_rad_s: float, seconds: float) -> None:
+        """Shift and turn it whole, in its own frame, about the vertical: its legs only stand, while an
+        onboard controller would have it walk."""
+        qpos = self.data.qpos
+        w, x, y, z = (float(value) for value in qpos[3:7])
+        heading = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        cos, sin = math.cos(heading), math.sin(heading)
+        qpos[0] += (cos * vx_m_s - sin * vy_m_s) * seconds
+        qpos[1] += (sin * vx_m_s + cos * vy_m_s) * seconds
+        half = vyaw_rad_s * seconds / 2.0
+        c, s = math.cos(half), math.sin(half)
+        qpos[3:7] = (c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w)
+
     # -- what it feels
 
     @property

@@ -16,65 +16,30 @@ gently, bring it to a pose from which it cannot fall before the policy ends.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import msgspec
-from msgspec import Meta
 
 from strands_actors.contract.axis import Part, PartKind
 from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Service, Timing
-from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
+from strands_actors.contract.options import meanings, plain, read_options
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor, imu
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.motor_targets import ROWS, Parser, target_gates
-from strands_actors.drivers.common.network_interfaces import INTERFACE
 from strands_actors.kernel.messages import Refused
 
 from .config import UnitreeConfig
-from .gates import BATTERY_FLOOR_PCT, CONTROL_HZ, CONTROL_S, conditions
+from .gates import CONTROL_HZ, CONTROL_S, conditions
+from .options import IMU, OF_JOINTS, LegsOptions
 from .protocol import COMMAND_TOPIC
 from .robots import TABLES, model_of
-from .rpc import ATTEMPTS, RELEASE_S
+from .walking.gates import WALKS_ELSEWHERE
+from .walking.services import services_of
+from .walking.sport import GO2
 
-
-class LegsOptions(DriverOptions, frozen=True):
-    on_exit: Annotated[
-        Literal["zero_torque", "damp"],
-        option("what ends every motion; damp: half a second of braking before zero torque"),
-    ] = "zero_torque"
-    battery_floor_pct: Annotated[
-        float, option("charge under which nothing is commanded, 0 to 100 percent", ge=0, le=100)
-    ] = BATTERY_FLOOR_PCT
-    domain: Annotated[
-        Annotated[int, Meta(ge=0, le=232)] | None,
-        option("DDS domain, 0 to 232; None: 0, which robots speak in, or 1 of a simulator"),
-    ] = None
-    simulator: Annotated[
-        bool,
-        option(
-            "True or False: whether it is Unitree's own simulator, unitree_mujoco. It has no mode and no FSM "
-            "that could be asked, and its states may come without checksum and without a tick that goes on: never "
-            "of a robot. On this host its port is 127.0.0.1"
-        ),
-    ] = False
-    network_interface: Annotated[
-        str,
-        option(
-            "this host's interface on the robot's network, by name (eth0) or IPv4 address; "
-            "empty: the one that leads to it",
-            pattern=INTERFACE,
-        ),
-    ] = ""
-
-
-IMU: Mapping[str, str] = {
-    "rpy": "rpy_rad",
-    "gyro": "gyro_rad_s",
-    "accel": "acceleration_m_s2",
-    "quaternion": "orientation_wxyz",
-}
-"""Field to sensor."""
+OF_WALKING = services_of(GO2)
+"""Services of the robots that also walk (``level="sport"``)."""
 
 
 class _Legs(Driver):
@@ -112,6 +77,9 @@ class _Legs(Driver):
     @classmethod
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
         chosen = read_options(robot, LegsOptions, options)
+        if chosen.level != "low":
+            names = ", ".join(sorted({name.partition(":")[0] for name in cls.LEVELS}))
+            raise ValueError(f"{robot} is only commanded joint by joint. level='sport' is there for {names}")
         if chosen.simulator and chosen.domain == 0:
             raise ValueError(
                 f"{robot}: simulator=True, but domain 0 is the robots' own. Let the simulator speak in another "
@@ -133,6 +101,17 @@ class _Legs(Driver):
         self.conditions = conditions(model, chosen.battery_floor_pct, self.timing.state_ttl_s, simulator)
         self.gates = target_gates(model, CONTROL_S)
         self._parser = Parser(model)
+
+    @classmethod
+    def services(cls, options: Mapping[str, Any]) -> Mapping[str, Service]:
+        """Those of the onboard controller, too: they say what to do instead."""
+        return {**OF_WALKING, **cls.SERVICES} if cls.LEVELS else cls.SERVICES
+
+    def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
+        if self.LEVELS and service in OF_WALKING:
+            why = f"{service}: this robot is commanded joint by joint (level='low')"
+            return Refused("level", why, WALKS_ELSEWHERE, "low", "sport")
+        return super().check_service(service, arguments)
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         return self._parser.parse(action, state)
@@ -214,14 +193,9 @@ class Go2Driver(_Legs):
     ALIASES: ClassVar[Mapping[str, str]] = {
         alias: name for alias, name in TABLES.aliases.items() if name != "unitree_g1"
     }
-    SERVICES: ClassVar[Mapping[str, Service]] = {
-        "release_sport_mode": Service(
-            "end the robot's own controller, so that its joints can be commanded: it no longer balances by itself",
-            within_s=ATTEMPTS * RELEASE_S + 1.0,
-            arguments={"attempts": ATTEMPTS},
-            counts={"attempts": ATTEMPTS},
-            powers=True,
-            late_s=RELEASE_S,
-        )
-    }
+    SERVICES: ClassVar[Mapping[str, Service]] = OF_JOINTS
     BEFORE_MOTION: ClassVar[str] = "release_sport_mode"
+    LEVELS: ClassVar[Mapping[str, str]] = {
+        "unitree_go2:sport": "strands_actors.drivers.unitree.walking.driver:Go2Walking",
+        "b2:sport": "strands_actors.drivers.unitree.walking.driver:B2Walking",
+    }

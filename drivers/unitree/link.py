@@ -85,8 +85,8 @@ class Service:
                 heard(response)
 
 
-class Link:
-    """Raise ``WireDown`` when the sockets cannot be had."""
+class Network:
+    """Our participant, and the robot's LowState. Raise ``WireDown`` when the sockets cannot be had."""
 
     def __init__(self, config: UnitreeConfig, clock: Clock) -> None:
         model, robot = config.model, config.port
@@ -106,17 +106,7 @@ class Link:
         self._ticks = None if config.simulator else Stamps()  # a simulator need not count any
         self.discarded: Counter[str] = Counter()
         """States that were not taken, by why not, since the link was opened."""
-        self._codec = CommandCodec(model)
         self._decode = StateCodec(model, unsealed=config.simulator).decode
-        self.commands = self.participant.writer(p.COMMAND_TOPIC, p.command_type(model.family))
-        count = len(model.joints)
-        self._limp = (0.0,) * (5 * count)
-        self._damp = (0.0,) * (4 * count) + (model.damp_kd,) * count
-
-    @property
-    def heard(self) -> bool:
-        """Whether the robot takes our commands."""
-        return self.commands.matched > 0
 
     def listen(self) -> None:
         """To the robot's state, from now on."""
@@ -141,24 +131,6 @@ class Link:
     def close(self) -> None:
         self.participant.close()
 
-    # -- commands
-
-    def encode(self, values: tuple[float, ...]) -> bytes:
-        """A target, five rows, as a payload."""
-        return CDR + self._codec.encode(self._machine, values)
-
-    def send(self, payload: bytes) -> bool:
-        """Whether it left, and for the robot."""
-        return self.commands.write(payload) > 0
-
-    def safe_frame(self, damp: bool) -> bytes:
-        """No joint is pulled anywhere: braked, or not even that."""
-        return CDR + self._codec.encode(self._machine, self._damp if damp else self._limp)
-
-    @property
-    def _machine(self) -> int:
-        return self.state.machine if self.state else 0
-
     # -- states
 
     def _on_state(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
@@ -179,3 +151,37 @@ class Link:
         self.state = state
         if ticks is None or ticks.goes_on:
             self.state_ns = t_ns
+
+
+class Link(Network):
+    """The joints commanded one by one, too."""
+
+    def __init__(self, config: UnitreeConfig, clock: Clock) -> None:
+        super().__init__(config, clock)
+        model = config.model
+        self._codec = CommandCodec(model)
+        self.commands = self.participant.writer(p.COMMAND_TOPIC, p.command_type(model.family))
+        count = len(model.joints)
+        self._limp = (0.0,) * (5 * count)
+        self._damp = (0.0,) * (4 * count) + (model.damp_kd,) * count
+
+    @property
+    def heard(self) -> bool:
+        """Whether the robot takes our commands."""
+        return self.commands.matched > 0
+
+    def encode(self, values: tuple[float, ...]) -> bytes:
+        """A target, five rows, as a payload."""
+        return CDR + self._codec.encode(self._machine, values)
+
+    def send(self, payload: bytes) -> bool:
+        """Whether it left, and for the robot."""
+        return self.commands.write(payload) > 0
+
+    def safe_frame(self, damp: bool) -> bytes:
+        """No joint is pulled anywhere: braked, or not even that."""
+        return CDR + self._codec.encode(self._machine, self._damp if damp else self._limp)
+
+    @property
+    def _machine(self) -> int:
+        return self.state.machine if self.state else 0

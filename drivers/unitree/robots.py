@@ -15,6 +15,17 @@ from strands_actors.drivers.common.robot_tables import RobotTables
 TABLES = RobotTables(__package__, "Unitree")
 
 
+class Walks(msgspec.Struct, frozen=True):
+    """How a robot walks by its onboard controller."""
+
+    by: Literal["sport", "loco"]  # whose requests: ``walking/sport.py``
+    vx_m_s: tuple[float, float]  # backward, forward
+    vy_m_s: tuple[float, float]
+    wz_rad_s: tuple[float, float]
+    sits: bool = False
+    lie_rad: tuple[float, ...] = ()  # joints of the twin that lies, in the order of its joints
+
+
 class Model(msgspec.Struct, frozen=True):
     """One robot: what is said to it, and what it may be told."""
 
@@ -27,6 +38,7 @@ class Model(msgspec.Struct, frozen=True):
     max_kd: float
     damp_kd: float
     joints: tuple[Joint, ...]
+    walks: Walks | None = None  # None: not by this package
 
     @property
     def axes(self) -> tuple[str, ...]:
@@ -47,4 +59,6 @@ def model_of(robot: str) -> Model:
     table: Mapping[str, Any] = TABLES.table(robot)
     joints = parse_joints(table["joints"])
     fields = {name: table[name] for name in Model.__struct_fields__ if name in table and name != "joints"}
+    if "walks" in table:
+        fields["walks"] = msgspec.convert(table["walks"], Walks)
     return Model(**{"sport_mode": "ai", **fields, "name": TABLES.canonical(robot), "joints": joints})

@@ -27,12 +27,26 @@ GET_FSM_ID, SET_FSM_ID, SET_VELOCITY = 7001, 7101, 7105
 """Of service ``sport`` on a G1."""
 LOCO_GET_FSM_ID, LOCO_SET_FSM_ID, LOCO_SET_VELOCITY = 8001, 8101, 8105
 """Of service ``loco`` on an H1."""
-DAMP, STOP_MOVE, STAND_UP, STAND_DOWN, RECOVERY_STAND, MOVE = 1001, 1003, 1004, 1005, 1006, 1008
+DAMP, BALANCE_STAND, STOP_MOVE, STAND_UP, STAND_DOWN, RECOVERY_STAND, MOVE = (
+    1001,
+    1002,
+    1003,
+    1004,
+    1005,
+    1006,
+    1008,
+)
 """Of service ``sport`` on a Go2 or B2."""
+SIT, RISE_SIT = 1009, 1010
+"""Of a Go2 alone."""
 
 OK, TIMEOUT, NOT_IMPLEMENTED, BAD_DATA, NOT_REGISTERED = 0, 3104, 3203, 3106, 3103
 
+SELECTED_TOO_SOON = 7002
+"""What SelectMode says for some ten seconds after ReleaseMode."""
+
 ERRORS = {
+    7002: "its mode was released a moment ago",
     3001: "an unknown error",
     3102: "the request could not be sent",
     3103: "the service does not know this request",
@@ -41,6 +55,9 @@ ERRORS = {
     3106: "bad data",
     3107: "the lease is denied",
     3203: "not implemented",
+    4201: "the action took too long",
+    4202: "the sport service has not started",
+    4205: "the sport service has not started",
     7301: "the locomotion state is missing",
     7302: "no such state of the FSM",
     7303: "no such task",

@@ -8,16 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from typing import Any, ClassVar
 
 import msgspec
 import trio
 
-from strands_actors.contract.rotations import roll_pitch_yaw
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, WireDown
-from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.session_wire import SessionWire
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
@@ -29,9 +26,8 @@ from .gates import CONTROL_S, FSM_TTL_S, HANDSHAKE_FSM, MODE_TTL_S
 from .link import FIND_S, Link, Service
 from .rpc import ATTEMPTS, RELEASE_S
 from .safing import bring_down, reports
+from .session import ASK_EVERY_NS, RobotSession
 
-ASK_EVERY_NS = 100_000_000
-"""How often the robot is asked for its FSM id, or its onboard mode."""
 BATTERY_S = 1.0
 """It is told slowly, on a topic of its own."""
 REACH_S = 0.6
@@ -50,23 +46,18 @@ REAL = (
 )
 
 
-class UnitreeSession:
+class UnitreeSession(RobotSession):
     """What exists between ``open`` and ``close``."""
 
     def __init__(self, config: UnitreeConfig, clock: Clock) -> None:
         model = config.model
         self.link = link = Link(config, clock)
         link.listen()
-        self.clock = clock
-        self.modes = Service(link.participant, rpc.MOTION_SWITCHER, clock)
+        super().__init__(link, clock)
         self._simulator = config.simulator
         asks = model.handshake == "fsm" and not config.simulator
         self.fsm = Service(link.participant, model.service, clock) if asks else None
-        if model.family == "hg":
-            link.participant.reader(p.BATTERY_TOPIC, p.BATTERY_TYPE, self._on_battery)
-        self.mode: tuple[str, float] | None = None  # and when it was asked, seconds
         self.fsm_id: tuple[float, float] | None = None
-        self.battery: tuple[float, float] | None = None
         self._asked_ns = 0
         self._seen_ns = 0
         self.discarded_before = 0
@@ -86,9 +77,6 @@ class UnitreeSession:
             else:
                 self.ask_mode()
 
-    def ask_mode(self) -> None:
-        self.modes.ask(rpc.CHECK_MODE, self.on_mode)
-
     def observation(self) -> Observation:
         """Made anew when something new was heard."""
         link = self.link
@@ -97,22 +85,8 @@ class UnitreeSession:
         self._seen_ns = link.state_ns
         self.discarded_before = link.discarded.total()
         state = link.state
-        sensors: dict[str, tuple[float, ...]] = {
-            "torque_nm": state.tau,
-            "temperature_c": state.temperature,
-            "orientation_wxyz": state.quaternion,
-            "rpy_rad": roll_pitch_yaw(state.quaternion),
-            "gyro_rad_s": state.gyroscope,
-            "acceleration_m_s2": state.accelerometer,
-            "mode_machine": (state.machine,),
-        }
-        if link.discarded:
-            sensors["discarded_states"] = (float(link.discarded.total()),)
+        sensors = self.sensors_of(state)
         faults: dict[str, str] = {}
-        if state.soc is not None:  # one that is none leaves the charge of before, which grows old
-            self.battery = float(state.soc), link.state_ns / NS
-        if self.battery is not None:
-            sensors["battery_pct"], sensors["battery_stamp_s"] = self.battery[:1], self.battery[1:]
         if self.fsm_id is not None:
             sensors["fsm"] = self.fsm_id
         if self.mode is not None and self.fsm is None:
@@ -143,14 +117,6 @@ class UnitreeSession:
     def _on_fsm(self, response: rpc.Response) -> None:
         if not response.why:
             self.fsm_id = float(rpc.fsm_id(response)), response.id / NS
-
-    def on_mode(self, response: rpc.Response) -> None:
-        if not response.why:
-            self.mode = rpc.mode_name(response), response.id / NS
-
-    def _on_battery(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
-        with suppress(MalformedFrame):  # what cannot be read is not known, and that is refused
-            self.battery = float(p.decode_battery(payload[4:])), t_ns / NS
 
 
 class UnitreeWire(SessionWire[UnitreeSession]):

@@ -61,6 +61,7 @@ def plan(name: str, mode: str = "sim", **keywords: Any) -> Plan:
     if not issubclass(driver_class, Driver):
         return _plain(wanted, driver_class)
     _check_scene(wanted)
+    driver_class = driver_class.at_level(wanted.robot, wanted.options)
     return _elsewhere(wanted, driver_class) if wanted.at else _real(wanted, driver_class)
 
 

@@ -252,6 +252,18 @@ class Driver(ABC):
     """Asked before the gates, and at every tick while a setpoint is live: it ends when one of them
     refuses. Those that are ``always`` looked at also end a hold."""
 
+    LEVELS: ClassVar[Mapping[str, str]] = {}
+    """Robots of this driver that can be commanded in another way, too, by another driver:
+    ``robot:level`` to its ``module:class``. The option ``level`` chooses it; the kill matrix calls it
+    by that name."""
+
+    @classmethod
+    def at_level(cls, robot: str, options: Mapping[str, Any]) -> type[Driver]:
+        """Return the driver that is chosen by the option ``level``: one of ``LEVELS``, or this
+        one."""
+        where = cls.LEVELS.get(f"{robot}:{options.get('level')}")
+        return cls if where is None else load(where)
+
     @classmethod
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
         """Runs once, in the caller: check keywords, read files, return plain options for

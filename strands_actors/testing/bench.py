@@ -26,7 +26,7 @@ from strands_actors.supervisors.introspection import ALLOW_FAULTS
 from .faults import Victims
 from .queueing import Queue
 from .recorder_process import RecorderProcess
-from .registering import where_is
+from .registering import class_of, column, where_is
 from .still_camera import SETTINGS
 from .template import Template
 from .twin import Twin
@@ -138,13 +138,14 @@ class Caller:
 
 
 class Bench:
-    """``driver_class``: of a robot that this package does not know by itself. ``far``: how far the
-    first joint moves, in the driver's units."""
+    """``robot``: its name, or ``robot:level`` of one that can be commanded in two ways.
+    ``driver_class``: of a robot that this package does not know by itself. ``far``: how far the first
+    joint moves, in the driver's units."""
 
     def __init__(self, robot: str, driver_class: type[Driver] | None = None, far: float | None = None) -> None:
-        self.robot = robot
-        self._driver_class = driver_class
-        self.driver = driver_of(robot, driver_class)
+        self.robot, where = column(robot)
+        self._driver_class = driver_class or class_of(where)
+        self.driver = driver_of(self.robot, self._driver_class)
         self.far = far if far is not None else 10.0 if "degrees" in self.driver.unit else 0.1
         self._caller: Caller | None = None
 
@@ -285,7 +286,9 @@ def moving_robot(robot: str, motion: str = "loop") -> Iterator[tuple[Bench, Call
 
 
 def driver_of(robot: str, driver_class: type[Driver] | None = None) -> Driver:
-    """The driver of ``robot`` on its twin."""
+    """The driver of ``robot``, the name of a column, on its twin."""
+    robot, where = column(robot)
+    driver_class = driver_class or class_of(where)
     if driver_class is not None:
         return driver_class(robot, "", driver_class.resolve(robot, {}))
     wanted = plan(robot, "real", transport="twin")

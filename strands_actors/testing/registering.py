@@ -25,9 +25,24 @@ def register(where: str, robot: str) -> None:
         register_native_driver(robot, driver_class, overwrite=True)
 
 
+def column(name: str, where: str = "") -> tuple[str, str]:
+    """Return the robot of a column of the kill matrix, and ``module:Class`` of a driver that has to be
+    registered for it. A column is a robot, or ``robot:level`` of one that can be commanded in two
+    ways (``Driver.LEVELS``). Raise ``ValueError`` for a level that is not there."""
+    robot, _, level = name.partition(":")
+    if not level or where:
+        return robot, where
+    driver_class = get_native_driver_class(robot)
+    levels = driver_class.LEVELS if driver_class is not None and issubclass(driver_class, Driver) else {}
+    if name not in levels:
+        raise ValueError(f"{robot} has no level {level!r}. There is {', '.join(levels) or 'none'}")
+    return robot, levels[name]
+
+
 def prepare(robot: str, where: str) -> None:
-    """Have the driver of ``robot`` imported; ``where``: of one that has to be registered, else
-    empty."""
+    """Have the driver of ``robot``, the name of a column, imported; ``where``: of one that has to be
+    registered, else empty."""
+    robot, where = column(robot, where)
     if where:
         register(where, robot)
     else:

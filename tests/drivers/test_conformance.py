@@ -9,9 +9,10 @@ import pytest
 
 from strands_actors.contract.driver import Driver
 from strands_actors.drivers import get_native_driver_class
-from strands_actors.surfaces.cli.matrix import one_of_each
+from strands_actors.surfaces.cli.matrix import every_column
 from strands_actors.testing import Check, conformance
 from strands_actors.testing.checks import close_bench
+from strands_actors.testing.registering import class_of, column
 from tests.kill.test_kill import WHOLE
 
 
@@ -22,13 +23,14 @@ def quick(check: Check) -> bool:
 
 def checks() -> Iterator[object]:
     whole = {get_native_driver_class(robot) for robot in WHOLE}
-    for robot in one_of_each():
-        driver_class = get_native_driver_class(robot)
+    for name in every_column():
+        robot, where = column(name)
+        driver_class = class_of(where) or get_native_driver_class(robot)
         assert driver_class is not None and issubclass(driver_class, Driver)
         for check in conformance(driver_class, robot):
             if not (driver_class in whole and check.name.startswith("kill cell")):
                 marks = () if quick(check) else (pytest.mark.long,)
-                yield pytest.param(check, id=f"{robot}-{check}", marks=marks)
+                yield pytest.param(check, id=f"{name}-{check}", marks=marks)
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -16,6 +16,7 @@ import typer.main
 
 from strands_actors import MeshConfig, Robot
 from strands_actors.caller.robot import AsyncRobot, RealRobot, SimRobot
+from strands_actors.contract.loading import load
 from strands_actors.drivers import (
     DRIVER_CHOICES,
     constructor_keywords,
@@ -68,7 +69,10 @@ def callables() -> set[str]:
     for handle in (RealRobot, SimRobot, AsyncRobot):
         found |= {name for name in dir(handle) if not name.startswith("_")}
     for robot in list_native_drivers():
-        found |= set(getattr(get_native_driver_class(robot), "SERVICES", {}))
+        driver_class = get_native_driver_class(robot)
+        levels = (load(where) for where in getattr(driver_class, "LEVELS", {}).values())
+        for each in (driver_class, *levels):
+            found |= set(getattr(each, "SERVICES", {}))
     return found | {f"strands_actors.{name}" for name in found}
 
 

@@ -1,6 +1,9 @@
 """The robot's end of a Unitree network: LowState 500 times a second, LowCmd, the services; MuJoCo
 behind them.
 
+A Go2 and a B2 also walk: SportModeState 50 times a second as long as their onboard mode has the
+motors. Their velocities are ``setpoint`` in the log, StopMove and Damp ``safe``.
+
 The log has every LowCmd (``safe`` with its safe state when it gives no torque, else ``setpoint``;
 ``garbled`` when its checksum is wrong, ``other`` when it is for another ``mode_machine``) and every
 request; of the robot's side the answers and what it does by itself: ``fsm``, ``mode``, ``fell``,
@@ -19,6 +22,7 @@ from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal, Unpack
 
 from strands_actors.contract.options import option
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.rtps import CDR, Participant, Writer
 from strands_actors.drivers.common.twin import Start, WireLog, read_twin_options, run_server
@@ -27,6 +31,7 @@ from strands_actors.drivers.unitree import protocol as p
 from strands_actors.drivers.unitree import rpc
 from strands_actors.drivers.unitree.protocol import Command, CommandCodec, StateCodec
 from strands_actors.drivers.unitree.robots import Model, model_of
+from strands_actors.drivers.unitree.walking.states import STATE_TOPIC, STATE_TYPE, encode_state
 from strands_actors.kernel.clock import NS
 
 from .onboard import Onboard
@@ -36,6 +41,7 @@ from .standing import StandingBody
 class UnitreeTwinOptions(DdsOptions, frozen=True):
     silence_s: Annotated[float, option("damp after so long without a LowCmd; 0: never", ge=0)] = 0.0
     battery: Annotated[int | Literal["unknown"], option("state of charge, percent, or unknown")] = 80
+    keeps_s: Annotated[float, option("a velocity ends by itself after so long; 0: never", ge=0)] = 1.0
     fsm: Annotated[int | None, option("FSM id it wakes up in; None: the robot's own")] = None
     simulator: Annotated[
         bool,
@@ -43,7 +49,7 @@ class UnitreeTwinOptions(DdsOptions, frozen=True):
     ] = False
 
 
-BATTERY_EVERY = 50
+BATTERY_EVERY, GAIT_EVERY = 50, 10
 """Ticks."""
 WRONG_RAD = 1.0
 _READS = (rpc.SERVER_VERSION, rpc.CHECK_MODE, rpc.GET_FSM_ID, rpc.LOCO_GET_FSM_ID)
@@ -63,7 +69,7 @@ class UnitreeServer(DdsServer):
     def __init__(self, model: Model, log: WireLog, options: UnitreeTwinOptions) -> None:
         self._model = model
         self._simulator = options.simulator
-        self.onboard = Onboard(model, self.note, options.silence_s, self._simulator)
+        self.onboard = Onboard(model, self.note, options.silence_s, self._simulator, keeps_s=options.keeps_s)
         super().__init__(log, options, self.onboard.body, model.slots)
         self.body = StandingBody(self.onboard)
         """At the simulation control."""
@@ -79,6 +85,8 @@ class UnitreeServer(DdsServer):
         family = self._model.family
         self._state_writer = participant.writer(p.STATE_TOPIC, p.state_type(family))
         participant.reader(p.COMMAND_TOPIC, p.command_type(family), self._on_command)
+        walks = self.onboard.gait is not None and not self._simulator
+        self._gait_writer = participant.writer(STATE_TOPIC, STATE_TYPE) if walks else None
         tells_battery = family == "hg" and not self._simulator
         self._battery_writer = participant.writer(p.BATTERY_TOPIC, p.BATTERY_TYPE) if tells_battery else None
         for service in () if self._simulator else self.onboard.services:
@@ -125,12 +133,26 @@ class UnitreeServer(DdsServer):
         except MalformedFrame:
             self.log.write(t_ns, "host", [("garbled", body)])
             return
-        self.log.write(t_ns, "host", [("read" if request.api in _READS else "config", body)])
+        kind, safe_state = self._kind_of(service, request)
+        self.log.write(t_ns, "host", [(kind, body)], safe_state)
         response = self.onboard.serve(service, request)
         if response is not None and not request.no_reply:
             answer = rpc.encode_response(response)
             self.log.write(time.monotonic_ns(), "robot", [("answer", answer)])
             self._answers[service].write(CDR + answer)
+
+    def _kind_of(self, service: str, request: rpc.Request) -> tuple[str, str | None]:
+        """Return the kind of a request, and the safe state that it brings the whole robot to."""
+        if request.api in _READS or service == rpc.MOTION_SWITCHER or self.onboard.gait is None:
+            return ("read" if request.api in _READS else "config"), None
+        match request.api:
+            case rpc.MOVE:
+                return "setpoint", ""
+            case rpc.STOP_MOVE:  # a hold as well as a stop
+                return "safe", None
+            case rpc.DAMP:
+                return "safe", SafeState.DAMP
+        return "config", None
 
     # -- what it says
 
@@ -147,6 +169,9 @@ class UnitreeServer(DdsServer):
         if self._simulator:
             body = body[:-4] + bytes(4)
         self.say_state(self._state_writer, body, now_ns)
+        gait = self.onboard.sport_state(now_ns)
+        if self._gait_writer is not None and gait is not None and not self.is_off and tick % GAIT_EVERY == 0:
+            self._gait_writer.write(CDR + encode_state(gait))
         battery, soc = self._battery_writer, self.onboard.soc
         if battery is not None and soc is not None and not self.is_off and tick % BATTERY_EVERY == 0:
             battery.write(CDR + p.encode_battery(soc))

@@ -7,6 +7,7 @@ Time comes with every call; between calls nothing happens.
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -17,8 +18,11 @@ from strands_actors.drivers.unitree.gates import HANDSHAKE_FSM
 from strands_actors.drivers.unitree.protocol import Command, State
 from strands_actors.drivers.unitree.robots import Model
 from strands_actors.drivers.unitree.rpc import Request, Response
+from strands_actors.drivers.unitree.walking.sport import DAMPING, LIE, SIT
+from strands_actors.drivers.unitree.walking.states import SportState
 
 from .body import body_of
+from .gait import Gait
 
 STAND_KP, STAND_KD = 1000.0, 20.0
 """Of the onboard controller, which does nothing but stand."""
@@ -32,7 +36,7 @@ FSM_ZERO_TORQUE, FSM_WALK = 0, 801
 
 class Onboard:
     """``note(kind, text)`` hears what becomes of it: ``fsm``, ``mode``, ``fell``, ``stood``,
-    ``silence``."""
+    ``silence``, and of its gait ``gait`` and ``twist``."""
 
     def __init__(
         self,
@@ -41,10 +45,11 @@ class Onboard:
         silence_s: float = 0.0,
         simulator: bool = False,
         body: LeggedBody | None = None,
+        keeps_s: float = 1.0,
     ) -> None:
         """``silence_s``: without a LowCmd for so long the robot damps; 0: never. ``simulator``: it
-        takes every LowCmd, whatever mode it is in. ``body``: in place of that of the robot's
-        table."""
+        takes every LowCmd, whatever mode it is in. ``body``: in place of that of the robot's table.
+        ``keeps_s``: a velocity ends by itself after so long; 0: never."""
         self.model = model
         self._simulator = simulator
         self.body = body or body_of(model)
@@ -54,6 +59,15 @@ class Onboard:
         count = len(model.joints)
         self._zero = (0.0,) * count
         home = tuple(self.body.position_rad)
+        self._lie = model.walks.lie_rad if model.walks and model.walks.lie_rad else home
+        sports = model.walks is not None and model.walks.by == "sport"
+        self.gait = (
+            Gait(self._gait_changed, keeps_s, model.walks is not None and model.walks.sits) if sports else None
+        )
+        """Of a robot that walks by a sport service."""
+        self._way: tuple[Sequence[float], Sequence[float]] | None = (
+            None  # from which pose to which it is on its way
+        )
         self._stand = (home, self._zero, self._zero, (STAND_KP,) * count, (STAND_KD,) * count)
         self._brake = (self._zero, self._zero, self._zero, self._zero, (model.damp_kd,) * count)
         self._limp = (self._zero,) * 5
@@ -65,7 +79,8 @@ class Onboard:
         self.body.stand_up()
         self.fsm_id = FSM_WALK
         self.mode = self.model.sport_mode
-        self.posture = "stand"
+        if self.gait is not None:
+            self.gait.reset()
         self.fallen = False
         self._commanded_s = 0.0
         self.commanded = False
@@ -117,19 +132,43 @@ class Onboard:
         self._note("mode", name)
         self.obey_itself()
 
-    def set_posture(self, posture: str) -> None:
-        self.posture = posture
-        self.obey_itself()
-
     def obey_itself(self) -> None:
         """The onboard controller moves the body: by its mode, its FSM and its posture."""
         self._commanded_s = 0.0
         self.commanded = False
-        if not self.mode or self.posture == "damp" or (self._has_fsm and self.fsm_id not in HANDSHAKE_FSM):
+        damps = self.gait is not None and self.gait.next_mode == DAMPING
+        if not self.mode or damps or (self._has_fsm and self.fsm_id not in HANDSHAKE_FSM):
             limp = self._has_fsm and self.fsm_id == FSM_ZERO_TORQUE
             self.body.drive(*(self._limp if limp else self._brake))
+        elif self._is_down:
+            self._way = self.body.position_rad, self._lie
+            self._drive_way()
         else:
+            self._way = (
+                None if self.gait is None or self.gait.share >= 1.0 else (self.body.position_rad, self._stand[0])
+            )
+            self._drive_way()
+
+    @property
+    def _is_down(self) -> bool:
+        """Whether its onboard controller has laid it down, or is about to."""
+        return self.gait is not None and self.gait.next_mode in (LIE, SIT)
+
+    def _drive_way(self) -> None:
+        """Go on from one pose to the other, as far as the gait is."""
+        if self._way is None or self.gait is None:
             self.body.drive(*self._stand)
+            return
+        share = self.gait.share
+        q = [(1.0 - share) * at + share * to for at, to in zip(*self._way, strict=True)]
+        self.body.drive(q, *self._stand[1:])
+        if share >= 1.0:
+            self._way = None
+
+    def _gait_changed(self, kind: str, text: str) -> None:
+        self._note(kind, text)
+        if kind == "gait" and self.mode and self.gait is not None and self.gait.mode == DAMPING:
+            self.obey_itself()
 
     @property
     def _has_fsm(self) -> bool:
@@ -141,9 +180,15 @@ class Onboard:
             self.commanded = False
             self.body.drive(*self._brake)
             self._note("silence", "")
+        if self.gait is not None and self.mode:
+            walked_s = self.gait.advance(now_s)
+            if walked_s:
+                self.body.carry(*self.gait.twist, walked_s)
+            if self._way is not None:
+                self._drive_way()
         self.body.catch_up(now_s)
         self._tick += 1
-        if self.body.fallen != self.fallen:
+        if self.body.fallen != self.fallen and not self._is_down:
             self.fallen = not self.fallen
             self._note("fell" if self.fallen else "stood", f"{self.body.height_m:.3f}")
 
@@ -161,6 +206,17 @@ class Onboard:
             (ROOM_C,) * len(self.model.joints),
             self.soc if self.model.family == "go" else None,
         )
+
+    def sport_state(self, now_ns: int) -> SportState | None:
+        """Return what its onboard controller says; None: it says nothing."""
+        gait = self.gait
+        if gait is None or not self.mode:
+            return None
+        half = gait.heading_rad / 2.0
+        heading = (math.cos(half), 0.0, 0.0, math.sin(half))
+        x, y = gait.position
+        height_m = self.body.height_m
+        return SportState(now_ns, gait.mode, (x, y, height_m), gait.twist, heading, height_m)
 
     # -- services
 
@@ -208,12 +264,10 @@ class Onboard:
                 return rpc.OK, None
             case rpc.SET_VELOCITY | rpc.LOCO_SET_VELOCITY:
                 return (rpc.OK if len(parameter["velocity"]) == 3 else rpc.BAD_DATA), None
-            case rpc.DAMP | rpc.STAND_DOWN:
-                self.set_posture("damp")
-                return rpc.OK, None
-            case rpc.STAND_UP | rpc.RECOVERY_STAND:
-                self.set_posture("stand")
-                return rpc.OK, None
-            case rpc.STOP_MOVE | rpc.MOVE:
-                return rpc.OK, None
-        return rpc.NOT_IMPLEMENTED, None
+        if self.gait is None:
+            return rpc.NOT_IMPLEMENTED, None
+        before = self.gait.next_mode
+        answer = self.gait.order(api, parameter)
+        if self.gait.next_mode != before:
+            self.obey_itself()
+        return answer

@@ -20,6 +20,7 @@ from strands_actors.testing.jobs import Cells, Plan, measure_all
 from strands_actors.testing.matrix import Row, rows_of, shown, summary, verdict
 from strands_actors.testing.matrix_page import INTRODUCTION, PAIRS, Columns, columns_of, encode, load, page
 from strands_actors.testing.pairs import Pair, pairs_of
+from strands_actors.testing.registering import column
 from strands_actors.testing.trials import Trial, Trials, cell_named
 
 from .errors import Problem
@@ -40,7 +41,7 @@ def run(
     """Return 1 when a cell is unsafe or past its bound. ``victims``: measure only cells with one of
     these. What cannot be measured does not take the other rows with it: they are written, and then it
     is a problem."""
-    robots = dict.fromkeys(_chosen(drivers) if drivers else one_of_each())
+    robots = dict.fromkeys(_chosen(drivers) if drivers else every_column())
     kept = {} if out is None else _kept(out)
     roles = _roles_of(robots)
     of: Callable[[Driver, Iterable[str]], Iterable[Cell | Pair]] = pairs_of if pairs else cells_of
@@ -130,12 +131,22 @@ def one_of_each() -> list[str]:
     return sorted(found.values())
 
 
+def every_column() -> list[str]:
+    """Return these robots, and each of them at its other levels."""
+    robots = one_of_each()
+    levels = (name for robot in robots for name in getattr(get_native_driver_class(robot), "LEVELS", ()))
+    return sorted([*robots, *(name for name in levels if column(name)[0] in robots)])
+
+
 def _chosen(text: str) -> list[str]:
     known = list_native_drivers()
     robots = [name.strip() for name in text.split(",") if name.strip()]
     for robot in robots:
-        if robot not in known:
-            raise Problem(f"matrix: no driver for {robot!r}. there are {', '.join(known)}")
+        try:
+            if column(robot)[0] not in known:
+                raise Problem(f"matrix: no driver for {robot!r}. there are {', '.join(known)}")
+        except ValueError as error:
+            raise Problem(f"matrix: {error}") from None
     return robots
 
 

@@ -1,0 +1,62 @@
+"""What a wire knows of a Unitree robot whichever way it commands it: its LowState, its battery, and
+which onboard mode has its motors."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+from strands_actors.contract.rotations import roll_pitch_yaw
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.kernel.clock import NS, Clock
+
+from . import protocol as p
+from . import rpc
+from .link import Network, Service
+from .protocol import State
+
+ASK_EVERY_NS = 100_000_000
+"""How often the robot is asked for its onboard mode, and its FSM id."""
+
+
+class RobotSession:
+    """What exists between ``open`` and ``close``."""
+
+    def __init__(self, network: Network, clock: Clock) -> None:
+        self.network = network
+        self.clock = clock
+        self.modes = Service(network.participant, rpc.MOTION_SWITCHER, clock)
+        if network.model.family == "hg":
+            network.participant.reader(p.BATTERY_TOPIC, p.BATTERY_TYPE, self._on_battery)
+        self.mode: tuple[str, float] | None = None  # and when it was asked, seconds
+        self.battery: tuple[float, float] | None = None
+
+    def ask_mode(self) -> None:
+        self.modes.ask(rpc.CHECK_MODE, self.on_mode)
+
+    def on_mode(self, response: rpc.Response) -> None:
+        if not response.why:
+            self.mode = rpc.mode_name(response), response.id / NS
+
+    def sensors_of(self, state: State) -> dict[str, tuple[float, ...]]:
+        """Return what a LowState says beside the joints' positions, and the battery."""
+        sensors: dict[str, tuple[float, ...]] = {
+            "torque_nm": state.tau,
+            "temperature_c": state.temperature,
+            "orientation_wxyz": state.quaternion,
+            "rpy_rad": roll_pitch_yaw(state.quaternion),
+            "gyro_rad_s": state.gyroscope,
+            "acceleration_m_s2": state.accelerometer,
+            "mode_machine": (state.machine,),
+        }
+        discarded = self.network.discarded
+        if discarded:
+            sensors["discarded_states"] = (float(discarded.total()),)
+        if state.soc is not None:  # one that is none leaves the charge of before, which grows old
+            self.battery = float(state.soc), self.network.state_ns / NS
+        if self.battery is not None:
+            sensors["battery_pct"], sensors["battery_stamp_s"] = self.battery[:1], self.battery[1:]
+        return sensors
+
+    def _on_battery(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
+        with suppress(MalformedFrame):  # what cannot be read is not known, and that is refused
+            self.battery = float(p.decode_battery(payload[4:])), t_ns / NS

@@ -1,0 +1,89 @@
+"""What must be true of a robot before it walks, and what is refused of a command. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from strands_actors.contract.driver import Condition, OnResume
+from strands_actors.contract.wire import Observation
+from strands_actors.drivers.unitree.gates import MODE_TTL_S, battery_above, battery_known
+from strands_actors.drivers.unitree.robots import Model
+from strands_actors.kernel.clock import NS
+from strands_actors.kernel.messages import Refused
+
+from .robots import BASE
+from .sport import Dialect
+
+GAIT_TTL_S = 0.3
+"""A SportModeState comes 300 times a second from a robot, 50 times from a twin."""
+
+JOINTS_ELSEWHERE = "make it with level='low' to command its joints"
+WALKS_ELSEWHERE = "make it with level='sport' to walk"
+
+
+def conditions(dialect: Dialect, floor_pct: float) -> tuple[Condition, ...]:
+    """Return them in the order in which they are asked: the first that refuses answers. What a
+    service of the robot mends keeps it armed."""
+    walks = Walks(dialect)
+    return (
+        Condition(released, on_resume=OnResume.STAY_ARMED),
+        Condition(walks.mode_known, is_silence=True, on_resume=OnResume.STAY_ARMED),
+        Condition(walks.posture, on_resume=OnResume.STAY_ARMED),
+        Condition(refused_by_robot, on_resume=OnResume.STAY_ARMED),
+        Condition(battery_known),
+        Condition(battery_above(floor_pct)),
+    )
+
+
+def released(observation: Observation, now_ns: int) -> Refused | None:
+    """Refuse a robot whose joints are commanded: its onboard controller has let go of them."""
+    known = observation.sensors.get("sport_mode_released")
+    if known is None or not known[0] or now_ns / NS - known[1] > MODE_TTL_S:
+        return None
+    why = "move: the sport mode is released: the joints are commanded one by one, and the robot does not balance"
+    return Refused("sport_mode_released", why, "end what commands them, then call select_sport_mode()", "released")
+
+
+class Walks:
+    """Conditions that depend on the robot's modes."""
+
+    def __init__(self, dialect: Dialect) -> None:
+        self._dialect = dialect
+
+    def mode_known(self, observation: Observation, now_ns: int) -> Refused | None:
+        known = observation.sensors.get("sport_mode")
+        if known is None:
+            return Refused("mode_unknown", "move: no SportModeState yet", "check that its sport service runs")
+        age_s = now_ns / NS - known[1]
+        if age_s <= GAIT_TTL_S:
+            return None
+        age, limit = f"{age_s:.1f} s", f"{GAIT_TTL_S:g} s"
+        why = f"move: the last SportModeState is {age} old (limit {limit})"
+        return Refused("mode_stale", why, "check the robot and the network", age, limit)
+
+    def posture(self, observation: Observation, now_ns: int) -> Refused | None:
+        """Refuse a robot that would ignore a velocity: its service answers success all the same."""
+        mode = round(observation.sensors["sport_mode"][0])
+        if mode in self._dialect.walks:
+            return None
+        name, wanted = self._dialect.name(mode), ", ".join(map(self._dialect.name, sorted(self._dialect.walks)))
+        service = next((call for call, one in self._dialect.postures.items() if mode in one.after), "")
+        remedy = f"call {service}() first" if service else "wait until that is over"
+        return Refused("posture", f"move: the robot is {name}", remedy, name, wanted)
+
+
+def refused_by_robot(observation: Observation, now_ns: int) -> Refused | None:
+    why = observation.faults.get("move")
+    if why is None:
+        return None
+    return Refused("refused_by_robot", f"move: the robot refuses: {why}", "look at the robot, then try again", why)
+
+
+def refuse_joints(model: Model, action: Mapping[str, object]) -> Refused | None:
+    """Refuse the joints, which the onboard controller has."""
+    for key in action:
+        name = str(key).removesuffix(".pos")
+        if name in model.axes or name.removesuffix("_joint") in model.axes:
+            why = f"move: {name} belongs to the sport mode"
+            return Refused("level", why, JOINTS_ELSEWHERE, name, ", ".join(BASE))
+    return None

@@ -1,0 +1,58 @@
+"""What a robot that walks can be asked beyond the common verbs: by its program, and by an agent."""
+
+from __future__ import annotations
+
+from strands_actors.contract.driver import Service
+from strands_actors.contract.tool_verbs import SENSORS, STATE, STATUS, STOP, ToolVerb
+
+from .robots import BASE
+from .sport import MOVE_S, Dialect
+
+POSTURE_S = 10.0
+"""Longest time for a posture [assumed: standing up takes a Go2 some two seconds]."""
+LATE_S = 1.0
+"""A request of a participant that was killed may be carried out so late [assumed: the vendor's client
+gives up after 1 s]. The root is another participant, and its requests may overtake it."""
+SELECT_S = 15.0
+
+_SPEEDS = {"vx": "m/s forward", "vy": "m/s to the left", "wz": "rad/s to the left"}
+
+
+def services_of(dialect: Dialect) -> dict[str, Service]:
+    """Return what such a robot does beyond the common verbs."""
+    postures = {
+        name: Service(posture.about, within_s=POSTURE_S, powers=True, needs_armed=True, late_s=LATE_S)
+        for name, posture in dialect.postures.items()
+    }
+    move = Service(
+        f"walk so fast for {MOVE_S:g} s, m/s and rad/s of the body, then stand",
+        within_s=1.0,
+        arguments=dict.fromkeys(BASE, 0.0),
+        acts=True,
+    )
+    select = Service(
+        "give the joints back to the onboard controller after they were commanded one by one (level='low')",
+        within_s=SELECT_S,
+        powers=True,
+        needs_armed=True,
+        late_s=LATE_S,
+    )
+    return {"move": move, **postures, "select_sport_mode": select}
+
+
+def verbs_of(dialect: Dialect) -> tuple[ToolVerb, ...]:
+    """Return what an agent may ask."""
+    inputs = {key: {"type": "number", "description": says} for key, says in _SPEEDS.items()}
+    rest = dict.fromkeys(BASE, 0.0)
+    move = ToolVerb(
+        "move",
+        "action",
+        f"Walk for {MOVE_S:g} s, then stand. Call again to go on; zero stops at once.",
+        inputs,
+        action=rest,
+    )
+    postures = (
+        ToolVerb(name, "service", f"{posture.about[0].upper()}{posture.about[1:]}. Keep clear of the robot.")
+        for name, posture in dialect.postures.items()
+    )
+    return SENSORS, STATE, STATUS, move, *postures, STOP

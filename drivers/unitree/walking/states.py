@@ -1,0 +1,60 @@
+"""SportModeState of a Go2 and a B2: what the onboard controller does, and where it believes to be. No
+I/O, no clock.
+
+XCDR1, little endian, without its four-byte encapsulation. Layout: the IDL of ``unitree_sdk2``.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from typing import NamedTuple
+
+from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.kernel.clock import NS
+
+STATE_TOPIC = "rt/sportmodestate"
+STATE_TYPE = "unitree_go::msg::dds_::SportModeState_"
+
+# stamp, error code, imu (13 floats, temperature), mode, progress, gait, height of a lifted foot, position, height
+# of the body, velocity, speed of the turn; skipped behind them: obstacles, feet and ten points of a path
+_STATE = struct.Struct("<iII13fBB2xfB3xf3ff3ff")
+STATE_BYTES = _STATE.size + 400
+
+
+class SportState(NamedTuple):
+    """Metres and radians, in the frame of its odometry; velocities in that of its body."""
+
+    stamp_ns: int  # by the robot's clock
+    mode: int
+    position: tuple[float, float, float]
+    velocity: tuple[float, float, float]  # vx, vy in m/s, and the turn about z in rad/s
+    orientation_wxyz: tuple[float, ...]
+    height_m: float
+
+    @property
+    def heading_rad(self) -> float:
+        w, x, y, z = self.orientation_wxyz
+        return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def decode_state(body: bytes | memoryview) -> SportState:
+    """Raise ``MalformedFrame``, for a number that is not finite, too."""
+    if len(body) < _STATE.size:
+        raise MalformedFrame(f"a SportModeState has {STATE_BYTES} bytes, not {len(body)}")
+    flat = _STATE.unpack_from(body)
+    orientation, (x, y, z), height, (vx, vy, _), turn = flat[3:7], flat[21:24], flat[24], flat[25:28], flat[28]
+    if not all(map(math.isfinite, (*orientation, x, y, z, height, vx, vy, turn))):
+        raise MalformedFrame("a SportModeState with a number that is not finite")
+    return SportState(flat[0] * NS + flat[1], flat[17], (x, y, z), (vx, vy, turn), orientation, height)
+
+
+def encode_state(state: SportState) -> bytes:
+    """What the robot says: for twins."""
+    vx, vy, turn = state.velocity
+    stamp, nothing = divmod(state.stamp_ns, NS), (0.0,) * 9
+    body = _STATE.pack(
+        *stamp, 0, *state.orientation_wxyz, *nothing, 40, state.mode, 0.0, 0, 0.08, *state.position,
+        state.height_m, vx, vy, 0.0, turn,
+    )  # fmt: skip
+    return body.ljust(STATE_BYTES, b"\0")

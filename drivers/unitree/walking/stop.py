@@ -1,0 +1,130 @@
+"""How a robot that walks is stopped, by the wire and by the root's stop channel alike: the order is
+repeated until the onboard controller has answered it and reports that the robot obeys.
+
+``stop``  StopMove: the robot ends what it does and stays on its feet by its own controller
+``zero``  the same, then BalanceStand: it takes the next velocity from there
+``damp``  Damp, the vendor's own emergency stop: every joint brakes, the robot sinks to the floor
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import trio
+
+from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.stop_channels import KeptSession
+from strands_actors.contract.wire import MotorReport, WireDown
+from strands_actors.drivers.common.outcome import Outcome
+from strands_actors.drivers.common.reporting_base import Report, stop_until_it_stands
+from strands_actors.drivers.unitree.config import UnitreeConfig
+from strands_actors.drivers.unitree.link import FIND_S
+
+from .link import WalkingLink
+from .robots import BASE
+from .sport import Order
+from .states import SportState
+
+STOP_S = 1.7
+"""How long an order is repeated: less than ``Timing.safe_s``, and than what is left of it when a
+link is reached."""
+STILL_M_S, STILL_RAD_S = 0.1, 0.15
+"""Below these speeds a robot that balances on the spot stands [assumed]."""
+
+
+class Stopping:
+    """One link as a base that can be stopped (``ReportingBase``)."""
+
+    def __init__(self, link: WalkingLink, safe_state: SafeState) -> None:
+        self._link = link
+        self._damps = safe_state == SafeState.DAMP
+        dialect = link.dialect
+        self._order: Order = dialect.damp if self._damps else dialect.stop
+        self._told_ns = 0
+
+    @property
+    def is_open(self) -> bool:
+        return self._link.sport.matched
+
+    async def connect(self) -> None:
+        await self._link.find(self._link.where)
+
+    def zero(self) -> None:
+        if not self._link.send(self._order):
+            raise WireDown("the sport service does not hear us")
+
+    async def taken(self, within_s: float) -> None:
+        """Return when an order that was made after this call has been answered: the service
+        answers one after the other, so all that was asked for before was taken then."""
+        link, since_ns = self._link, self._link.clock.now_ns()
+        await link.until(lambda: link.answered.get(self._order, 0) >= since_ns, within_s)
+        if link.answered.get(self._order, 0) < since_ns:
+            raise WireDown(f"the robot says {link.refused.get(self._order) or 'nothing'}")
+        link.follow()
+        self._told_ns = link.gait_ns
+
+    async def next_report(self, within_s: float) -> Report:
+        link = self._link
+        if not await link.until(lambda: link.gait_ns > self._told_ns, within_s) or link.gait is None:
+            raise WireDown("no SportModeState comes")
+        self._told_ns = link.gait_ns
+        return Report(link.gait.stamp_ns, self._obeys(link.gait), self._shown(link.gait))
+
+    def _obeys(self, gait: SportState) -> bool:
+        dialect = self._link.dialect
+        if self._damps:
+            return gait.mode == dialect.damped
+        return gait.mode in dialect.rests or (gait.mode in dialect.walks and stands(gait))
+
+    def _shown(self, gait: SportState) -> str:
+        vx, vy, wz = gait.velocity
+        return f"{vx:.2f}, {vy:.2f} m/s, {wz:.2f} rad/s in {self._link.dialect.name(gait.mode)}"
+
+
+def stands(gait: SportState) -> bool:
+    """Return whether it does not walk."""
+    vx, vy, wz = gait.velocity
+    return abs(vx) <= STILL_M_S and abs(vy) <= STILL_M_S and abs(wz) <= STILL_RAD_S
+
+
+async def bring_down(link: WalkingLink, safe_state: SafeState) -> tuple[MotorReport, ...]:
+    """Never raises. Where the service knows us, the first order leaves before the first wait."""
+    outcome = await stop_until_it_stands(Stopping(link, safe_state), STOP_S)
+    if safe_state == SafeState.ZERO and not outcome.detail and link.gait and link.gait.mode in link.dialect.walks:
+        link.send(link.dialect.balance)  # it need not step on the spot until the next velocity
+    return reports(outcome)
+
+
+def reports(outcome: Outcome) -> tuple[MotorReport, ...]:
+    return outcome.reports(BASE, targets=(0.0,) * len(BASE))
+
+
+class WalkingStopChannel(KeptSession[UnitreeConfig, WalkingLink]):
+    """A participant of the root's own, which the robot knows before it is needed. It hears no states
+    until it stops the robot: 500 a second are nothing for the root."""
+
+    SERVED_FIRST: ClassVar[bool] = False
+
+    async def connect(self) -> WalkingLink:
+        link = WalkingLink(self.config, self.clock)
+        try:
+            with trio.move_on_after(FIND_S):
+                await link.find(self.config.port)
+            if not link.sport.matched:
+                raise WireDown(f"{self.config.port}: the robot does not hear the root")
+        except BaseException:
+            link.close()
+            raise
+        return link
+
+    async def keep_up(self, session: WalkingLink) -> None:
+        await session.participant.run()
+
+    async def make_safe_by(self, session: WalkingLink | None, safe_state: SafeState) -> tuple[MotorReport, ...]:
+        if session is None:
+            try:
+                session = WalkingLink(self.config, self.clock)
+            except WireDown as down:
+                return reports(Outcome(False, False, str(down)))
+        self.session = session
+        return await bring_down(session, safe_state)

@@ -1,0 +1,232 @@
+"""The wire of a robot that walks by its onboard controller.
+
+Reading is taking in what has arrived. The robot goes on with a velocity for a second (a Go2 of
+software 1.1.6 and later), or for ever (before): the tree sends zero when its lifetime ends.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import trio
+
+from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.wire import MotorReport, Observation, Permit, WireDown
+from strands_actors.drivers.common.outcome import NOT_CONNECTED
+from strands_actors.drivers.common.session_wire import SessionWire
+from strands_actors.drivers.unitree import rpc
+from strands_actors.drivers.unitree.config import UnitreeConfig
+from strands_actors.drivers.unitree.link import FIND_S
+from strands_actors.drivers.unitree.session import ASK_EVERY_NS, RobotSession
+from strands_actors.kernel.clock import NS, Clock
+from strands_actors.kernel.messages import Refused
+
+from .link import WalkingLink
+from .robots import BASE
+from .sport import Order, Posture
+from .stop import bring_down, reports
+
+SILENT_S = 1.0
+"""Without a LowState for so long the link counts as lost."""
+EXTRAS_S = 1.0
+"""For what is told slowly."""
+AGAIN_S = 0.5
+"""Between two requests for a posture that the robot has not taken yet."""
+
+
+class WalkingSession(RobotSession):
+    """What exists between ``open`` and ``close``."""
+
+    def __init__(self, config: UnitreeConfig, clock: Clock) -> None:
+        self.link = link = WalkingLink(config, clock)
+        link.listen()
+        link.follow()
+        super().__init__(link, clock)
+        self.told = trio.Event()  # set by the next reading
+        self.moves: list[Order] = []  # the last velocities, of which a refusal counts
+        self._asked_ns = 0
+
+    def poll(self, now_ns: int) -> None:
+        """Take in what came, ask for what is due."""
+        self.link.poll()
+        if now_ns - self._asked_ns >= ASK_EVERY_NS:
+            self._asked_ns = now_ns
+            self.ask_mode()
+
+    def sent(self, order: Order) -> None:
+        """A velocity has left: what earlier ones were refused for counts no longer."""
+        if self.moves != [order]:
+            for earlier in self.moves:
+                self.link.refused.pop(earlier, None)
+                self.link.answered.pop(earlier, None)
+            self.moves = [order]
+
+    def observation(self) -> Observation:
+        link = self.link
+        state, gait = link.state, link.gait
+        sensors = {} if state is None else self.sensors_of(state)
+        faults: dict[str, str] = {}
+        for order in self.moves:
+            if order in link.refused:
+                faults["move"] = link.refused[order]
+        if self.mode is not None:
+            sensors["sport_mode_released"] = (float(not self.mode[0]), self.mode[1])
+        if gait is None:
+            return Observation(link.state_ns, (0.0,) * len(BASE), (0,) * len(BASE), (), sensors, faults)
+        sensors["sport_mode"] = float(gait.mode), link.gait_ns / NS
+        sensors["odometry_xyz_m"] = gait.position
+        sensors["odometry_heading_rad"] = (gait.heading_rad,)
+        sensors["odometry_linear_m_s"] = (*gait.velocity[:2], 0.0)
+        sensors["odometry_angular_rad_s"] = 0.0, 0.0, gait.velocity[2]
+        sensors["body_height_m"] = (gait.height_m,)
+        stamps = (link.gait_ns,) * len(BASE)
+        return Observation(link.state_ns, gait.velocity, stamps, gait.velocity, sensors, faults)
+
+
+class WalkingWire(SessionWire[WalkingSession]):
+    interruptible: ClassVar[bool] = True
+
+    def __init__(self, config: UnitreeConfig, clock: Clock) -> None:
+        self._config = config
+        self._clock = clock
+
+    # -- the link
+
+    async def open(self) -> dict[str, Any]:
+        """Find the robot, hear it, and ask what controls it. What it does not say is refused later,
+        when it is told to move."""
+        self.close()
+        self.session_or_none = session = WalkingSession(self._config, self._clock)
+        link, where = session.link, self._config.port
+        if not await link.until(lambda: link.participant.peers > 0, FIND_S):
+            raise WireDown(f"{where}: nobody answers. Check port=")
+        await link.find(where)
+        if not await link.until(lambda: link.state_ns > 0, FIND_S):
+            raise WireDown(f"{where}: {link.unusable}")
+        await link.until(lambda: session.modes.matched, FIND_S)
+        session.ask_mode()
+        if not await link.until(lambda: session.mode is not None, FIND_S):
+            raise WireDown(f"{where}: its mode cannot be read")
+        await link.until(lambda: link.gait_ns > 0 and "battery_pct" in session.observation().sensors, EXTRAS_S)
+        assert session.mode is not None
+        facts = {"address": where, "network_interface": self._config.interface or None}
+        return {**facts, "level": "sport", "onboard_mode": session.mode[0] or "released"}
+
+    @property
+    def prompt(self) -> bool:
+        return self.session_or_none is not None
+
+    async def read(self) -> Observation:
+        session, now_ns = self.session, self._clock.now_ns()
+        session.poll(now_ns)
+        silent_s = (now_ns - session.link.state_ns) / NS
+        if silent_s > SILENT_S:
+            raise WireDown(f"read: no LowState for {silent_s:.1f} s. Check the robot and the network")
+        session.told.set()
+        return session.observation()
+
+    def close(self) -> None:
+        if self.session_or_none is not None:
+            self.session_or_none.link.close()
+            self.session_or_none = None
+
+    # -- commanding
+
+    async def arm(self, permit: Permit) -> Observation:
+        """Nothing is energised: the robot stands, or lies, by its own controller."""
+        await trio.lowlevel.checkpoint()
+        permit.check()
+        return await self.read()
+
+    async def write(self, values: tuple[float, ...], permit: Permit) -> None:
+        session = self.session
+        order = session.link.dialect.move(*values)
+        permit.check()
+        if not session.link.send(order):
+            raise WireDown("write: the sport service no longer hears us. Check the robot and the network")
+        session.sent(order)
+
+    # -- safe
+
+    async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
+        session = self.session_or_none
+        if session is None:
+            return reports(NOT_CONNECTED)
+        session.moves = []
+        return await bring_down(session.link, safe_state)
+
+    async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
+        """By the participant that the robot knew, which finds it again by itself; else by a new
+        one."""
+        session = self.session_or_none
+        if session is not None:
+            return await bring_down(session.link, safe_state)
+        try:
+            link = WalkingLink(self._config, self._clock)
+        except WireDown as down:
+            return reports(NOT_CONNECTED._replace(detail=str(down)))
+        try:
+            return await bring_down(link, safe_state)
+        finally:
+            link.close()
+
+    # -- services
+
+    async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
+        session = self.session
+        if service == "select_sport_mode":
+            answer = await self._select(permit)
+        else:
+            answer = await self._take_posture(service, session.link.dialect.postures[service], permit)
+        # The gate knows what has changed before the caller is answered: from the next reading.
+        session.told = told = trio.Event()
+        await told.wait()
+        return answer
+
+    async def _take_posture(self, service: str, posture: Posture, permit: Permit) -> dict[str, Any] | Refused:
+        """Ask for one step after the other. Each is done when the robot reports so: its answer says
+        that it was heard."""
+        link = self.session.link
+        if link.gait is None:
+            why = f"{service}: no SportModeState yet"
+            return Refused("mode_unknown", why, "check that its sport service runs")
+        mode = link.gait.mode
+        name = link.dialect.name(mode)
+        if mode in posture.done:
+            return {"mode": name, "already": True}
+        if mode not in posture.after:
+            wanted = ", ".join(map(link.dialect.name, sorted(posture.after)))
+            why = f"{service}: the robot is {name}"
+            return Refused("posture", why, f"it can when it is {wanted}", name, wanted)
+        for order, modes in posture.steps:
+            while not link.is_in(modes):
+                permit.check()
+                link.refused.pop(order, None)
+                if not link.send(order):
+                    raise WireDown("the sport service no longer hears us")
+                await link.until(lambda: order in link.refused or link.is_in(modes), AGAIN_S)  # noqa: B023
+                if order in link.refused:
+                    why = f"{service}: the robot refuses: {link.refused[order]}"
+                    return Refused("refused_by_robot", why, "look at the robot, then try again")
+        return {"mode": link.dialect.name(link.gait.mode), "already": False}
+
+    async def _select(self, permit: Permit) -> dict[str, Any] | Refused:
+        """Give the joints back to the onboard controller."""
+        session = self.session
+        if session.mode is not None and session.mode[0]:
+            return {"onboard_mode": session.mode[0], "already": True}
+        name, heard = self._config.model.sport_mode, list[rpc.Response]()
+        while True:
+            permit.check()
+            heard.clear()
+            session.modes.ask(rpc.SELECT_MODE, heard.append, json.dumps({"name": name}))
+            await session.link.until(lambda: bool(heard), AGAIN_S)
+            session.ask_mode()
+            await session.link.until(lambda: session.mode is not None and bool(session.mode[0]), AGAIN_S)
+            if session.mode is not None and session.mode[0]:
+                return {"onboard_mode": session.mode[0], "already": False}
+            if heard and heard[0].why and heard[0].code != rpc.SELECTED_TOO_SOON:
+                why = f"select_sport_mode: the robot refuses: {heard[0].why}"
+                return Refused("refused_by_robot", why, "look at the robot, then try again")

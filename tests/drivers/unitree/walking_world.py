@@ -1,0 +1,152 @@
+"""A Go2 that walks, its network in memory, in virtual time: the twin's own computer and its log of the
+wire behind our own links."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+import trio
+
+from strands_actors.drivers.common.twin import WireLog as TwinLog
+from strands_actors.drivers.unitree import link as link_module
+from strands_actors.drivers.unitree import rpc
+from strands_actors.drivers.unitree.robots import model_of
+from strands_actors.drivers.unitree.twin import UnitreeServer, UnitreeTwinOptions
+from strands_actors.drivers.unitree.walking.driver import Go2Walking
+from strands_actors.kernel.clock import NS, VirtualClock
+from strands_actors.kernel.messages import Message
+from strands_actors.supervisors.gate.messages import Acquire, Lease, Perform, Resume, Setpoint
+from strands_actors.testing import WireLog
+from strands_actors.testing.inline import InlineTree, open_inline_tree
+
+TICK_S = 0.01
+Deliver = Callable[[memoryview, bytes, int], None]
+
+
+class Bus:
+    """Topics in memory. ``deaf``: what is written to the robot is lost."""
+
+    def __init__(self) -> None:
+        self.readers: dict[str, list[Deliver]] = {}
+        self.deaf = False
+
+
+class Writer:
+    matched = 1
+
+    def __init__(self, bus: Bus, topic: str) -> None:
+        self._bus, self._topic = bus, topic
+
+    def write(self, payload: bytes) -> int:
+        if self._bus.deaf and self._topic.endswith("request"):
+            return 1
+        for deliver in list(self._bus.readers.get(self._topic, ())):
+            deliver(memoryview(payload), b"", round(trio.current_time() * NS))
+        return 1
+
+
+class Reader:
+    matched = 1
+
+
+class Participant:
+    """In place of one on a network."""
+
+    peers = 1
+
+    def __init__(self, bus: Bus) -> None:
+        self._bus = bus
+        self._own: list[tuple[str, Deliver]] = []
+
+    def writer(self, topic: str, type_name: str, **_: Any) -> Writer:
+        return Writer(self._bus, topic)
+
+    def reader(self, topic: str, type_name: str, on_sample: Deliver, **_: Any) -> Reader:
+        self._bus.readers.setdefault(topic, []).append(on_sample)
+        self._own.append((topic, on_sample))
+        return Reader()
+
+    def poll(self) -> None:
+        pass
+
+    async def run(self) -> None:
+        await trio.sleep_forever()
+
+    def close(self) -> None:
+        for topic, deliver in self._own:
+            self._bus.readers[topic].remove(deliver)
+        self._own = []
+
+
+class World:
+    def __init__(self, directory: Path, monkeypatch: pytest.MonkeyPatch, **options: Any) -> None:
+        path = directory / "wire.ndjson"
+        path.touch()
+        self.log = WireLog(path)
+        self.bus = Bus()
+        self._at_s = 0.0
+        monkeypatch.setattr(link_module, "Participant", lambda *_, **__: Participant(self.bus))
+        given = UnitreeTwinOptions(keeps_s=0.0, **options)  # the worst: a velocity is kept for ever
+        self.server = UnitreeServer(model_of("unitree_go2"), TwinLog(str(path)), given)
+        self.server.make_endpoints(Participant(self.bus))  # type: ignore[arg-type]
+        assert self.server.onboard.gait is not None
+        self.gait = self.server.onboard.gait
+        self.driver = Go2Walking("unitree_go2", "127.0.0.77", {})
+
+    async def live(self) -> None:
+        tick = 0
+        while True:
+            tick += 10  # with each a SportModeState is due
+            now_ns = round(trio.current_time() * NS)
+            self.server.advance(now_ns / NS)
+            self.server.say(tick, now_ns)
+            await trio.sleep(TICK_S)
+
+    def asked(self, since_s: float = 0.0) -> list[int]:
+        """Return the requests to the sport service, in their order."""
+        entries = (entry for entry in self.log.entries(round(since_s * NS)) if entry.sender == "host")
+        return [rpc.decode_request(entry.data).api for entry in entries if entry.kind != "read"]
+
+    @asynccontextmanager
+    async def tree(self) -> AsyncIterator[Commander]:
+        """Of a robot that is connected and armed."""
+        await trio.sleep(1.0)  # at the time 0 everything has just been tried
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(self.live)
+            await trio.sleep(0.1)
+            async with open_inline_tree(driver=self.driver, clock=VirtualClock()) as tree:
+                commander = Commander(tree)
+                await commander.resume()
+                yield commander
+            nursery.cancel_scope.cancel()
+
+
+class Commander:
+    """Who has the lease of a tree."""
+
+    def __init__(self, tree: InlineTree) -> None:
+        self.tree = tree
+        self.lease = Lease(0, 0)
+
+    async def resume(self) -> None:
+        await self.tree.gate.ask(Resume("test"), 10.0)
+        await self.tree.until("armed")
+        await self.acquire()
+
+    async def acquire(self) -> None:
+        """Take the lease again, after a hold or a stop."""
+        lease = await self.tree.gate.ask(Acquire("test", again=self.lease.id), 1.0)
+        assert isinstance(lease, Lease), lease
+        self.lease = lease
+
+    async def move(self, lifetime_s: float = 0.3, **action: float) -> Message | None:
+        deadline_ns = round((trio.current_time() + lifetime_s) * NS)
+        setpoint = Setpoint(self.lease.id, self.lease.epoch, deadline_ns, action, 0.0, False)
+        return await self.tree.gate.ask(setpoint, 1.0)
+
+    async def do(self, service: str) -> Message | None:
+        return await self.tree.gate.ask(Perform(self.lease.id, self.lease.epoch, service, {}), 20.0)
