@@ -110,7 +110,11 @@ def __getattr__(name: str) -> Any:
     # Lazy: the wire and root processes import this package and need none of the surfaces.
     for module, names in _WHERE.items():
         if name in names:
-            return getattr(import_module(f"{__name__}.{module}"), name)
+            try:
+                return getattr(import_module(f"{__name__}.{module}"), name)
+            except ImportError as failure:
+                # hasattr(), help() and ``import *`` ask for every name: only a call refuses.
+                return import_module(f"{__name__}.contract.extras").refusing(name, failure)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
