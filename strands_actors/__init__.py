@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from .version import __version__
 
 if TYPE_CHECKING:
-    from .caller.robot import Robot, open_robot
+    from .caller.robot import AsyncRobot, RealRobot, Robot, SimRobot, open_robot
     from .drivers import (
         HardwareDriver,
         list_driver_coverage,
@@ -52,7 +52,7 @@ _WHERE = {
         "register_native_driver",
         "register_robot",
     ),
-    "caller.robot": ("Robot", "open_robot"),
+    "caller.robot": ("AsyncRobot", "RealRobot", "Robot", "SimRobot", "open_robot"),
     "policies": ("MockPolicy", "Policy", "create_policy", "register_policy"),
     "surfaces.dataset": ("record_dataset",),
     "surfaces.mesh": (
@@ -75,12 +75,15 @@ _WHERE = {
 __all__ = [
     "TLS",
     "Access",
+    "AsyncRobot",
     "HardwareDriver",
     "MeshConfig",
     "MockPolicy",
     "Policy",
+    "RealRobot",
     "RecordingError",
     "Robot",
+    "SimRobot",
     "Teleoperator",
     "__version__",
     "broadcast",

@@ -122,10 +122,12 @@ class AsyncRobot:
             return answers.refused(named)
         return await answered(name, verbs.service, self._tree, name, named, action)
 
-    def __getattr__(self, name: str) -> Callable[..., Awaitable[Answer]]:
-        """Return the driver's own services as methods."""
-        verbs.require_service(self, self.__dict__.get("_plan"), name)
-        return functools.partial(self.service, name)
+    if not TYPE_CHECKING:  # robot.pyi names the services of each robot, so that a slip is seen
+
+        def __getattr__(self, name: str) -> Callable[..., Awaitable[Answer]]:
+            """Return the driver's own services as methods."""
+            verbs.require_service(self, self.__dict__.get("_plan"), name)
+            return functools.partial(self.service, name)
 
     async def state(self) -> Answer:
         """As ``Robot.state``."""

@@ -9,7 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Coroutine, Mapping
 from concurrent.futures import Future
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar, overload
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, TypeVar, overload
 
 import trio
 
@@ -239,7 +239,7 @@ class RealRobot(RobotTool):
             return answers.stop_result("cleanup", stop_result.Confirmed(stop_result.NothingRan()))
         return answers.stop_result("cleanup", self._call(tree.cleanup))
 
-    def __enter__(self) -> RealRobot:
+    def __enter__(self) -> Self:
         try:
             problem = self.connect_eagerly()
         except BaseException:  # Ctrl-C: no block begins, so none ends
@@ -315,12 +315,14 @@ class RealRobot(RobotTool):
             return answers.refused(named)
         return self._verb_here(verbs.service_here, verbs.service, name, name, named, action)
 
-    def __getattr__(self, name: str) -> Callable[..., Answer]:
-        """Return the driver's own services as methods."""
-        if name == "bus":
-            raise AttributeError(f"{self._plan.robot} has no bus of servos. Use state() or get_observation()")
-        verbs.require_service(self, self.__dict__.get("_plan"), name)
-        return functools.partial(self.service, name)
+    if not TYPE_CHECKING:  # robot.pyi names the services of each robot, so that a slip is seen
+
+        def __getattr__(self, name: str) -> Callable[..., Answer]:
+            """Return the driver's own services as methods."""
+            if name == "bus":
+                raise AttributeError(f"{self._plan.robot} has no bus of servos. Use state() or get_observation()")
+            verbs.require_service(self, self.__dict__.get("_plan"), name)
+            return functools.partial(self.service, name)
 
     def __dir__(self) -> list[str]:
         return sorted({*super().__dir__(), *self._plan.driver_class.services(self._plan.options)})

@@ -48,7 +48,7 @@ class Wanted:
     robot: str
     mode: str
     tool_name: str
-    port: str | None
+    port: Any  # of a real robot text, or None
     transport: str | None
     sim: Any
     cameras: Any
@@ -73,7 +73,7 @@ def read(
     mode: str,
     *,
     driver: str = "auto",
-    port: str | None = None,
+    port: str | os.PathLike[str] | None = None,
     transport: str | None = None,
     sim: Any = None,
     tool_name: str | None = None,
@@ -124,8 +124,7 @@ def read(
     drill_age_s = None if require_drill is None else parse_age_s(require_drill)
     if chosen_mode == "auto":
         port, chosen_mode = _look_around(driver_class, port, transport) if at is None else (port, "real")
-    if chosen_mode == "real":
-        port = _port(driver_class, port)
+    where = _port(driver_class, port) if chosen_mode == "real" else port
     if chosen_mode == "real" and transport == "serial" and is_serial(driver_class):
         transport = None  # the page's word for a port
     return (
@@ -134,7 +133,7 @@ def read(
             robot,
             chosen_mode,
             chosen,
-            port,
+            where,
             transport,
             sim,
             cameras,
@@ -229,7 +228,9 @@ def is_serial(driver_class: type[Any]) -> bool:
     return issubclass(driver_class, Driver) and getattr(driver_class, "PORT_KIND", None) == "serial"
 
 
-def _look_around(driver_class: type[Any], port: str | None, transport: str | None) -> tuple[str | None, str]:
+def _look_around(
+    driver_class: type[Any], port: str | os.PathLike[str] | None, transport: str | None
+) -> tuple[str | os.PathLike[str] | None, str]:
     """Port and mode of ``mode="auto"``: as the port or the environment says, else by what is
     plugged in."""
     if port is not None or transport is not None:
