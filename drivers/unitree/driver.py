@@ -27,6 +27,7 @@ from strands_actors.contract.options import DriverOptions, meanings, option, pla
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor, imu
 from strands_actors.contract.wire import Observation
+from strands_actors.drivers.common.addresses import check_peer
 from strands_actors.drivers.common.motor_targets import ROWS, Parser, target_gates
 from strands_actors.drivers.common.network_interfaces import INTERFACE
 from strands_actors.kernel.messages import Refused
@@ -133,6 +134,9 @@ class _Legs(Driver):
         self.conditions = conditions(model, chosen.battery_floor_pct, self.timing.state_ttl_s, simulator)
         self.gates = target_gates(model, CONTROL_S)
         self._parser = Parser(model)
+
+    def check_port(self) -> None:
+        check_peer(self.config.port)
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         return self._parser.parse(action, state)

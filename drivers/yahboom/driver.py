@@ -128,6 +128,10 @@ class Yahboom(Driver):
         home = {servo.key: servo.radians(degrees) for servo, degrees in zip(servos, table.home_deg, strict=True)}
         vars(self)["TOOL_VERBS"] = _verbs(home)  # home, in radians, follows from this robot's joint_signs
 
+    def check_port(self) -> None:
+        if self.config.transport == ROSBRIDGE:
+            self.config.address()
+
     def preload(self) -> None:
         super().preload()
         load(LINKS[self.config.transport])

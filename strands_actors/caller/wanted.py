@@ -60,6 +60,8 @@ class Wanted:
     policy_limits: PolicyLimits
     scene: Scene
     options: dict[str, Any] = field(repr=False)
+    spelled: Mapping[str, str] = field(default_factory=dict)
+    """Options that were given by another name: ours, and that one."""
 
     def given(self) -> dict[str, Any]:
         """Return what only hardware has a use for."""
@@ -104,7 +106,7 @@ def read(
     if not isinstance(chosen, str) or not _TOOL_NAME.match(chosen):
         raise ValueError(f"Robot: tool_name is {chosen!r}. use 1 to 64 of A-Z a-z 0-9 _ -")
     _check_keywords(driver_class, options)
-    options = _spelled(driver_class, options)
+    options, spelled = _spelled(driver_class, options)
     if mesh is False:
         mesh = MeshConfig()
     if mesh is not None and not isinstance(mesh, MeshConfig):
@@ -145,6 +147,7 @@ def read(
             limits_of(policy_limits),
             scene,
             options,
+            spelled,
         ),
         driver_class,
     )
@@ -196,8 +199,8 @@ def _check_keywords(driver_class: type[Any], options: Mapping[str, Any]) -> None
             )
 
 
-def _spelled(driver_class: type[Any], options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the options under the driver's own names of them."""
+def _spelled(driver_class: type[Any], options: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:
+    """Return the options under the driver's own names of them, and which had another."""
     others: Mapping[str, str] = getattr(driver_class, "SPELLINGS", {})
     told: dict[str, Any] = {}
     for keyword, value in options.items():
@@ -206,7 +209,7 @@ def _spelled(driver_class: type[Any], options: Mapping[str, Any]) -> dict[str, A
             other = next(name for name in options if others.get(name, name) == own and name != keyword)
             raise ValueError(f"Robot: {other} and {keyword} are both given. they are the same: give one of them")
         told[own] = value
-    return told
+    return told, {others[keyword]: keyword for keyword in options if keyword in others}
 
 
 def _port(driver_class: type[Any], port: Any) -> str | None:

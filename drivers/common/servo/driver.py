@@ -16,6 +16,7 @@ from strands_actors.contract.options import DriverOptions, meanings, option
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.tool_verbs import MOVE_TO, SENSORS, SET_TORQUE, STATUS, STOP, ToolVerb
 from strands_actors.drivers.common import calibration as lerobot
+from strands_actors.drivers.common.addresses import check_device
 from strands_actors.drivers.common.robot_tables import RobotTables
 
 from .axes import COUNTS_PER_RADIAN, MIDDLE, axes_of
@@ -140,6 +141,9 @@ class ServoDriver(Driver):
                 f"of each servo. {hint}run `strands-actors calibrate {self.robot} --port {port or 'P'}`",
             )
         self.gates = all_gates(self.joints, self.timing.state_ttl_s, self.FAULT_CODES, self.REMEDIES)
+
+    def check_port(self) -> None:
+        check_device(self.config.port)
 
     def preload(self) -> None:
         super().preload()
