@@ -53,7 +53,7 @@ class YahboomOptions(DriverOptions, frozen=True):
     ] = "rosbridge"
 
 
-class Yahboom(Driver):
+class YahboomM3Pro(Driver):
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = tuple(TABLES.robots)
     ALIASES: ClassVar[Mapping[str, str]] = TABLES.aliases
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"

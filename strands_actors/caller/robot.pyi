@@ -55,7 +55,7 @@ URName: TypeAlias = Literal[
     "ur10e", "ur12e", "ur15", "ur16e", "ur18", "ur20", "ur30", "ur3e", "ur5e", "ur7e", "ur8long"
 ]
 XArmName: TypeAlias = Literal["xarm7", "ufactory_xarm7", "xarm"]
-YahboomName: TypeAlias = Literal["yahboom_m3pro", "m3pro", "rosmaster_m3pro", "yahboom_rosmaster_m3_pro"]
+YahboomM3ProName: TypeAlias = Literal["yahboom_m3pro", "m3pro", "rosmaster_m3pro", "yahboom_rosmaster_m3_pro"]
 LeRobotName: TypeAlias = Literal[
     "bi_openarm", "bi_openarm_follower", "bi_rebot_b601", "bi_rebot_b601_follower", "bi_so100", "bi_so101",
     "bi_so_follower", "hope_jr_hand", "lekiwi", "lekiwi_client", "omx", "omx_follower", "openarm",
@@ -503,7 +503,7 @@ def Robot(
 ) -> RealRobot: ...
 @overload
 def Robot(
-    name: YahboomName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    name: YahboomM3ProName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["rosbridge", "ros2", "twin"] | None = None,
     sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
     data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
@@ -759,7 +759,7 @@ def open_robot(
 ) -> AbstractAsyncContextManager[AsyncRobot]: ...
 @overload
 def open_robot(
-    name: YahboomName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    name: YahboomM3ProName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["rosbridge", "ros2", "twin"] | None = None,
     sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
     data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
