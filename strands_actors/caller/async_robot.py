@@ -153,9 +153,12 @@ class AsyncRobot:
         control_frequency: float | None = None,
         policy_object: Any = None,
         wait: bool = False,
+        robot_name: str | None = None,
     ) -> Answer:
         """As ``Robot.run_policy``: it returns at once, unless it is to ``wait``; the policy runs in a
         worker thread."""
+        if refused := verbs.refuse_name(robot_name, self._plan, self.name, "run_policy"):
+            return refused
         run = verbs.run_policy(policy, policy_object, instruction, duration, n_steps, control_frequency, wait)
         return run if isinstance(run, Answer) else await answered("run_policy", run, self._tree)
 

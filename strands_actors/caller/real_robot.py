@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, TypeVar, overloa
 import trio
 
 from strands_actors.contract.driver import Driver
+from strands_actors.contract.shown import shown
 from strands_actors.contract.wire import Observation, WireDown
 from strands_actors.kernel.messages import Refused
 from strands_actors.policies.registry import DEFAULT_PROVIDER
@@ -353,10 +354,14 @@ class RealRobot(RobotTool):
         control_frequency: float | None = None,
         policy_object: Any = None,
         wait: bool = False,
+        robot_name: str | None = None,
     ) -> Answer:
         """Run a policy of this process: an object with ``get_actions`` or ``step``, or a callable.
         Returns at once; ``n_steps`` wins over ``duration`` (seconds). ``wait``: return when it has
-        ended, with its status, and raise what the policy raised."""
+        ended, with its status, and raise what the policy raised. ``robot_name``: who it is meant for,
+        as in ``send_action``."""
+        if refused := verbs.refuse_name(robot_name, self._plan, self.name, "run_policy"):
+            return refused
         run = verbs.run_policy(policy, policy_object, instruction, duration, n_steps, control_frequency, wait)
         return run if isinstance(run, Answer) else self._verb(run, "run_policy")
 
@@ -417,16 +422,29 @@ class RealRobot(RobotTool):
 
     def teleoperate(
         self,
-        leader: Teleoperator,
+        leader: Teleoperator | None = None,
         hz: float = 100.0,
         map_fn: Callable[..., Any] | None = None,
         deadman: str | None = None,
         max_speed: float | None = None,
         duration: float | None = None,
+        block: bool | None = None,
     ) -> Answer:
         """As ``attach_teleop``, and wait until it has ended; Ctrl-C ends it, and the robot
-        holds."""
-        answer = self.attach_teleop(leader, hz, map_fn, deadman, max_speed, duration)
+        holds. Without a ``leader``: the one that was attached leads on. ``block``: whether to wait;
+        left out, with a leader only."""
+        given: object = block
+        if not (given is None or isinstance(given, bool)):  # the text "no" would be a yes
+            return answers.error(f"teleoperate: block is {shown(given)}. give True or False")
+        if leader is None:
+            answer = self.get_task_status()
+            if answer["status"] == "success" and not answer["content"][0]["json"]["running"]:
+                why = "no leader is attached"
+                answer = answers.error(f"teleoperate: {why}. give a Teleoperator, or call attach_teleop() first")
+        else:
+            answer = self.attach_teleop(leader, hz, map_fn, deadman, max_speed, duration)
+        if not (leader is not None if block is None else block):
+            return answer
         try:
             while answer["status"] == "success" and answer["content"][0]["json"]["running"]:
                 time.sleep(TELEOP_LOOK_S)
