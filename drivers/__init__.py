@@ -71,7 +71,7 @@ WIRES = {
     "kinova": "strands_actors.drivers.kinova.driver:Kinova",
     "rby1": "strands_actors.drivers.rby1.driver:RBY1",
     "earthrover": "strands_actors.drivers.earthrover.driver:EarthRover",
-    "yahboom": "strands_actors.drivers.yahboom.driver:Yahboom",
+    "yahboom": "strands_actors.drivers.yahboom.driver:YahboomM3Pro",
     "spot": "strands_actors.drivers.spot.driver:Spot",
     "reachy": "strands_actors.drivers.reachy.driver:Reachy",
     "crazyflie": "strands_actors.drivers.crazyflie.driver:Crazyflie",

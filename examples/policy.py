@@ -37,8 +37,8 @@ def wait(arm) -> dict:
     return task
 
 
-where = {"port": sys.argv[1]} if len(sys.argv) > 1 else {"transport": "twin"}
-with Robot("so101", mode="real", **where) as arm:
+port = sys.argv[1] if len(sys.argv) > 1 else None
+with Robot("so101", mode="real", port=port, transport=None if port else "twin") as arm:
     arm.run_policy(Wave("shoulder_pan"), "wave", duration=2.0, control_frequency=50)
     task = wait(arm)
     print(f"in this process: {task['steps']} steps, {task['hz']:.0f} Hz, ended by {task['exit_reason']}")

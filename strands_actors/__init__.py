@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from .version import __version__
 
 if TYPE_CHECKING:
-    from .caller.robot import Robot, open_robot
+    from .caller.robot import AsyncRobot, RealRobot, Robot, SimRobot, open_robot
     from .drivers import (
         HardwareDriver,
         list_driver_coverage,
@@ -52,7 +52,7 @@ _WHERE = {
         "register_native_driver",
         "register_robot",
     ),
-    "caller.robot": ("Robot", "open_robot"),
+    "caller.robot": ("AsyncRobot", "RealRobot", "Robot", "SimRobot", "open_robot"),
     "policies": ("MockPolicy", "Policy", "create_policy", "register_policy"),
     "surfaces.dataset": ("record_dataset",),
     "surfaces.mesh": (
@@ -75,12 +75,15 @@ _WHERE = {
 __all__ = [
     "TLS",
     "Access",
+    "AsyncRobot",
     "HardwareDriver",
     "MeshConfig",
     "MockPolicy",
     "Policy",
+    "RealRobot",
     "RecordingError",
     "Robot",
+    "SimRobot",
     "Teleoperator",
     "__version__",
     "broadcast",
@@ -110,7 +113,11 @@ def __getattr__(name: str) -> Any:
     # Lazy: the wire and root processes import this package and need none of the surfaces.
     for module, names in _WHERE.items():
         if name in names:
-            return getattr(import_module(f"{__name__}.{module}"), name)
+            try:
+                return getattr(import_module(f"{__name__}.{module}"), name)
+            except ImportError as failure:
+                # hasattr(), help() and ``import *`` ask for every name: only a call refuses.
+                return import_module(f"{__name__}.contract.extras").refusing(name, failure)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

@@ -12,6 +12,7 @@ import statistics
 import subprocess
 import sys
 import time
+from typing import Any
 
 from benchmarks.house import Figures
 
@@ -29,7 +30,7 @@ def imported(statement: str, short: bool) -> Figures:
     return {"import_ms": statistics.median(spans_s) * 1e3}
 
 
-def armed(short: bool, **options: str) -> float:
+def armed(short: bool, **options: Any) -> float:
     from strands_actors import Robot
 
     spans_s = []

@@ -116,7 +116,8 @@ def our_robot(number: int) -> Any:
     from .stamper import ROBOT
 
     path = f"{os.environ['STRANDS_ACTORS_RUN']}/frames{number}"
-    return Robot(ROBOT, mode="real", port=path, hz=30.0, tool_name=f"arm{number}")
+    options: dict[str, Any] = {"hz": 30.0}  # of its own driver
+    return Robot(ROBOT, mode="real", port=path, tool_name=f"arm{number}", **options)
 
 
 def processes() -> list[int]:

@@ -24,6 +24,7 @@ from strands_actors.contract.options import DriverOptions, meanings, option, pla
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor
 from strands_actors.contract.wire import Observation
+from strands_actors.drivers.common.addresses import check_peer
 from strands_actors.drivers.common.motor_targets import Parser
 from strands_actors.drivers.common.network_interfaces import INTERFACE
 from strands_actors.kernel.messages import Refused
@@ -180,6 +181,10 @@ class BoosterDriver(Driver):
         self.conditions = conditions()
         self.gates = gates(model)
         self._parser = Parser(model)
+
+    def check_port(self) -> None:
+        if self.config.host:  # else it is looked for
+            check_peer(self.config.host)
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         """As the parser does; where nothing was accepted lately, joints that are not named go on

@@ -20,7 +20,7 @@ class Stamps:
     the newest is late, and tells nothing new either. So may one of a robot that has restarted: its new
     connection has ``Stamps`` of its own."""
 
-    def __init__(self, wrap: int = 0) -> None:
+    def __init__(self, wrap: float = 0) -> None:
         self.new_ns = 0
         self.goes_on = False
         self.passed = 0.0

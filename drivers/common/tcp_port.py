@@ -146,19 +146,6 @@ class TcpPort:
         return WireDown(f"{self.name}: the connection is gone ({why}). Check cable and power, then reconnect")
 
 
-def parse_address(text: str, default_port: int) -> tuple[str, int]:
-    """``host``, ``host:port`` or ``[host]:port``. Raise ``ValueError``."""
-    host, port = text, str(default_port)
-    if text.startswith("["):
-        host, _, rest = text[1:].partition("]")
-        port = rest.removeprefix(":") or port
-    elif text.count(":") == 1:
-        host, _, port = text.partition(":")
-    if not host or not port.isdecimal() or not 0 < int(port) < 65536:
-        raise ValueError(f"port is {text!r}. Give an address: 192.0.2.10 or 192.0.2.10:{default_port}")
-    return host, int(port)
-
-
 class NobodyListens(WireDown):
     """The host refuses the connection: no program has that port open."""
 

@@ -24,6 +24,7 @@ from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor, imu, pose
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
 from strands_actors.contract.tool_verbs import STATUS, STOP, ToolVerb
+from strands_actors.drivers.common.addresses import check_device
 from strands_actors.kernel.messages import Refused
 
 from .config import LAND_S, LATE_S, TAKEOFF_M, TAKEOFF_S, CrazyflieConfig, parse_port
@@ -119,6 +120,10 @@ class Crazyflie(Driver):
         )
         self.gates = gates_of(self.table, self.timing.state_ttl_s)
         self.conditions = conditions_of(battery_v, float(table["hover_s"]))
+
+    def check_port(self) -> None:
+        if (endpoint := parse_port(self.config.port)).kind == "serial":
+            check_device(endpoint.path)
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         """Return speeds and a height; behind them whether the height counts (a hover, speeds in the

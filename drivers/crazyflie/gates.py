@@ -38,7 +38,7 @@ def sensors_of(flight: Flight, position: Position, position_age_s: float, hover_
         "rpy_rad": (flight.roll_rad, flight.pitch_rad, position.yaw_rad),
         "velocity_m_s": flight.velocity_m_s,
         "battery_v": (position.battery_v,),
-        "battery_state": (float(flight.battery_state),),
+        "battery_state": (float(position.battery_state),),
         "supervisor": (float(flight.bits),),
         "hover_s": (hover_s,),
         "position_age_s": (position_age_s,),
@@ -102,9 +102,11 @@ def _refuse_battery(verb: str, sensors: Mapping[str, Row], floor_v: float) -> Re
     if volts >= floor_v and state not in (Battery.LOW_POWER, Battery.SHUTDOWN):
         return None
     limit = f"{floor_v:.1f} V"
-    return Refused(
-        "battery", f"{verb}: battery at {volts:.2f} V", f"charge it above {limit}", f"{volts:.2f}", limit
-    )
+    if volts >= floor_v:
+        why, remedy = f"{verb}: its firmware reports a low battery, at {volts:.2f} V", "charge it"
+    else:
+        why, remedy = f"{verb}: battery at {volts:.2f} V", f"charge it above {limit}"
+    return Refused("battery", why, remedy, f"{volts:.2f}", limit)
 
 
 def _hovering(longest_s: float) -> ConditionCheck:

@@ -120,10 +120,9 @@ FLIGHT = Block(
         ("gyro.z", _FP16),
         ("stabilizer.roll", _FP16),
         ("stabilizer.pitch", _FP16),
-        ("pm.state", _U8),
         ("supervisor.info", _U16),
     ),
-    struct.Struct("<7eBH"),
+    struct.Struct("<7eH"),
 )
 """What must be known to fly."""
 
@@ -134,10 +133,12 @@ POSITION = Block(
         ("stateEstimate.y", _FLOAT),
         ("stabilizer.yaw", _FLOAT),
         ("pm.vbat", _FLOAT),
+        ("pm.state", _U8),
     ),
-    struct.Struct("<4f"),
+    struct.Struct("<4fB"),
 )
-"""What may be older."""
+"""What may be older. The battery's voltage and state are of the same moment: a refusal for the state
+names the voltage."""
 
 STAMP_WRAP_MS = 1 << 24
 """Where the robot's clock, as a row of the log has it, begins again at 0: after 4.7 hours."""
@@ -331,7 +332,6 @@ class Flight(msgspec.Struct, frozen=True):
     wz_rad_s: float
     roll_rad: float
     pitch_rad: float
-    battery_state: int
     bits: Bit
 
 
@@ -342,6 +342,7 @@ class Position(msgspec.Struct, frozen=True):
     y_m: float
     yaw_rad: float
     battery_v: float
+    battery_state: int
 
 
 def row_of(packet: bytes) -> tuple[int, Flight | Position] | None:
@@ -358,11 +359,11 @@ def row_of(packet: bytes) -> tuple[int, Flight | Position] | None:
         raise MalformedFrame("a row with a number that is none")
     stamp_ms = int.from_bytes(data[1:4], "little")
     if block is POSITION:
-        x, y, yaw, volts = values
-        return stamp_ms, Position(x, y, _rad(yaw), volts)
-    z, vx, vy, vz, turn, roll, pitch, battery, bits = values
+        x, y, yaw, volts, battery = values
+        return stamp_ms, Position(x, y, _rad(yaw), volts, battery)
+    z, vx, vy, vz, turn, roll, pitch, bits = values
     # the firmware's pitch is positive with the nose up
-    return stamp_ms, Flight(z, (vx, vy, vz), _rad(turn), _rad(roll), _rad(-pitch), battery, Bit(bits & _ALL_BITS))
+    return stamp_ms, Flight(z, (vx, vy, vz), _rad(turn), _rad(roll), _rad(-pitch), Bit(bits & _ALL_BITS))
 
 
 def _deg(rad: float) -> float:

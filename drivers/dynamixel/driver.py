@@ -9,7 +9,7 @@ from strands_actors.drivers.common.dynamixel import watchdog
 from strands_actors.drivers.common.dynamixel.gates import FAULT_CODES, REMEDIES
 from strands_actors.drivers.common.dynamixel.table import BAUD_RATES
 from strands_actors.drivers.common.robot_tables import RobotTables
-from strands_actors.drivers.common.servo.driver import ServoDriver, options_of
+from strands_actors.drivers.common.servo.driver import ServoDriver
 
 from .robots import TABLES
 
@@ -23,7 +23,6 @@ class Dynamixel(ServoDriver):
     WIRE: ClassVar[str] = "strands_actors.drivers.common.dynamixel.wire:DynamixelWire"
     STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.common.dynamixel.wire:DynamixelStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.dynamixel.twin:main"
-    OPTIONS: ClassVar[Mapping[str, str]] = options_of(DEFAULT_BAUD, BAUD_RATES)
     USB_IDS: ClassVar[tuple[tuple[int, int], ...]] = ((0x0403, 0x6014), (0x2F5D, 0x2202), (0x1A86, 0x55D3))
     """FT232H of a U2D2, OpenRB-150, CH343 of the common bus adapters [assumed]."""
     TABLES: ClassVar[RobotTables] = TABLES

@@ -6,8 +6,8 @@ import msgspec
 
 from strands_actors.contract.axis import Axis
 from strands_actors.contract.wire import WireDown
+from strands_actors.drivers.common.addresses import parse_web_address
 from strands_actors.drivers.common.http_port import HttpPort
-from strands_actors.drivers.common.tcp_port import parse_address
 
 from .protocol import PORT
 
@@ -26,16 +26,7 @@ class EarthRoverConfig(msgspec.Struct, frozen=True):
     def address(self) -> tuple[str, int]:
         """Return host and port. Raise ``ValueError`` for a ``port`` that is no address of a
         service."""
-        scheme, found, rest = self.port.partition("://")
-        if not found:
-            scheme, rest = "http", self.port
-        rest = rest.removesuffix("/")
-        if scheme != "http" or not rest or any(sign in rest for sign in "/?#@ "):
-            raise ValueError(
-                f"port is {self.port!r}. Give the address of the SDK process: 192.0.2.10:{PORT} or "
-                f"http://192.0.2.10:{PORT}, without a user or a path. It speaks no https"
-            )
-        return parse_address(rest, PORT)
+        return parse_web_address(self.port, PORT, "the SDK process")
 
     def open_port(self) -> HttpPort:
         """Return a port to the service, not yet connected. Raise ``WireDown`` for an address that

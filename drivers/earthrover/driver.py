@@ -136,6 +136,9 @@ class EarthRover(Driver):
         self.config = EarthRoverConfig(port, self.table, timeout_s, self.timing.control_hz)
         self.gates = axis_gates(self.table, self.timing.state_ttl_s)
 
+    def check_port(self) -> None:
+        self.config.address()
+
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         return parse_twist(action, self.robot, self.table, self._index, state)
 

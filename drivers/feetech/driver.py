@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from strands_actors.drivers.common.robot_tables import RobotTables
-from strands_actors.drivers.common.servo.driver import ServoDriver, options_of
+from strands_actors.drivers.common.servo.driver import ServoDriver
 
 from .gates import FAULT_CODES, REMEDIES
 from .protocol import BAUD_RATES, HOMING_OFFSET
@@ -19,7 +19,6 @@ class Feetech(ServoDriver):
     WIRE: ClassVar[str] = "strands_actors.drivers.feetech.wire:FeetechWire"
     STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.feetech.wire:FeetechStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.feetech.twin:main"
-    OPTIONS: ClassVar[Mapping[str, str]] = options_of(BAUD_RATES[0], BAUD_RATES)
     USB_IDS: ClassVar[tuple[tuple[int, int], ...]] = ((0x1A86, 0x55D3), (0x1A86, 0x7523))
     """CH343 of the common bus adapters, CH340 of older ones [assumed]."""
     TABLES: ClassVar[RobotTables] = TABLES

@@ -95,6 +95,9 @@ class Franka(Driver):
         self.declare(Part(PartKind.ARM, axes))
         self.gates = all_gates(self.table, self.timing.state_ttl_s)
 
+    def check_port(self) -> None:
+        _ = self.config.host
+
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
         return {
             "robot": self.robot,

@@ -88,6 +88,9 @@ class Kinova(Driver):
         )
         self.gates = all_gates(self.table, self.timing.state_ttl_s, period_s)
 
+    def check_port(self) -> None:
+        self.config.address()
+
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         """Return the targets, then the speed that each of them needs."""
         parsed = parse_action(action, self.robot, self.table, self._index, state.target[: len(self.table)])

@@ -77,6 +77,9 @@ class Kuka(Driver):
         self.conditions = conditions(self.table, self.timing.state_ttl_s)
         self.gates = gates(self.table, self.period_s)
 
+    def check_port(self) -> None:
+        self.config.address()
+
     def first_target(self, observation: Observation) -> tuple[float, ...]:
         """Return what the arm is told to hold: its measured position lags behind that."""
         return observation.sensors.get("commanded_rad", observation.position)

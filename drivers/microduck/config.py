@@ -8,6 +8,7 @@ from collections.abc import Mapping
 import msgspec
 
 from strands_actors.contract.wire import WireDown
+from strands_actors.drivers.common.addresses import is_host
 
 from .protocol import ROBOT_SOCKET
 
@@ -44,12 +45,12 @@ def parse_port(port: str, user: str = USER) -> Endpoint:
     scheme, found, rest = port.partition("://")
     if not found:
         scheme, rest = "unix", port
-    if scheme == "unix" and rest.startswith("/"):
+    if scheme == "unix" and rest.startswith("/") and rest.isprintable():
         return Endpoint(rest)
     if scheme == "ssh" and (match := _SSH.fullmatch(rest.removesuffix("/"))):
         number = int(match["port"] or 0)
-        if number < 65536:
-            host = match["host"].strip("[]")
+        host = match["host"].strip("[]")
+        if number < 65536 and is_host(host):
             return Endpoint(ROBOT_SOCKET, f"{match['user'] or user}@{host}", number)
     raise ValueError(f"port is {port!r}. Give {ACCEPTED}")
 

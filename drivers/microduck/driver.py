@@ -50,6 +50,7 @@ class Microduck(Driver):
     ALIASES: ClassVar[Mapping[str, str]] = TABLES.aliases
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
     PORT_OPTIONAL: ClassVar[bool] = True
+    PORT_LIKE: ClassVar[str] = "ssh://192.0.2.10"
     WIRE: ClassVar[str] = "strands_actors.drivers.microduck.wire:MicroduckWire"
     STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.microduck.stop:MicroduckStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.microduck.twin:main"
@@ -132,6 +133,9 @@ class Microduck(Driver):
         self.gates = all_gates(self.table, modes, timing.state_ttl_s)
         self._motors, self._slots = tuple(table["ids"]), tuple(table["slots"])
         vars(self)["SERVICES"] = verbs.services_for(timeout_s)
+
+    def check_port(self) -> None:
+        parse_port(self.config.port, self.config.user)
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         return parse(action, self.robot, self.table, self._index, state)

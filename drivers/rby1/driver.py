@@ -108,6 +108,9 @@ class RBY1(Driver):
         )
         self.gates = all_gates(self.table, self.timing.state_ttl_s, period_s)
 
+    def check_port(self) -> None:
+        self.config.address()
+
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
         target = self.as_json(values)
         named = {str(key).removesuffix(".pos") for key in action}

@@ -7,7 +7,7 @@ from urllib.parse import urlsplit
 
 import msgspec
 
-from strands_actors.drivers.common.tcp_port import parse_address
+from strands_actors.drivers.common.addresses import parse_web_address
 
 _LONGEST = 1024
 """Bytes of a place."""
@@ -64,13 +64,4 @@ class ReachyConfig(msgspec.Struct, frozen=True):
             os.close(told)
 
     def _address(self, place: str) -> tuple[str, int]:
-        scheme, found, rest = place.partition("://")
-        if not found:
-            scheme, rest = "http", place
-        rest = rest.removesuffix("/")
-        if scheme != "http" or not rest or any(sign in rest for sign in "/?#@ "):
-            raise ValueError(
-                f"port is {place!r}. Give the address of the daemon: 192.0.2.10:{self.api_port} or "
-                f"http://192.0.2.10:{self.api_port}, without a user or a path. It speaks no https"
-            )
-        return parse_address(rest, self.api_port)
+        return parse_web_address(place, self.api_port, "the daemon")

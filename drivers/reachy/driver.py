@@ -132,6 +132,9 @@ class Reachy(Driver):
         )
         self.gates = all_gates(self.table, self.timing.state_ttl_s, yaw_deg)
 
+    def check_port(self) -> None:
+        self.config.addresses()
+
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         return parse(action, self.robot, self.table, self._index, state)
 

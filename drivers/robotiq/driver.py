@@ -26,6 +26,7 @@ from strands_actors.contract.options import DriverOptions, meanings, option, pla
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.tool_verbs import SENSORS, STATUS, STOP, ToolVerb
 from strands_actors.contract.wire import Observation
+from strands_actors.drivers.common.addresses import check_device
 from strands_actors.kernel.messages import Refused
 
 from .config import AXIS, BAUD, BAUD_RATES, LATE_S, RobotiqConfig
@@ -117,10 +118,8 @@ class Robotiq(Driver):
         self.config = RobotiqConfig(
             self.robot, port, chosen.unit_id, stroke_mm, chosen.activate, chosen.tcp_port, baud
         )
-        if port and chosen.tcp_port is not None:
-            if self.config.serial:
-                raise ValueError(f"{robot}: port is {port!r}, a serial device, which has no tcp_port. Leave it out")
-            self.config.address()  # a port that says otherwise is told at once
+        if port and chosen.tcp_port is not None and self.config.serial:
+            raise ValueError(f"{robot}: port is {port!r}, a serial device, which has no tcp_port. Leave it out")
         if port and chosen.baud is not None and not self.config.serial:
             raise ValueError(f"{robot}: port is {port!r}, an address, which has no baud. Leave it out")
         self.declare(Part(PartKind.GRIPPER, (Axis(key=AXIS, unit="", low=0.0, high=1.0, id=chosen.unit_id),)))
@@ -128,6 +127,12 @@ class Robotiq(Driver):
             self.timing = structs.replace(self.timing, late_s=0.0)
         self.keys = Keys(self.robot, stroke_mm, chosen.speed, chosen.force)
         self.gates = all_gates(self.table, self.timing.state_ttl_s)
+
+    def check_port(self) -> None:
+        if self.config.serial:
+            check_device(self.config.port)
+        else:
+            self.config.address()
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         return self.keys.parse(action)

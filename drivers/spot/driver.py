@@ -25,7 +25,7 @@ from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.velocity_base import parse_twist
 from strands_actors.kernel.messages import Refused
 
-from .config import LATE_S, SAFE_S, SpotConfig
+from .config import LATE_S, SAFE_S, SpotConfig, parse_port
 from .gates import conditions_of, gates_of, refuse_leg, refuse_twist, with_parts
 from .protocol import TWIST_S
 from .robots import BASE, DRIVES, KEYS, LEG_SENSORS, TABLES, parts_of
@@ -139,6 +139,9 @@ class Spot(Driver):
             f"a twist ends {TWIST_S:g} s after it was sent; without a check-in of our e-stop endpoint for "
             f"{read.estop_timeout_s:g} s the robot sits down and cuts its motors; resume() reads its time-out back"
         )
+
+    def check_port(self) -> None:
+        parse_port(self.config.port)
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         """Return the whole target; behind it which parts of the robot are told anything."""

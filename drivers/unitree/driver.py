@@ -26,6 +26,7 @@ from strands_actors.contract.options import meanings, plain, read_options
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor, imu
 from strands_actors.contract.wire import Observation
+from strands_actors.drivers.common.addresses import check_peer
 from strands_actors.drivers.common.motor_targets import ROWS, Parser, target_gates
 from strands_actors.kernel.messages import Refused
 
@@ -112,6 +113,9 @@ class _Legs(Driver):
             why = f"{service}: this robot is commanded joint by joint (level='low')"
             return Refused("level", why, WALKS_ELSEWHERE, "low", "sport")
         return super().check_service(service, arguments)
+
+    def check_port(self) -> None:
+        check_peer(self.config.port)
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         return self._parser.parse(action, state)

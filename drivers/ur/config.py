@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import msgspec
 
-from strands_actors.drivers.common.tcp_port import parse_address
+from strands_actors.drivers.common.addresses import parse_address
 
 from .gates import CONTROL_HZ
 from .protocol import RTDE_PORT
@@ -21,10 +21,6 @@ class URConfig(msgspec.Struct, frozen=True):
     @property
     def samples_hz(self) -> float:
         return self.rtde_hz or CONTROL_HZ
-
-    def check_port(self) -> None:
-        """Raise ``ValueError`` as ``host``."""
-        _ = self.host
 
     @property
     def host(self) -> str:

@@ -98,10 +98,11 @@ class UR(Driver):
         self.period_s = 1 / read["control_frequency"]
         self.robot = TABLES.canonical(robot)
         self.config = URConfig(self.robot, port, self.timing.state_ttl_s, read["rtde_frequency"])
-        if ":" in port:
-            self.config.check_port()  # one that names another port is told at once
         self.declare(Part(PartKind.ARM, arm_of(robot).axes))
         self.gates = all_gates(self.table, self.timing.state_ttl_s, self.period_s)
+
+    def check_port(self) -> None:
+        _ = self.config.host
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
         named = {str(key).removesuffix(".pos") for key in action}

@@ -73,6 +73,9 @@ class XArm(Driver):
         )
         self.gates = all_gates(self.arm, self.table, 1 / hz, self.timing.state_ttl_s)
 
+    def check_port(self) -> None:
+        self.config.address()
+
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
         target = self.as_json(values)
         named = {str(key).removesuffix(".pos") for key in action}

@@ -53,7 +53,7 @@ class YahboomOptions(DriverOptions, frozen=True):
     ] = "rosbridge"
 
 
-class Yahboom(Driver):
+class YahboomM3Pro(Driver):
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = tuple(TABLES.robots)
     ALIASES: ClassVar[Mapping[str, str]] = TABLES.aliases
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
@@ -127,6 +127,10 @@ class Yahboom(Driver):
         self.gates = all_gates(self.table, servos, timing.state_ttl_s)
         home = {servo.key: servo.radians(degrees) for servo, degrees in zip(servos, table.home_deg, strict=True)}
         vars(self)["TOOL_VERBS"] = _verbs(home)  # home, in radians, follows from this robot's joint_signs
+
+    def check_port(self) -> None:
+        if self.config.transport == ROSBRIDGE:
+            self.config.address()
 
     def preload(self) -> None:
         super().preload()

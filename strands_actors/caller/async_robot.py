@@ -122,10 +122,12 @@ class AsyncRobot:
             return answers.refused(named)
         return await answered(name, verbs.service, self._tree, name, named, action)
 
-    def __getattr__(self, name: str) -> Callable[..., Awaitable[Answer]]:
-        """Return the driver's own services as methods."""
-        verbs.require_service(self, self.__dict__.get("_plan"), name)
-        return functools.partial(self.service, name)
+    if not TYPE_CHECKING:  # robot.pyi names the services of each robot, so that a slip is seen
+
+        def __getattr__(self, name: str) -> Callable[..., Awaitable[Answer]]:
+            """Return the driver's own services as methods."""
+            verbs.require_service(self, self.__dict__.get("_plan"), name)
+            return functools.partial(self.service, name)
 
     async def state(self) -> Answer:
         """As ``Robot.state``."""
@@ -151,9 +153,12 @@ class AsyncRobot:
         control_frequency: float | None = None,
         policy_object: Any = None,
         wait: bool = False,
+        robot_name: str | None = None,
     ) -> Answer:
         """As ``Robot.run_policy``: it returns at once, unless it is to ``wait``; the policy runs in a
         worker thread."""
+        if refused := verbs.refuse_name(robot_name, self._plan, self.name, "run_policy"):
+            return refused
         run = verbs.run_policy(policy, policy_object, instruction, duration, n_steps, control_frequency, wait)
         return run if isinstance(run, Answer) else await answered("run_policy", run, self._tree)
 

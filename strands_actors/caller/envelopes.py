@@ -105,6 +105,12 @@ def success(json: dict[str, Any]) -> Answer:
     return Answer(status="success", content=[{"json": json}])
 
 
+def picture(png: bytes, json: dict[str, Any]) -> Answer:
+    """Return a picture as agents take it."""
+    image = {"format": "png", "source": {"bytes": png}}
+    return Answer(status="success", content=[{"image": image}, {"json": json}])
+
+
 def error(text: str, json: dict[str, Any] | None = None) -> Answer:
     content: list[dict[str, Any]] = [{"text": text}]
     if json is not None:

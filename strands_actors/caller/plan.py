@@ -156,7 +156,7 @@ def _real(wanted: Wanted, driver_class: type[Driver]) -> Plan:
     owns_twin_process = True
     if wanted.transport == TWIN:
         owns_twin_process = wanted.sim is None
-        resolved = driver_class.resolve(wanted.robot, wanted.options)  # a twin is new: nobody has calibrated it
+        resolved = _resolve(wanted, driver_class, wanted.options)  # a twin is new: nobody has calibrated it
         cameras = _cameras(wanted, driver_class, resolved)
         draws = _draws(cameras)
         twin_process = (
@@ -166,7 +166,8 @@ def _real(wanted: Wanted, driver_class: type[Driver]) -> Plan:
         )
     else:
         way = {} if wanted.transport is None else {"transport": wanted.transport}  # one of the driver's own
-        resolved = driver_class.resolve(wanted.robot, {**wanted.options, **way, "tool_name": tool_name})
+        resolved = _resolve(wanted, driver_class, {**wanted.options, **way, "tool_name": tool_name})
+        _check_port(wanted, driver_class, resolved)
         cameras = _cameras(wanted, driver_class, resolved)
     return Plan(
         wanted.robot,
@@ -196,7 +197,7 @@ def _elsewhere(wanted: Wanted, driver_class: type[Driver]) -> Plan:
         driver_class,
         "",
         None,
-        driver_class.resolve(wanted.robot, wanted.options),
+        _resolve(wanted, driver_class, wanted.options),
         data_config=wanted.data_config,
         mesh=wanted.mesh,
         at=wanted.at,
@@ -274,6 +275,26 @@ def _check_hardware(wanted: Wanted, driver_class: type[Any]) -> None:
     needs_port = hasattr(driver_class, "PORT_KIND") and not getattr(driver_class, "PORT_OPTIONAL", False)
     if transport is None and wanted.port is None and needs_port:
         raise ValueError(_missing_port(wanted.robot, driver_class))
+
+
+def _resolve(wanted: Wanted, driver_class: type[Driver], options: dict[str, Any]) -> dict[str, Any]:
+    """Return the options as the driver reads them. A refusal also has the keyword that was given."""
+    try:
+        return driver_class.resolve(wanted.robot, options)
+    except (TypeError, ValueError) as refusal:
+        if not wanted.spelled:
+            raise
+        names = ", ".join(f"{given} is another name of {own}" for own, given in wanted.spelled.items())
+        kind = ValueError if isinstance(refusal, ValueError) else TypeError
+        raise kind(f"{refusal} ({names})") from None
+
+
+def _check_port(wanted: Wanted, driver_class: type[Driver], resolved: dict[str, Any]) -> None:
+    driver = driver_class(wanted.robot, wanted.port or "", resolved)
+    try:
+        driver.check_port()
+    except ValueError as refusal:
+        raise ValueError(f"Robot: {wanted.robot}: {refusal}") from None
 
 
 def _twin_process_of(wanted: Wanted) -> TwinProcess:

@@ -9,11 +9,12 @@ import threading
 import time
 from collections.abc import Callable, Coroutine, Mapping
 from concurrent.futures import Future
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar, overload
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, TypeVar, overload
 
 import trio
 
 from strands_actors.contract.driver import Driver
+from strands_actors.contract.shown import shown
 from strands_actors.contract.wire import Observation, WireDown
 from strands_actors.kernel.messages import Refused
 from strands_actors.policies.registry import DEFAULT_PROVIDER
@@ -239,7 +240,7 @@ class RealRobot(RobotTool):
             return answers.stop_result("cleanup", stop_result.Confirmed(stop_result.NothingRan()))
         return answers.stop_result("cleanup", self._call(tree.cleanup))
 
-    def __enter__(self) -> RealRobot:
+    def __enter__(self) -> Self:
         try:
             problem = self.connect_eagerly()
         except BaseException:  # Ctrl-C: no block begins, so none ends
@@ -315,12 +316,14 @@ class RealRobot(RobotTool):
             return answers.refused(named)
         return self._verb_here(verbs.service_here, verbs.service, name, name, named, action)
 
-    def __getattr__(self, name: str) -> Callable[..., Answer]:
-        """Return the driver's own services as methods."""
-        if name == "bus":
-            raise AttributeError(f"{self._plan.robot} has no bus of servos. Use state() or get_observation()")
-        verbs.require_service(self, self.__dict__.get("_plan"), name)
-        return functools.partial(self.service, name)
+    if not TYPE_CHECKING:  # robot.pyi names the services of each robot, so that a slip is seen
+
+        def __getattr__(self, name: str) -> Callable[..., Answer]:
+            """Return the driver's own services as methods."""
+            if name == "bus":
+                raise AttributeError(f"{self._plan.robot} has no bus of servos. Use state() or get_observation()")
+            verbs.require_service(self, self.__dict__.get("_plan"), name)
+            return functools.partial(self.service, name)
 
     def __dir__(self) -> list[str]:
         return sorted({*super().__dir__(), *self._plan.driver_class.services(self._plan.options)})
@@ -351,10 +354,14 @@ class RealRobot(RobotTool):
         control_frequency: float | None = None,
         policy_object: Any = None,
         wait: bool = False,
+        robot_name: str | None = None,
     ) -> Answer:
         """Run a policy of this process: an object with ``get_actions`` or ``step``, or a callable.
         Returns at once; ``n_steps`` wins over ``duration`` (seconds). ``wait``: return when it has
-        ended, with its status, and raise what the policy raised."""
+        ended, with its status, and raise what the policy raised. ``robot_name``: who it is meant for,
+        as in ``send_action``."""
+        if refused := verbs.refuse_name(robot_name, self._plan, self.name, "run_policy"):
+            return refused
         run = verbs.run_policy(policy, policy_object, instruction, duration, n_steps, control_frequency, wait)
         return run if isinstance(run, Answer) else self._verb(run, "run_policy")
 
@@ -415,16 +422,29 @@ class RealRobot(RobotTool):
 
     def teleoperate(
         self,
-        leader: Teleoperator,
+        leader: Teleoperator | None = None,
         hz: float = 100.0,
         map_fn: Callable[..., Any] | None = None,
         deadman: str | None = None,
         max_speed: float | None = None,
         duration: float | None = None,
+        block: bool | None = None,
     ) -> Answer:
         """As ``attach_teleop``, and wait until it has ended; Ctrl-C ends it, and the robot
-        holds."""
-        answer = self.attach_teleop(leader, hz, map_fn, deadman, max_speed, duration)
+        holds. Without a ``leader``: the one that was attached leads on. ``block``: whether to wait;
+        left out, with a leader only."""
+        given: object = block
+        if not (given is None or isinstance(given, bool)):  # the text "no" would be a yes
+            return answers.error(f"teleoperate: block is {shown(given)}. give True or False")
+        if leader is None:
+            answer = self.get_task_status()
+            if answer["status"] == "success" and not answer["content"][0]["json"]["running"]:
+                why = "no leader is attached"
+                answer = answers.error(f"teleoperate: {why}. give a Teleoperator, or call attach_teleop() first")
+        else:
+            answer = self.attach_teleop(leader, hz, map_fn, deadman, max_speed, duration)
+        if not (leader is not None if block is None else block):
+            return answer
         try:
             while answer["status"] == "success" and answer["content"][0]["json"]["running"]:
                 time.sleep(TELEOP_LOOK_S)

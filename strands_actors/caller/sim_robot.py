@@ -5,11 +5,12 @@ from __future__ import annotations
 import functools
 import os
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, overload
 
 from strands_actors.kernel.messages import Refused
 from strands_actors.simulation import evaluation, scene
 from strands_actors.simulation.handle import SimulationError, World
+from strands_actors.simulation.png import encode_png
 from strands_actors.supervisors import stop_result
 from strands_actors.surfaces.agents.approval import Approval
 
@@ -18,6 +19,7 @@ from . import verbs
 from .envelopes import Answer
 from .plan import Plan
 from .real_robot import RealRobot
+from .sim_recording import SimRecording
 
 if TYPE_CHECKING:
     import numpy
@@ -26,6 +28,8 @@ if TYPE_CHECKING:
 
 PICTURE = (640, 480)
 """Width and height of a picture that nobody gave a size, in pixels."""
+WHOLE = ("default", "free")
+"""strands-robots' names of the view of the whole robot."""
 
 
 class SimRobot(RealRobot):
@@ -46,14 +50,40 @@ class SimRobot(RealRobot):
         assert plan.twin_process is not None
         self._world = World(plan.twin_process)
         self._sizes: dict[str, tuple[int, int]] = {}  # of cameras that were added, width and height
+        self._recording = SimRecording()
 
+    @overload
     def render(
         self, width: int | None = None, height: int | None = None, camera: str | None = None
-    ) -> NDArray[numpy.uint8]:
+    ) -> NDArray[numpy.uint8]: ...
+    @overload
+    def render(self, width: int | None = None, height: int | None = None, *, camera_name: str) -> Answer: ...
+    def render(
+        self,
+        width: Any = None,
+        height: Any = None,
+        camera: Any = None,
+        camera_name: str | None = None,
+    ) -> Any:
         """Return a picture, (height, width, 3), drawn without a window by EGL or OSMesa.
         ``camera``: None for the whole robot, ``front``, ``side``, ``top``, or one of the scene's
         own. Without a size it is the camera's, or 640 x 480. Raise ``SimulationError`` (a
-        ``RuntimeError``) that names the system package when neither is there."""
+        ``RuntimeError``) that names the system package when neither is there.
+
+        ``camera_name``, or a name in the first place, is the word of strands-robots: the picture is
+        a PNG in an answer, and so is what went wrong. ``default`` is the whole robot there."""
+        if isinstance(width, str):
+            width, height, camera_name = height, camera, width
+        elif camera_name is None:
+            return self._render(width, height, camera)
+        try:
+            picture = self._render(width, height, None if camera_name in WHOLE else camera_name)
+        except (SimulationError, TypeError, ValueError) as failure:
+            return answers.error(f"render: {str(failure).removeprefix('render: ')}")
+        down, across, _ = picture.shape
+        return answers.picture(encode_png(picture), {"camera": camera_name, "width": across, "height": down})
+
+    def _render(self, width: int | None, height: int | None, camera: str | None) -> NDArray[numpy.uint8]:
         across, down = self._sizes.get(camera or "", PICTURE)
         return self._call(
             self._world.render, across if width is None else width, down if height is None else height, camera
@@ -131,6 +161,82 @@ class SimRobot(RealRobot):
             self._sizes[name] = (width, height)
         return answer
 
+    def run_policy(
+        self,
+        policy: Any = None,
+        instruction: str = "",
+        duration: float = 30.0,
+        n_steps: int | None = None,
+        control_frequency: float | None = None,
+        policy_object: Any = None,
+        wait: bool | None = None,
+        robot_name: str | None = None,
+        policy_provider: str | None = None,
+        policy_config: Mapping[str, Any] | None = None,
+    ) -> Answer:
+        """As ``Robot.run_policy``. In the words of strands-robots, ``robot_name`` (or that name in the
+        first place), ``policy_object``, ``policy_provider`` and ``policy_config``, it returns when the
+        policy has ended, as it does there, unless ``wait`` says otherwise. The provider is then
+        ``mock`` where no policy is given."""
+        if isinstance(policy, str):
+            policy, robot_name = None, policy if robot_name is None else robot_name
+        theirs = any(word is not None for word in (robot_name, policy_object, policy_provider, policy_config))
+        if theirs and policy is None and policy_object is None:
+            from strands_actors.policies import create_policy
+
+            try:
+                policy_object = create_policy(policy_provider or "mock", **dict(policy_config or {}))
+            except (TypeError, ValueError) as failure:
+                return answers.error(f"run_policy: {failure}")
+        elif policy_provider is not None or policy_config is not None:
+            return answers.error("run_policy: a policy and a policy_provider are both given. give one of them")
+        waits = theirs if wait is None else wait
+        return super().run_policy(
+            policy, instruction, duration, n_steps, control_frequency, policy_object, waits, robot_name
+        )
+
+    def start_recording(
+        self,
+        repo_id: str = "local/sim_recording",
+        task: str = "",
+        fps: int = 30,
+        root: str | os.PathLike[str] | None = None,
+        push_to_hub: bool = False,
+        vcodec: str | None = None,
+        overwrite: bool = False,
+        cameras: Sequence[str] | None = None,
+    ) -> Answer:
+        """Begin an episode of a dataset in LeRobot's format, as strands-robots calls it; ``record_dataset``
+        has more. What the robot is told and does is recorded until ``stop_recording()``.
+
+        Args:
+            repo_id: ``owner/name``, in LeRobot's folder, or a path.
+            task: A sentence that says what is shown.
+            fps: Frames a second.
+            root: The dataset's folder, in place of ``repo_id``. One that is there grows.
+            push_to_hub: Refused: nothing is uploaded here.
+            vcodec: ``av1`` or ``mpeg4``; ``h264`` is recorded as ``mpeg4``. None: the dataset's own.
+            overwrite: Remove a dataset that is there first.
+            cameras: Names of the robot's cameras (``cameras=``). None: all of them.
+        """
+        if push_to_hub:
+            return answers.error(
+                "start_recording: nothing is uploaded here. upload its folder with LeRobot's tools"
+            )
+        ready = self._ready("observe")
+        if isinstance(ready, str):
+            return answers.error(f"start_recording: {ready}")
+        names = self._cameras.names if cameras is None else cameras
+        return self._recording.start(self, repo_id, task, fps, root, vcodec, overwrite, names)
+
+    def stop_recording(self) -> Answer:
+        """End the episode that ``start_recording`` began, and save it."""
+        return self._recording.stop()
+
+    def get_recording_status(self) -> Answer:
+        """Return whether an episode is being recorded, and where."""
+        return self._recording.status()
+
     def eval_policy(
         self,
         policy_provider: str = "mock",
@@ -198,6 +304,8 @@ class SimRobot(RealRobot):
         return answers.success({"position": tree.driver.observed(answer.observation)})
 
     def cleanup(self) -> Answer:
+        if not self._closed and self._forked is None:
+            answers.warn_unless_safe(self.name, self._recording.stop())
         answer = super().cleanup()
         self._call(self._world.close)
         return answer

@@ -58,7 +58,7 @@ def answered_here(name: str, here: VerbHere, tree: RobotTree, *args: Any) -> Ans
         return answers.error(f"{name}: {failure}")
 
 
-def refuse_name(robot_name: object, plan: Plan, running_as: str) -> Answer | None:
+def refuse_name(robot_name: object, plan: Plan, running_as: str, verb: str = "move") -> Answer | None:
     """Return a refusal when a command is meant for another robot. Its own are ``tool_name``, the
     name it runs by, and the names of its kind where it was given no name of its own."""
     if robot_name is None or robot_name in (plan.tool_name, running_as):
@@ -66,7 +66,7 @@ def refuse_name(robot_name: object, plan: Plan, running_as: str) -> Answer | Non
     is_text = isinstance(robot_name, str) and robot_name
     if is_text and plan.tool_name == plan.robot == canonical_name(str(robot_name)):
         return None
-    why = f"move: robot_name is {str(robot_name)[:SHOWN]!r}, and this robot is {running_as} ({plan.robot})"
+    why = f"{verb}: robot_name is {str(robot_name)[:SHOWN]!r}, and this robot is {running_as} ({plan.robot})"
     remedy = "send it to the robot that it is meant for, or leave robot_name out"
     return answers.refused(Refused("other_robot", why, remedy, str(robot_name)[:SHOWN], running_as))
 

@@ -48,7 +48,7 @@ class Wanted:
     robot: str
     mode: str
     tool_name: str
-    port: str | None
+    port: Any  # of a real robot text, or None
     transport: str | None
     sim: Any
     cameras: Any
@@ -60,6 +60,8 @@ class Wanted:
     policy_limits: PolicyLimits
     scene: Scene
     options: dict[str, Any] = field(repr=False)
+    spelled: Mapping[str, str] = field(default_factory=dict)
+    """Options that were given by another name: ours, and that one."""
 
     def given(self) -> dict[str, Any]:
         """Return what only hardware has a use for."""
@@ -73,7 +75,7 @@ def read(
     mode: str,
     *,
     driver: str = "auto",
-    port: str | None = None,
+    port: str | os.PathLike[str] | None = None,
     transport: str | None = None,
     sim: Any = None,
     tool_name: str | None = None,
@@ -104,7 +106,7 @@ def read(
     if not isinstance(chosen, str) or not _TOOL_NAME.match(chosen):
         raise ValueError(f"Robot: tool_name is {chosen!r}. use 1 to 64 of A-Z a-z 0-9 _ -")
     _check_keywords(driver_class, options)
-    options = _spelled(driver_class, options)
+    options, spelled = _spelled(driver_class, options)
     if mesh is False:
         mesh = MeshConfig()
     if mesh is not None and not isinstance(mesh, MeshConfig):
@@ -124,8 +126,7 @@ def read(
     drill_age_s = None if require_drill is None else parse_age_s(require_drill)
     if chosen_mode == "auto":
         port, chosen_mode = _look_around(driver_class, port, transport) if at is None else (port, "real")
-    if chosen_mode == "real":
-        port = _port(driver_class, port)
+    where = _port(driver_class, port) if chosen_mode == "real" else port
     if chosen_mode == "real" and transport == "serial" and is_serial(driver_class):
         transport = None  # the page's word for a port
     return (
@@ -134,7 +135,7 @@ def read(
             robot,
             chosen_mode,
             chosen,
-            port,
+            where,
             transport,
             sim,
             cameras,
@@ -146,6 +147,7 @@ def read(
             limits_of(policy_limits),
             scene,
             options,
+            spelled,
         ),
         driver_class,
     )
@@ -197,8 +199,8 @@ def _check_keywords(driver_class: type[Any], options: Mapping[str, Any]) -> None
             )
 
 
-def _spelled(driver_class: type[Any], options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the options under the driver's own names of them."""
+def _spelled(driver_class: type[Any], options: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:
+    """Return the options under the driver's own names of them, and which had another."""
     others: Mapping[str, str] = getattr(driver_class, "SPELLINGS", {})
     told: dict[str, Any] = {}
     for keyword, value in options.items():
@@ -207,7 +209,7 @@ def _spelled(driver_class: type[Any], options: Mapping[str, Any]) -> dict[str, A
             other = next(name for name in options if others.get(name, name) == own and name != keyword)
             raise ValueError(f"Robot: {other} and {keyword} are both given. they are the same: give one of them")
         told[own] = value
-    return told
+    return told, {others[keyword]: keyword for keyword in options if keyword in others}
 
 
 def _port(driver_class: type[Any], port: Any) -> str | None:
@@ -229,7 +231,9 @@ def is_serial(driver_class: type[Any]) -> bool:
     return issubclass(driver_class, Driver) and getattr(driver_class, "PORT_KIND", None) == "serial"
 
 
-def _look_around(driver_class: type[Any], port: str | None, transport: str | None) -> tuple[str | None, str]:
+def _look_around(
+    driver_class: type[Any], port: str | os.PathLike[str] | None, transport: str | None
+) -> tuple[str | os.PathLike[str] | None, str]:
     """Port and mode of ``mode="auto"``: as the port or the environment says, else by what is
     plugged in."""
     if port is not None or transport is not None:

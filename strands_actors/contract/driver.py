@@ -285,6 +285,11 @@ class Driver(ABC):
     @abstractmethod
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None: ...
 
+    def check_port(self) -> None:  # noqa: B027  # a default that accepts
+        """Raise ``ValueError`` for a port whose form is none of this robot's, with what would be
+        accepted. Asked in the caller when a robot is made with ``port``; nothing is opened. Default:
+        any will do."""
+
     @property
     def late_s(self) -> float:
         """Return the longest time for which anything that was cut off may still take effect."""

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib.util
+from collections.abc import Callable
+from typing import NoReturn
 
 EXTRAS: dict[str, tuple[str, ...]] = {
     "dataset": ("pyarrow", "av"),
@@ -33,3 +35,16 @@ def require(extra: str, use: str) -> None:
     """Raise ``MissingExtra`` when ``use`` cannot be."""
     if why := missing(extra, use):
         raise MissingExtra(why)
+
+
+def refusing(name: str, failure: ImportError) -> Callable[..., NoReturn]:
+    """Return what stands for a function whose extra is not installed: a call raises ``MissingExtra``
+    with the line that installs it."""
+    why = str(failure) if isinstance(failure, MissingExtra) else f"{name} cannot be imported: {failure}"
+
+    def refuse(*values: object, **keywords: object) -> NoReturn:
+        raise MissingExtra(why) from failure
+
+    refuse.__name__ = refuse.__qualname__ = name
+    refuse.__doc__ = f"Not installed: {why}"
+    return refuse

@@ -30,10 +30,11 @@ class DriverOptions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
 Options = TypeVar("Options", bound=DriverOptions)
 
 
-def option(about: str, *, secret: bool = False, **constraints: Any) -> msgspec.Meta:
+def option(about: str, *, secret: bool = False, is_path: bool = False, **constraints: Any) -> msgspec.Meta:
     """Describe a field: what it means, and ``gt``, ``ge``, ``lt``, ``le``, ``pattern``,
-    ``min_length`` ... A value that is ``secret`` is never shown, recorded or hashed."""
-    return msgspec.Meta(description=about, extra={"secret": secret}, **constraints)
+    ``min_length`` ... A value that is ``secret`` is never shown, recorded or hashed. ``is_path``: its
+    text may be a path of another type."""
+    return msgspec.Meta(description=about, extra={"secret": secret, "is_path": is_path}, **constraints)
 
 
 def secrets_of(options: type[DriverOptions]) -> frozenset[str]:
@@ -46,9 +47,18 @@ def secrets_of(options: type[DriverOptions]) -> frozenset[str]:
     )
 
 
-def meanings(options: type[DriverOptions]) -> dict[str, str]:
-    """Return each keyword with what it means and its default, for ``list`` and ``--help``."""
-    told: dict[str, str] = {}
+class Meanings(dict[str, str]):
+    """Each keyword of ``options`` with what it means and its default."""
+
+    def __init__(self, options: type[DriverOptions]) -> None:
+        super().__init__()
+        self.options = options
+
+
+def meanings(options: type[DriverOptions]) -> Meanings:
+    """Return each keyword with what it means and its default, for ``list``, ``--help`` and the
+    signatures of ``Robot``."""
+    told = Meanings(options)
     hints = get_type_hints(options, include_extras=True)
     for field in msgspec.structs.fields(options):
         found = [meta.description for meta in getattr(hints[field.name], "__metadata__", ()) if meta.description]

@@ -120,6 +120,11 @@ class Teleoperator:
         self._options = driver_class.resolve(leader, told)
         self._driver_class = driver_class
         self._driver = build_driver(driver_class, leader, self._port or "", self._options)
+        if self._port is not None:
+            try:
+                self._driver.check_port()
+            except ValueError as refusal:
+                raise ValueError(f"Teleoperator: {leader}: {refusal}") from None
         if transport is not None:
             self._twin = TwinProcess(driver_class.TWIN, leader, has_control=True)
 

@@ -51,6 +51,7 @@ pytestmark = pytest.mark.usefixtures("registry")
 
 def test_the_robots_with_a_driver_are_listed_with_its_name() -> None:
     listed = list_native_drivers()
+    assert listed["yahboom_m3pro"] == "YahboomM3ProDriver", "the page's word"
     assert list(listed) == sorted(listed)
     assert {name: listed[name] for name in ("hope_jr", "open_duck_mini", "so100", "so101")} == dict.fromkeys(
         ("hope_jr", "open_duck_mini", "so100", "so101"), "FeetechDriver"

@@ -30,7 +30,7 @@ from strands_actors.drivers.reachy import stop as reachy_stop
 from strands_actors.drivers.reachy import wire as reachy_wire
 from strands_actors.drivers.reachy.driver import Reachy
 from strands_actors.drivers.reachy.twin import ReachyTwin
-from strands_actors.drivers.yahboom.driver import Yahboom
+from strands_actors.drivers.yahboom.driver import YahboomM3Pro
 from strands_actors.drivers.yahboom.rosbridge import RosbridgeLink
 from strands_actors.drivers.yahboom.stop import StopLink, YahboomStopChannel
 from strands_actors.drivers.yahboom.twin import M3ProTwin
@@ -208,7 +208,7 @@ def yahboom(peer: HostilePeer) -> Bench:
     twin = M3ProTwin("yahboom_m3pro", trio.current_time)
     serve = serving_bridge(twin.graph)
     service = Service(peer, serving_websocket(lambda path: serve))
-    driver = Yahboom("yahboom_m3pro", "192.0.2.1", {})
+    driver = YahboomM3Pro("yahboom_m3pro", "192.0.2.1", {})
     open_socket = partial(begin_websocket, open_stream=service.open_stream)
 
     def open_wire(clock: Any) -> YahboomWire:

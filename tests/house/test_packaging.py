@@ -68,7 +68,7 @@ def test_a_wheel_has_everything_in_its_installed_place(wheel: Path) -> None:
 
 
 def test_a_wheel_has_every_file_of_the_checkout(wheel: Path) -> None:
-    kept = (".py", ".toml", ".typed")
+    kept = (".py", ".pyi", ".toml", ".typed")
     wanted = {
         str((Path(directory) / file).relative_to(ROOT))
         for directory, _, files in os.walk(ROOT / "strands_actors", followlinks=True)

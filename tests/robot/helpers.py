@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from typing import Any
 
 from strands_actors.drivers.feetech import protocol as p
@@ -103,3 +104,14 @@ def replies(log: WireLog, since_ns: int, until_ns: int) -> Counter[int]:
     return Counter(
         entry.data[2] for entry in log.entries(since_ns) if entry.sender == "robot" and entry.t_ns < until_ns
     )
+
+
+class Ahead:
+    """A policy that moves one joint by a degree a step."""
+
+    def __init__(self) -> None:
+        self.steps = 0
+
+    def step(self, observation: Mapping[str, float]) -> dict[str, float]:
+        self.steps += 1
+        return {"elbow_flex": observation["elbow_flex"] + 1.0}

@@ -99,7 +99,11 @@ def test_what_a_simulation_would_ignore_is_refused(name: str) -> None:
 @pytest.mark.parametrize("name", NATIVE)
 def test_what_was_never_connected_answers_and_touches_nothing(name: str) -> None:
     boards = port_kind(name) == "serial" and driver_of(name).PORT_OPTIONAL  # on the robot itself: no port is given
-    port = {} if boards else {"port": "192.0.2.1" if port_kind(name) == "address" else "/dev/no-such-port"}
+    port = (
+        {}
+        if boards
+        else {"port": driver_of(name).PORT_LIKE if port_kind(name) == "address" else "/dev/no-such-port"}
+    )
     robot = Robot(name, mode="real", **port)
     task = json_of(robot.get_task_status())
     assert (task["running"], task["steps"]) == (False, 0)

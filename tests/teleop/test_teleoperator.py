@@ -156,7 +156,7 @@ def test_the_command_says_where_a_leader_is(text: str, expected: str) -> None:
 
 def test_a_port_whose_name_has_colons_is_no_id(tmp_path: Path) -> None:
     port = tmp_path / "pci-0000:00:14.0-usb-0:1:1.0"
-    port.touch()
+    port.symlink_to("/dev/null")
     assert repr(leader_of(f"so101_leader:{port}")) == f"<Teleoperator so101_leader ({port})>"
     assert repr(leader_of(f"so101_leader:{port}:left")) == f"<Teleoperator so101_leader ({port})>"
 

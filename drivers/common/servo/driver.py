@@ -4,17 +4,19 @@ firmware."""
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from itertools import groupby
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from strands_actors.contract.axis import Part, PartKind, finite
 from strands_actors.contract.driver import Driver, Reason, Timing
 from strands_actors.contract.fallbacks import fallbacks_for
+from strands_actors.contract.options import DriverOptions, meanings, option
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.tool_verbs import MOVE_TO, SENSORS, SET_TORQUE, STATUS, STOP, ToolVerb
 from strands_actors.drivers.common import calibration as lerobot
+from strands_actors.drivers.common.addresses import check_device
 from strands_actors.drivers.common.robot_tables import RobotTables
 
 from .axes import COUNTS_PER_RADIAN, MIDDLE, axes_of
@@ -30,21 +32,36 @@ LAST_ID = 252
 NO_CALIBRATION = "none: the travel of its model"
 
 
-def options_of(default_baud: int, baud_rates: Sequence[int]) -> dict[str, str]:
-    """Return the constructor keywords of such a driver, with what each means."""
-    return {
-        "calibration": "path of a lerobot calibration file, or its content; "
-        "default: lerobot's file of this tool_name, else the travel of its model",
-        "baud": f"speed of the bus, one of {', '.join(map(str, baud_rates))}; default {default_baud}",
-        "motor_ids": "ids of the servos, one per joint and in their order, where they are not the usual ones",
-        "timeout": "seconds the whole bus may be silent before it counts as lost; default "
-        f"{TIMEOUT_S:g}, at most {LONGEST_TIMEOUT_S:g}",
-    }
+class ServoOptions(DriverOptions, frozen=True):
+    """The constructor keywords of such a driver. ``resolve`` checks them: what is right depends on the
+    robot's servos."""
+
+    calibration: Annotated[
+        str | dict[str, Any] | None,
+        option(
+            "path of a lerobot calibration file, or its content; None: lerobot's file of this tool_name, "
+            "else the travel of its model",
+            is_path=True,
+        ),
+    ] = None
+    baud: Annotated[int | None, option("bits per second of the bus; None: the usual speed of its servos")] = None
+    motor_ids: Annotated[
+        tuple[int, ...] | None,
+        option("ids of the servos, one per joint and in their order, where they are not the usual ones"),
+    ] = None
+    timeout: Annotated[
+        float | None,
+        option(
+            f"seconds the whole bus may be silent before it counts as lost, at most {LONGEST_TIMEOUT_S:g}; "
+            f"None: {TIMEOUT_S:g}"
+        ),
+    ] = None
 
 
 class ServoDriver(Driver):
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "serial"
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (STATUS, SENSORS, MOVE_TO, SET_TORQUE, STOP)
+    OPTIONS: ClassVar[Mapping[str, str]] = meanings(ServoOptions)
     SPELLINGS: ClassVar[Mapping[str, str]] = {"baud_rate": "baud"}
     TABLES: ClassVar[RobotTables]
     BAUD_RATES: ClassVar[tuple[int, ...]]
@@ -124,6 +141,9 @@ class ServoDriver(Driver):
                 f"of each servo. {hint}run `strands-actors calibrate {self.robot} --port {port or 'P'}`",
             )
         self.gates = all_gates(self.joints, self.timing.state_ttl_s, self.FAULT_CODES, self.REMEDIES)
+
+    def check_port(self) -> None:
+        check_device(self.config.port)
 
     def preload(self) -> None:
         super().preload()

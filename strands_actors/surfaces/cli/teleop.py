@@ -13,7 +13,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from strands_actors.caller.envelopes import warn_unless_safe
-from strands_actors.caller.robot import RealRobot, Robot
+from strands_actors.caller.factory import Robot
+from strands_actors.caller.real_robot import RealRobot
 from strands_actors.contract.loading import load
 from strands_actors.teleoperation.actor import KEY
 from strands_actors.teleoperation.keys import Keys
@@ -108,12 +109,11 @@ def leader_of(text: str, leader_id: str | None = None, relative: bool = False) -
 def _robot(robot: str, port: str | None, twin: bool, robot_id: str | None) -> RealRobot:
     if port is not None and twin:
         raise Problem("teleop: --port and --twin are both given. choose one")
-    named = {} if robot_id is None else {"tool_name": robot_id}
     if port is not None:
-        return Robot(robot, mode="real", port=port, **named)
+        return Robot(robot, mode="real", port=port, tool_name=robot_id)
     if twin:
-        return Robot(robot, mode="real", transport=TWIN, **named)
-    return Robot(robot, **named)
+        return Robot(robot, mode="real", transport=TWIN, tool_name=robot_id)
+    return Robot(robot, tool_name=robot_id)
 
 
 @contextlib.contextmanager

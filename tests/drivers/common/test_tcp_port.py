@@ -14,7 +14,8 @@ import trio
 
 from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common import tcp_port
-from strands_actors.drivers.common.tcp_port import TcpPort, open_tcp, parse_address
+from strands_actors.drivers.common.addresses import parse_address
+from strands_actors.drivers.common.tcp_port import TcpPort, open_tcp
 
 
 @pytest.mark.parametrize("port", ["", ":502", "host:", "host:0", "host:70000", "[::1]:x", "/dev/ttyUSB0:x"])

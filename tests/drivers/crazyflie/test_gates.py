@@ -129,6 +129,12 @@ def test_a_low_battery_on_the_floor_is_takeoffs_business() -> None:
     assert no is not None and no.code == "battery" and "3.00 V" in no.text
 
 
+def test_a_battery_that_is_low_for_the_firmware_alone_is_refused_in_its_words() -> None:
+    no = why_no_takeoff(STANDING, seen(volts=3.6, battery_state=float(Battery.LOW_POWER)).sensors, 3.2)
+    assert no is not None and "its firmware reports a low battery, at 3.60 V. charge it" in no.text
+    assert "3.2" not in no.text
+
+
 def test_saf_012_a_battery_that_was_heard_long_ago_is_none() -> None:
     no = why_no_takeoff(STANDING, sensors(STANDING, position_age_s=2.1), 3.2)
     assert no is not None and (no.code, no.limit) == ("battery", "2 s") and "not heard for 2.1 s" in no.text

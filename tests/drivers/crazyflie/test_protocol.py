@@ -17,8 +17,8 @@ from strands_actors.drivers.crazyflie.config import Endpoint, parse_port
 from strands_actors.drivers.crazyflie.protocol import Bit
 from tests.drivers.disturbed import DISTURBED
 
-FLIGHT_ROW = p.encode(5, 2, b"\1\x10\x20\0" + struct.pack("<7eBH", 0.5, 0.1, 0, 0, 90, 1, -2, 3, 27))
-POSITION_ROW = p.encode(5, 2, b"\2\0\0\0" + struct.pack("<4f", 1.0, 2.0, 180.0, 3.75))
+FLIGHT_ROW = p.encode(5, 2, b"\1\x10\x20\0" + struct.pack("<7eH", 0.5, 0.1, 0, 0, 90, 1, -2, 27))
+POSITION_ROW = p.encode(5, 2, b"\2\0\0\0" + struct.pack("<4fB", 1.0, 2.0, 180.0, 3.75, 3))
 
 
 # -- what is commanded
@@ -35,6 +35,7 @@ def test_setpoints_are_si_here_and_degrees_on_the_wire() -> None:
     assert flight[1].pitch_rad == pytest.approx(math.radians(2.0)), "up is positive there, down is here"
     assert flight[1].bits == Bit.CAN_BE_ARMED | Bit.ARMED | Bit.CAN_FLY | Bit.FLYING
     assert position[1].yaw_rad == pytest.approx(math.pi) and position[1].battery_v == 3.75
+    assert position[1].battery_state == p.Battery.LOW_POWER
 
 
 def test_orders_are_the_firmwares_bytes() -> None:
@@ -85,8 +86,8 @@ def test_airborne_is_who_flies_with_motors() -> None:
         FLIGHT_ROW[:-1],
         FLIGHT_ROW + b"\0",
         POSITION_ROW[:-1],
-        p.encode(5, 2, b"\1\0\0\0" + struct.pack("<7eBH", math.nan, 0, 0, 0, 0, 0, 0, 0, 0)),
-        p.encode(5, 2, b"\2\0\0\0" + struct.pack("<4f", math.inf, 0, 0, 0)),
+        p.encode(5, 2, b"\1\0\0\0" + struct.pack("<7eH", math.nan, 0, 0, 0, 0, 0, 0, 0)),
+        p.encode(5, 2, b"\2\0\0\0" + struct.pack("<4fB", math.inf, 0, 0, 0, 0)),
         b"",
         bytes(32),
     ],

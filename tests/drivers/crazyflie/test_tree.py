@@ -324,7 +324,7 @@ def test_saf_010_what_waits_in_a_stopped_drone_is_followed_by_the_landing(cf: Dr
 
 @pytest.mark.parametrize(
     ("order", "safe_state", "named"),
-    [("battery 3.1", "land", "battery"), ("tip-over", "limp", "tumbled")],
+    [("battery 3.1", "land", "battery at 3.10 V"), ("tip-over", "limp", "tumbled")],
 )
 def test_saf_012_what_happens_to_it_in_the_air_ends_its_flight(
     cf: Drone, order: str, safe_state: str, named: str

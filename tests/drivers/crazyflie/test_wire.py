@@ -173,7 +173,7 @@ def test_saf_012_a_log_that_repeats_its_rows_is_stale_and_then_a_lost_link(
 
 def test_saf_012_a_row_that_comes_late_is_no_reading_and_the_robots_clock_may_wrap() -> None:
     def row(stamp_ms: int, z_m: float) -> bytes:
-        values = p.FLIGHT.layout.pack(z_m, *6 * (0.0,), 0, 0)
+        values = p.FLIGHT.layout.pack(z_m, *6 * (0.0,), 0)
         return p.encode(p.Port.LOG, 2, bytes((p.FLIGHT.number,)) + stamp_ms.to_bytes(3, "little") + values)
 
     async def main() -> None:

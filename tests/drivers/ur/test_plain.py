@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 import trio
 
+from strands_actors import Robot
 from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.ur import plain
 from strands_actors.drivers.ur import protocol as p
@@ -78,7 +79,7 @@ def test_saf_020_a_wire_without_a_link_ends_whatever_program_runs(twin: Twin, ho
 
 def test_a_port_beside_the_address_is_refused_when_the_robot_is_made() -> None:
     with pytest.raises(ValueError, match="its ports are fixed"):
-        UR("ur5e", "192.0.2.10:99", {})
+        Robot("ur5e", mode="real", port="192.0.2.10:99")
 
 
 def test_saf_005_stop_ends_the_program_and_confirms_each_joint(twin: Twin, host: str) -> None:

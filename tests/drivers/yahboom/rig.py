@@ -16,7 +16,7 @@ import trio
 from strands_actors.contract.driver import Candidate, GateState
 from strands_actors.contract.wire import MotorReport, Observation, StopChannel, Wire, WireDown
 from strands_actors.drivers.yahboom.config import YahboomConfig
-from strands_actors.drivers.yahboom.driver import Yahboom
+from strands_actors.drivers.yahboom.driver import YahboomM3Pro
 from strands_actors.drivers.yahboom.rosbridge import RosbridgeLink
 from strands_actors.drivers.yahboom.stop import StopLink, YahboomStopChannel
 from strands_actors.drivers.yahboom.twin import BridgeSession, M3ProTwin
@@ -52,7 +52,7 @@ class World:
         self.answer_s = 0.0  # how late everything is heard that the bridge says
         self.loses = False  # every second answer to a call is lost
         self.denies = False  # rosapi is gone: its services are refused
-        self.driver = Yahboom("yahboom_m3pro", "192.0.2.1", driver or {})
+        self.driver = YahboomM3Pro("yahboom_m3pro", "192.0.2.1", driver or {})
 
     def link(self) -> RosbridgeLink:
         return RosbridgeLink(self.driver.config, VirtualClock(), self.open_socket)
@@ -164,8 +164,8 @@ class MemorySocket:
             raise WireDown("192.0.2.1:9090: the WebSocket is closed")
 
 
-def driver(**options: Any) -> Yahboom:
-    return Yahboom("yahboom_m3pro", "192.0.2.1", Yahboom.resolve("yahboom_m3pro", options))
+def driver(**options: Any) -> YahboomM3Pro:
+    return YahboomM3Pro("yahboom_m3pro", "192.0.2.1", YahboomM3Pro.resolve("yahboom_m3pro", options))
 
 
 def state(

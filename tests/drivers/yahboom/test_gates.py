@@ -11,7 +11,7 @@ import pytest
 from strands_actors.caller.plan import plan
 from strands_actors.contract.driver import Candidate
 from strands_actors.drivers.common.velocity_base import LIFETIME_S
-from strands_actors.drivers.yahboom.driver import Yahboom
+from strands_actors.drivers.yahboom.driver import YahboomM3Pro
 from strands_actors.drivers.yahboom.gates import AXES
 from strands_actors.drivers.yahboom.robots import table_of
 from strands_actors.kernel.messages import Refused
@@ -199,7 +199,7 @@ def test_an_unknown_option_is_refused_with_the_nearest() -> None:
     ],
 )
 def test_the_port_is_an_address_and_the_robots_own_by_default(port: str, address: tuple[str, int]) -> None:
-    assert Yahboom("yahboom_m3pro", port, {}).config.address() == address
+    assert YahboomM3Pro("yahboom_m3pro", port, {}).config.address() == address
 
 
 def test_transports_are_the_drivers_own_and_the_twin() -> None:

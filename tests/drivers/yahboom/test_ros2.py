@@ -24,7 +24,7 @@ from strands_actors.drivers.common.sdk import load_sdk
 from strands_actors.drivers.yahboom import dds
 from strands_actors.drivers.yahboom import messages as m
 from strands_actors.drivers.yahboom.config import DOMAIN, domain_of_environment
-from strands_actors.drivers.yahboom.driver import Yahboom
+from strands_actors.drivers.yahboom.driver import YahboomM3Pro
 from strands_actors.drivers.yahboom.ros2 import Ros2Link
 from strands_actors.drivers.yahboom.stop import YahboomStopChannel
 from strands_actors.drivers.yahboom.wire import YahboomWire, link_of
@@ -38,8 +38,8 @@ def no_domain(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
 
 
-def driver() -> Yahboom:
-    return Yahboom("yahboom_m3pro", "ignored", {"transport": "ros2", "timeout_s": 2.0})
+def driver() -> YahboomM3Pro:
+    return YahboomM3Pro("yahboom_m3pro", "ignored", {"transport": "ros2", "timeout_s": 2.0})
 
 
 # -- a stand-in for rclpy

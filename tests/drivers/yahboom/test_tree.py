@@ -216,9 +216,9 @@ def test_saf_006_a_stop_leaves_at_once_whatever_the_bridge_answers(m3: RealRobot
 @pytest.mark.parametrize("transport", ["rosbridge", "ros2"])
 def test_saf_003_the_root_loads_neither_the_wire_nor_rclpy(transport: str) -> None:
     script = (
-        "from strands_actors.drivers.yahboom.driver import Yahboom\n"
+        "from strands_actors.drivers.yahboom.driver import YahboomM3Pro\n"
         "from strands_actors.kernel.clock import MonotonicClock\n"
-        f"driver = Yahboom('yahboom_m3pro', '', {{'transport': '{transport}'}})\n"
+        f"driver = YahboomM3Pro('yahboom_m3pro', '', {{'transport': '{transport}'}})\n"
         "driver.preload()\n"
         "driver.stop_channel((), MonotonicClock())\n"
         "import sys\nprint(*sys.modules)"

@@ -1,0 +1,87 @@
+"""What a ``port`` may look like: hosts, addresses, web addresses, device paths. Nothing is looked up.
+
+Each raises ``ValueError`` with what would be accepted.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+import re
+import stat
+
+_LABEL = re.compile(r"(?!-)[\w-]{1,63}(?<!-)\Z")
+_LONGEST_NAME = 253
+
+
+def is_host(text: str) -> bool:
+    """Return whether this may be the name or the address of a host. Only digits and dots: an IPv4
+    address."""
+    if ":" in text or re.fullmatch(r"[0-9.]+", text):
+        return is_ip(text)
+    labels = text.removesuffix(".").split(".")
+    return len(text) <= _LONGEST_NAME and all(_LABEL.match(label) for label in labels)
+
+
+def is_ip(text: str, version: int = 0) -> bool:
+    """Return whether this is an IP address, of version 4 or 6 where one is named."""
+    try:
+        return ipaddress.ip_address(text).version == version or not version
+    except ValueError:
+        return False
+
+
+def parse_address(text: str, default_port: int) -> tuple[str, int]:
+    """Return host and port of ``host``, ``host:port`` or ``[host]:port``."""
+    host, port = text, str(default_port)
+    if text.startswith("["):
+        host, closed, rest = text[1:].partition("]")
+        port = rest.removeprefix(":") if rest.startswith(":") else port if closed and not rest else ""
+    elif text.count(":") == 1:
+        host, _, port = text.partition(":")
+    if not is_host(host) or not is_port_number(port):
+        raise ValueError(f"port is {text!r}. Give an address: 192.0.2.10 or 192.0.2.10:{default_port}")
+    return host, int(port)
+
+
+def is_port_number(text: str) -> bool:
+    return text.isascii() and text.isdecimal() and len(text) <= 5 and 0 < int(text) < 65536
+
+
+def parse_web_address(text: str, default_port: int, whose: str) -> tuple[str, int]:
+    """Return host and port of a service: an address, with ``http://`` before it or not. ``whose``: for
+    the refusal."""
+    scheme, found, rest = text.partition("://")
+    if not found:
+        scheme, rest = "http", text
+    rest = rest.removesuffix("/")
+    if scheme != "http" or not rest or any(sign in rest for sign in "/?#@ "):
+        raise ValueError(
+            f"port is {text!r}. Give the address of {whose}: 192.0.2.10:{default_port} or "
+            f"http://192.0.2.10:{default_port}, without a user or a path. It speaks no https"
+        )
+    return parse_address(rest, default_port)
+
+
+def check_peer(text: str) -> None:
+    """Accept ``host`` or ``host:port`` of a DDS participant. Its messages come from an address, so a
+    name would match none."""
+    host, found, port = text.partition(":")
+    if not is_ip(host, 4) or (found and not is_port_number(port)):
+        raise ValueError(f"port is {text!r}. Give the robot's IPv4 address: 192.0.2.10")
+
+
+def check_device(text: str) -> None:
+    """Accept the path of a serial device. One that is not there may be plugged in later."""
+    host, _, port = text.partition(":")
+    if "://" in text or is_ip(text) or (is_host(host) and is_port_number(port)):
+        raise ValueError(f"port is {text!r}, an address. Give the path of a serial device: /dev/ttyACM0")
+    if not text.isprintable():
+        raise ValueError(f"port is {text!r}. Give the path of a serial device: /dev/ttyACM0")
+    try:
+        mode = os.stat(os.path.expanduser(text)).st_mode
+    except OSError:
+        return
+    if not stat.S_ISCHR(mode):
+        kind = "folder" if stat.S_ISDIR(mode) else "file"
+        raise ValueError(f"port is {text!r}, a {kind}. Give the path of a serial device: /dev/ttyACM0")

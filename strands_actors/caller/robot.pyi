@@ -1,0 +1,818 @@
+# fmt: off
+"""Signatures of the factories by robot and mode, for editors and type checkers.
+
+Made by ``python -m tests.editors.signatures`` from the drivers' options and services: do not edit.
+A robot whose name is not literal has the last of the overloads that fit. Options of a driver of your
+own go in as ``**options``, where ``options`` is a ``dict[str, Any]``.
+"""
+
+import os
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractAsyncContextManager
+from typing import Any, Literal, TypeAlias, overload, type_check_only
+
+from strands_actors.surfaces.agents.approval import Approve
+from strands_actors.surfaces.mesh.config import MeshConfig
+
+from .async_robot import AsyncRobot as AsyncRobot
+from .envelopes import Answer
+from .real_robot import RealRobot as RealRobot
+from .sim_robot import SimRobot as SimRobot
+
+# -- names of robots, by their driver
+
+BoosterName: TypeAlias = Literal["booster_t1", "booster"]
+CrazyflieName: TypeAlias = Literal["crazyflie", "bitcraze_crazyflie", "cf2"]
+DynamixelName: TypeAlias = Literal["koch", "koch_follower", "koch_v1_1", "low_cost_robot_arm"]
+EarthRoverName: TypeAlias = Literal["earthrover", "earth_rover", "earthrover_mini_plus", "frodobots"]
+FeetechName: TypeAlias = Literal[
+    "hope_jr", "open_duck_mini", "so100", "so101", "bdx", "hope_jr_arm", "mini_bdx", "open_duck",
+    "open_duck_mini_v2", "open_duck_v2", "robotstudio_so101", "so100_4cam", "so100_dualcam", "so100_follower",
+    "so101_dualcam", "so101_follower", "so101_tricam", "so_arm100", "so_arm101", "trs_so_arm100"
+]
+FrankaName: TypeAlias = Literal[
+    "fr3", "fr3_v2", "panda", "bimanual_panda_gripper", "bimanual_panda_hand", "franka", "franka_emika_panda",
+    "franka_fr3", "franka_fr3_v2", "franka_panda", "libero_panda", "oxe_droid", "oxe_droid_rel",
+    "oxe_droid_relative_eef_relative_joint", "single_panda_gripper"
+]
+G1Name: TypeAlias = Literal[
+    "unitree_g1", "g1", "g1_wbc", "real_g1_relative_eef_relative_joints", "unitree_g1_full_body",
+    "unitree_g1_locomanip", "unitree_g1_real", "unitree_g1_sonic", "unitree_g1_wbc"
+]
+Go2Name: TypeAlias = Literal["b2", "unitree_go2", "unitree_h1", "unitree_h1_2", "go2", "h1", "h1_2"]
+KinovaName: TypeAlias = Literal["kinova_gen3", "gen3"]
+KukaName: TypeAlias = Literal["kuka_iiwa", "iiwa", "iiwa14", "kuka_iiwa_14"]
+MicroduckName: TypeAlias = Literal["microduck", "micro_duck", "pollen_microduck"]
+RBY1Name: TypeAlias = Literal["rby1", "rainbow_rby1", "rby1a"]
+ReachyName: TypeAlias = Literal["reachy_mini", "pollen_reachy_mini", "reachy", "reachy-mini"]
+RobotiqName: TypeAlias = Literal["robotiq_2f85", "robotiq_2f85_v4", "2f85", "2f85_v4", "robotiq"]
+SpotName: TypeAlias = Literal["spot", "boston_dynamics_spot"]
+StretchName: TypeAlias = Literal[
+    "stretch", "stretch3", "hello_robot_stretch", "hello_robot_stretch_3", "hello_robot_stretch_original",
+    "hello_stretch_2", "hello_stretch_3", "stretch2", "stretch_2", "stretch_3", "stretch_re2", "stretch_se3"
+]
+URName: TypeAlias = Literal[
+    "ur10e", "ur12e", "ur15", "ur16e", "ur18", "ur20", "ur30", "ur3e", "ur5e", "ur7e", "ur8long"
+]
+XArmName: TypeAlias = Literal["xarm7", "ufactory_xarm7", "xarm"]
+YahboomM3ProName: TypeAlias = Literal["yahboom_m3pro", "m3pro", "rosmaster_m3pro", "yahboom_rosmaster_m3_pro"]
+LeRobotName: TypeAlias = Literal[
+    "bi_openarm", "bi_openarm_follower", "bi_rebot_b601", "bi_rebot_b601_follower", "bi_so100", "bi_so101",
+    "bi_so_follower", "hope_jr_hand", "lekiwi", "lekiwi_client", "omx", "omx_follower", "openarm",
+    "openarm_follower", "reachy2", "rebot_b601", "rebot_b601_follower"
+]
+
+# -- handles with the services of one driver
+
+@type_check_only
+class AsyncSimulation(AsyncRobot):
+    async def step(self, steps: int = 1, *, action: Mapping[str, Any] | None = None) -> Answer: ...
+    async def reset(self) -> Answer: ...
+
+@type_check_only
+class Booster(RealRobot):
+    def enable_upper_body(self) -> Answer:
+        """Hand the arms over to this program; after each stop, and each change of mode, once more."""
+    def disable_upper_body(self) -> Answer:
+        """Give the arms back to the robot's own controller."""
+    def move(self, vx: float = 0.0, vy: float = 0.0, vyaw: float = 0.0) -> Answer:
+        """Walk so fast for 0.3 s, m/s and rad/s in the robot's own frame, then stand."""
+    def rotate_head(self, pitch: float = 0.0, yaw: float = 0.0) -> Answer:
+        """Turn the head there, radians."""
+    def change_mode(self, mode: str = "walking") -> Answer:
+        """Change to damping, prepare, walking, soccer; in damping mode the robot sinks to the floor."""
+
+@type_check_only
+class AsyncBooster(AsyncRobot):
+    async def enable_upper_body(self) -> Answer: ...
+    async def disable_upper_body(self) -> Answer: ...
+    async def move(self, vx: float = 0.0, vy: float = 0.0, vyaw: float = 0.0) -> Answer: ...
+    async def rotate_head(self, pitch: float = 0.0, yaw: float = 0.0) -> Answer: ...
+    async def change_mode(self, mode: str = "walking") -> Answer: ...
+
+@type_check_only
+class Crazyflie(RealRobot):
+    def takeoff(self, height: float = 0.5, duration: float = 2.0) -> Answer:
+        """Arm the motors, rise to a height, hover there; in the air: go to that height."""
+    def land(self, duration: float = 2.0) -> Answer:
+        """Come down to the floor, motors off."""
+    def emergency_stop(self) -> Answer:
+        """Cut the motors at once, wherever it is, and lock it until it is switched off and on."""
+
+@type_check_only
+class AsyncCrazyflie(AsyncRobot):
+    async def takeoff(self, height: float = 0.5, duration: float = 2.0) -> Answer: ...
+    async def land(self, duration: float = 2.0) -> Answer: ...
+    async def emergency_stop(self) -> Answer: ...
+
+@type_check_only
+class EarthRover(RealRobot):
+    def speak(self, text: str = "") -> Answer:
+        """Say a text by the rover's speaker."""
+
+@type_check_only
+class AsyncEarthRover(AsyncRobot):
+    async def speak(self, text: str = "") -> Answer: ...
+
+@type_check_only
+class Franka(RealRobot):
+    def recover(self) -> Answer:
+        """Let the controller clear a reflex, so that the arm may be armed again."""
+
+@type_check_only
+class AsyncFranka(AsyncRobot):
+    async def recover(self) -> Answer: ...
+
+@type_check_only
+class Go2(RealRobot):
+    def release_sport_mode(self, attempts: int = 5) -> Answer:
+        """End the robot's own controller, so that its joints can be commanded: it no longer balances by itself."""
+
+@type_check_only
+class AsyncGo2(AsyncRobot):
+    async def release_sport_mode(self, attempts: int = 5) -> Answer: ...
+
+@type_check_only
+class Microduck(RealRobot):
+    def enable(self) -> Answer:
+        """Hand the duck to its policy: it stands up and balances."""
+    def disable(self) -> Answer:
+        """Take it back from its policy: it holds its pose, and nothing balances it."""
+    def do(self, skill: str = "") -> Answer:
+        """Run a skill that the robot has, by name."""
+    def sit(self) -> Answer:
+        """Sit down, if it stands."""
+    def stand(self) -> Answer:
+        """Stand up, if it sits."""
+    def look_at(self, x: float = 0.0, y: float = 0.0, z: float = 0.0, neck_pitch: float = 0.0) -> Answer:
+        """Turn the head towards a point."""
+    def relax(self, confirm: bool = False) -> Answer:
+        """Take the torque away: an unheld duck collapses."""
+    def init(self, confirm: bool = False) -> Answer:
+        """Power the joints and move all of them to the home pose."""
+    def reboot_motors(self, ids: str = "", confirm: bool = False) -> Answer:
+        """Restart servos; torque goes off on all of them."""
+    def skills(self) -> Answer:
+        """Tell the skills that the robot has."""
+    def sounds(self) -> Answer:
+        """Tell the sounds that it can play."""
+    def play_sound(self, tag: str = "chirp") -> Answer:
+        """Play a sound of its voice."""
+    def theremin(self, active: bool = True) -> Answer:
+        """Play by the depth sensor, the mouth moves along; or end that."""
+    def mode(self) -> Answer:
+        """Tell the drive mode."""
+    def set_mode(self, mode: str = "") -> Answer:
+        """Change the drive mode: it goes home, loads other policies, drives again."""
+    def policies(self) -> Answer:
+        """Tell what each policy slot runs."""
+    def load_policy(self, slot: str = "", path: str = "") -> Answer:
+        """Put a file of the robot's into a policy slot; no path: back to its own."""
+    def reload_policies(self) -> Answer:
+        """Read all policy slots again."""
+    def health(self) -> Answer:
+        """Tell what robotd says of itself."""
+    def version(self) -> Answer:
+        """Tell the versions of robotd and of its protocol."""
+    def model(self) -> Answer:
+        """Tell the geometry of the robot."""
+    def odometry(self) -> Answer:
+        """Tell where the robot believes it is."""
+    def monitor(self) -> Answer:
+        """Tell the newest state as robotd tells it."""
+    def tof(self) -> Answer:
+        """Tell one frame of the depth sensor, 8 by 8 millimetres."""
+
+@type_check_only
+class AsyncMicroduck(AsyncRobot):
+    async def enable(self) -> Answer: ...
+    async def disable(self) -> Answer: ...
+    async def do(self, skill: str = "") -> Answer: ...
+    async def sit(self) -> Answer: ...
+    async def stand(self) -> Answer: ...
+    async def look_at(self, x: float = 0.0, y: float = 0.0, z: float = 0.0, neck_pitch: float = 0.0) -> Answer: ...
+    async def relax(self, confirm: bool = False) -> Answer: ...
+    async def init(self, confirm: bool = False) -> Answer: ...
+    async def reboot_motors(self, ids: str = "", confirm: bool = False) -> Answer: ...
+    async def skills(self) -> Answer: ...
+    async def sounds(self) -> Answer: ...
+    async def play_sound(self, tag: str = "chirp") -> Answer: ...
+    async def theremin(self, active: bool = True) -> Answer: ...
+    async def mode(self) -> Answer: ...
+    async def set_mode(self, mode: str = "") -> Answer: ...
+    async def policies(self) -> Answer: ...
+    async def load_policy(self, slot: str = "", path: str = "") -> Answer: ...
+    async def reload_policies(self) -> Answer: ...
+    async def health(self) -> Answer: ...
+    async def version(self) -> Answer: ...
+    async def model(self) -> Answer: ...
+    async def odometry(self) -> Answer: ...
+    async def monitor(self) -> Answer: ...
+    async def tof(self) -> Answer: ...
+
+@type_check_only
+class RBY1(RealRobot):
+    def reset_fault_control_manager(self) -> Answer:
+        """Clear a fault of the control manager, once its cause is gone. Nothing moves before resume()."""
+
+@type_check_only
+class AsyncRBY1(AsyncRobot):
+    async def reset_fault_control_manager(self) -> Answer: ...
+
+@type_check_only
+class Reachy(RealRobot):
+    def wake(self) -> Answer:
+        """Wake up: the head rises and nods."""
+    def sleep(self) -> Answer:
+        """Go to sleep: the head sinks; torque stays on."""
+    def express(self, move: str = "", dataset: str = ...) -> Answer:
+        """Play a recorded move, an emotion or a dance, to its end."""
+    def list_moves(self, dataset: str = ...) -> Answer:
+        """Tell the recorded moves there are."""
+    def motors(self, mode: str = "enabled") -> Answer:
+        """Give the motors torque where they are, take it away (the head drops), or let them float."""
+    def say(self, text: str = "") -> Answer:
+        """Say a text by the speaker."""
+    def play_sound(self, file: str = "") -> Answer:
+        """Play a sound file of the robot's."""
+    def volume(self) -> Answer:
+        """Tell the speaker's volume."""
+    def set_volume(self, volume: int = 50) -> Answer:
+        """Set the speaker's volume."""
+    def track_face(self, enabled: bool = True, weight: float = 1.0) -> Answer:
+        """Let the daemon turn the head after a face, or end that; a stop ends it, too."""
+    def tracking_status(self) -> Answer:
+        """Tell the face that is seen."""
+    def camera(self) -> Answer:
+        """Tell what the camera is and where its pictures are streamed."""
+    def record_audio(self, duration: float = 5.0) -> Answer:
+        """Refused: the daemon gives sound over WebRTC alone."""
+    def turn_to_sound(self) -> Answer:
+        """Turn the head towards what is heard now."""
+    def turn_to_sound_status(self) -> Answer:
+        """Tell where sound comes from."""
+
+@type_check_only
+class AsyncReachy(AsyncRobot):
+    async def wake(self) -> Answer: ...
+    async def sleep(self) -> Answer: ...
+    async def express(self, move: str = "", dataset: str = ...) -> Answer: ...
+    async def list_moves(self, dataset: str = ...) -> Answer: ...
+    async def motors(self, mode: str = "enabled") -> Answer: ...
+    async def say(self, text: str = "") -> Answer: ...
+    async def play_sound(self, file: str = "") -> Answer: ...
+    async def volume(self) -> Answer: ...
+    async def set_volume(self, volume: int = 50) -> Answer: ...
+    async def track_face(self, enabled: bool = True, weight: float = 1.0) -> Answer: ...
+    async def tracking_status(self) -> Answer: ...
+    async def camera(self) -> Answer: ...
+    async def record_audio(self, duration: float = 5.0) -> Answer: ...
+    async def turn_to_sound(self) -> Answer: ...
+    async def turn_to_sound_status(self) -> Answer: ...
+
+@type_check_only
+class Spot(RealRobot):
+    def stand(self) -> Answer:
+        """Power the motors on and stand up."""
+    def set_twist(self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0) -> Answer:
+        """Walk so fast for 0.6 s, m/s and rad/s of the body, then stand."""
+
+@type_check_only
+class AsyncSpot(AsyncRobot):
+    async def stand(self) -> Answer: ...
+    async def set_twist(self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0) -> Answer: ...
+
+@type_check_only
+class Stretch(RealRobot):
+    def set_twist(self, vx: float = 0.0, wz: float = 0.0, vy: float = 0.0) -> Answer:
+        """Drive at vx (m/s, forward) and wz (rad/s, to the left) for 300 ms."""
+    def set_soft_limits(self, joint: str = "", low: float = ..., high: float = ...) -> Answer:
+        """From now on refuse goals of a joint outside low..high; never wider than its range."""
+
+@type_check_only
+class AsyncStretch(AsyncRobot):
+    async def set_twist(self, vx: float = 0.0, wz: float = 0.0, vy: float = 0.0) -> Answer: ...
+    async def set_soft_limits(self, joint: str = "", low: float = ..., high: float = ...) -> Answer: ...
+
+@type_check_only
+class SimulatedStretch(SimRobot):
+    def set_twist(self, vx: float = 0.0, wz: float = 0.0, vy: float = 0.0) -> Answer:
+        """Drive at vx (m/s, forward) and wz (rad/s, to the left) for 300 ms."""
+
+@type_check_only
+class AsyncSimulatedStretch(AsyncSimulation):
+    async def set_twist(self, vx: float = 0.0, wz: float = 0.0, vy: float = 0.0) -> Answer: ...
+
+# -- the factories
+
+@overload
+def Robot(
+    name: BoosterName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, domain_id: int = 0, robot_name: str | None = None,
+    cmd_type: Literal["parallel", "serial"] = "parallel", network_interface: str = "",
+) -> Booster: ...
+@overload
+def Robot(
+    name: CrazyflieName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, setpoint_hz: float = 20.0,
+) -> Crazyflie: ...
+@overload
+def Robot(
+    name: DynamixelName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin", "serial"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, calibration: str | os.PathLike[str] | Mapping[str, Any] | None = None,
+    baud: int | None = None, baud_rate: int | None = None, motor_ids: Sequence[int] | None = None,
+    timeout: float | None = None,
+) -> RealRobot: ...
+@overload
+def Robot(
+    name: EarthRoverName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, timeout_s: float = 10.0, turn_sign: float = 1.0,
+) -> EarthRover: ...
+@overload
+def Robot(
+    name: FeetechName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin", "serial"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, calibration: str | os.PathLike[str] | Mapping[str, Any] | None = None,
+    baud: int | None = None, baud_rate: int | None = None, motor_ids: Sequence[int] | None = None,
+    timeout: float | None = None,
+) -> RealRobot: ...
+@overload
+def Robot(
+    name: FrankaName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, speed_factor: float = 0.2, stream_rate_hz: float = 30.0,
+) -> Franka: ...
+@overload
+def Robot(
+    name: G1Name, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, on_exit: Literal["zero_torque", "damp"] = "zero_torque",
+    battery_floor_pct: float = 15.0, domain: int | None = None, simulator: bool = False,
+    network_interface: str = "", interface: str = "",
+) -> RealRobot: ...
+@overload
+def Robot(
+    name: Go2Name, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, on_exit: Literal["zero_torque", "damp"] = "zero_torque",
+    battery_floor_pct: float = 15.0, domain: int | None = None, simulator: bool = False,
+    network_interface: str = "", interface: str = "",
+) -> Go2: ...
+@overload
+def Robot(
+    name: KinovaName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, username: str = "admin", password: str = "admin",
+    control_frequency: float = 40.0,
+) -> RealRobot: ...
+@overload
+def Robot(
+    name: KukaName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, fri_port: int = 30200, control_frequency: float = 50.0,
+    connect_timeout: float = 5.0,
+) -> RealRobot: ...
+@overload
+def Robot(
+    name: MicroduckName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, api_version: int = 31, timeout: float = 5.0, subscribe_hz: int | None = None,
+) -> Microduck: ...
+@overload
+def Robot(
+    name: RBY1Name, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, control_frequency: float = 50.0, priority: int = 1,
+    on_estop: Literal["stop", "power_off"] = "stop",
+) -> RBY1: ...
+@overload
+def Robot(
+    name: ReachyName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, api_port: int = 8000, media_port: int = 8443, tts_url: str | None = None,
+) -> Reachy: ...
+@overload
+def Robot(
+    name: RobotiqName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, unit_id: int = 9, stroke_mm: float | None = None, tcp_port: int | None = None,
+    baud: int | None = None, baud_rate: int | None = None, speed: float = 1.0, force: float = 1.0,
+    activate: bool = True,
+) -> RealRobot: ...
+@overload
+def Robot(
+    name: SpotName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, control_frequency: float = 10.0, estop_timeout_s: float = 3.0,
+    on_estop: Literal["settle", "cut"] = "settle",
+) -> Spot: ...
+@overload
+def Robot(
+    name: StretchName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin", "serial"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, control_frequency: float = 15.0,
+) -> Stretch: ...
+@overload
+def Robot(
+    name: URName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, control_frequency: float = 125.0, rtde_frequency: float | None = None,
+    model: str | None = None,
+) -> RealRobot: ...
+@overload
+def Robot(
+    name: XArmName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, control_frequency: float = 100.0,
+) -> RealRobot: ...
+@overload
+def Robot(
+    name: YahboomM3ProName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["rosbridge", "ros2", "twin"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, timeout_s: float = 5.0, joint_signs: Sequence[float] = ...,
+    move_time_ms: int = 1500,
+) -> RealRobot: ...
+@overload
+def Robot(
+    name: LeRobotName, mode: Literal["real", "auto"], *, driver: Literal["auto", "lerobot"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: None = None, sim: SimRobot | None = None,
+    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
+    mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None, at: str | None = None,
+    lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, **fields: Any,
+) -> RealRobot: ...
+@overload
+def Robot(
+    name: str, mode: Literal["real", "auto"], *, driver: Literal["lerobot"],
+    port: str | os.PathLike[str] | None = None, transport: None = None, sim: SimRobot | None = None,
+    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
+    mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None, at: str | None = None,
+    lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, **fields: Any,
+) -> RealRobot: ...
+@overload
+def Robot(
+    name: str, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None,
+    transport: Literal["twin", "serial", "ros2", "rosbridge"] | None = None, sim: SimRobot | None = None,
+    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
+    mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None, at: str | None = None,
+    lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> RealRobot: ...
+@overload
+def Robot(
+    name: StretchName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
+    mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> SimulatedStretch: ...
+@overload
+def Robot(
+    name: str, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
+    mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> SimRobot: ...
+
+@overload
+def open_robot(
+    name: BoosterName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, domain_id: int = 0, robot_name: str | None = None,
+    cmd_type: Literal["parallel", "serial"] = "parallel", network_interface: str = "",
+) -> AbstractAsyncContextManager[AsyncBooster]: ...
+@overload
+def open_robot(
+    name: CrazyflieName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, setpoint_hz: float = 20.0,
+) -> AbstractAsyncContextManager[AsyncCrazyflie]: ...
+@overload
+def open_robot(
+    name: DynamixelName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin", "serial"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, calibration: str | os.PathLike[str] | Mapping[str, Any] | None = None,
+    baud: int | None = None, baud_rate: int | None = None, motor_ids: Sequence[int] | None = None,
+    timeout: float | None = None,
+) -> AbstractAsyncContextManager[AsyncRobot]: ...
+@overload
+def open_robot(
+    name: EarthRoverName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, timeout_s: float = 10.0, turn_sign: float = 1.0,
+) -> AbstractAsyncContextManager[AsyncEarthRover]: ...
+@overload
+def open_robot(
+    name: FeetechName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin", "serial"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, calibration: str | os.PathLike[str] | Mapping[str, Any] | None = None,
+    baud: int | None = None, baud_rate: int | None = None, motor_ids: Sequence[int] | None = None,
+    timeout: float | None = None,
+) -> AbstractAsyncContextManager[AsyncRobot]: ...
+@overload
+def open_robot(
+    name: FrankaName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, speed_factor: float = 0.2, stream_rate_hz: float = 30.0,
+) -> AbstractAsyncContextManager[AsyncFranka]: ...
+@overload
+def open_robot(
+    name: G1Name, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, on_exit: Literal["zero_torque", "damp"] = "zero_torque",
+    battery_floor_pct: float = 15.0, domain: int | None = None, simulator: bool = False,
+    network_interface: str = "", interface: str = "",
+) -> AbstractAsyncContextManager[AsyncRobot]: ...
+@overload
+def open_robot(
+    name: Go2Name, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, on_exit: Literal["zero_torque", "damp"] = "zero_torque",
+    battery_floor_pct: float = 15.0, domain: int | None = None, simulator: bool = False,
+    network_interface: str = "", interface: str = "",
+) -> AbstractAsyncContextManager[AsyncGo2]: ...
+@overload
+def open_robot(
+    name: KinovaName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, username: str = "admin", password: str = "admin",
+    control_frequency: float = 40.0,
+) -> AbstractAsyncContextManager[AsyncRobot]: ...
+@overload
+def open_robot(
+    name: KukaName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, fri_port: int = 30200, control_frequency: float = 50.0,
+    connect_timeout: float = 5.0,
+) -> AbstractAsyncContextManager[AsyncRobot]: ...
+@overload
+def open_robot(
+    name: MicroduckName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, api_version: int = 31, timeout: float = 5.0, subscribe_hz: int | None = None,
+) -> AbstractAsyncContextManager[AsyncMicroduck]: ...
+@overload
+def open_robot(
+    name: RBY1Name, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, control_frequency: float = 50.0, priority: int = 1,
+    on_estop: Literal["stop", "power_off"] = "stop",
+) -> AbstractAsyncContextManager[AsyncRBY1]: ...
+@overload
+def open_robot(
+    name: ReachyName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, api_port: int = 8000, media_port: int = 8443, tts_url: str | None = None,
+) -> AbstractAsyncContextManager[AsyncReachy]: ...
+@overload
+def open_robot(
+    name: RobotiqName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, unit_id: int = 9, stroke_mm: float | None = None, tcp_port: int | None = None,
+    baud: int | None = None, baud_rate: int | None = None, speed: float = 1.0, force: float = 1.0,
+    activate: bool = True,
+) -> AbstractAsyncContextManager[AsyncRobot]: ...
+@overload
+def open_robot(
+    name: SpotName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, control_frequency: float = 10.0, estop_timeout_s: float = 3.0,
+    on_estop: Literal["settle", "cut"] = "settle",
+) -> AbstractAsyncContextManager[AsyncSpot]: ...
+@overload
+def open_robot(
+    name: StretchName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin", "serial"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, control_frequency: float = 15.0,
+) -> AbstractAsyncContextManager[AsyncStretch]: ...
+@overload
+def open_robot(
+    name: URName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, control_frequency: float = 125.0, rtde_frequency: float | None = None,
+    model: str | None = None,
+) -> AbstractAsyncContextManager[AsyncRobot]: ...
+@overload
+def open_robot(
+    name: XArmName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, control_frequency: float = 100.0,
+) -> AbstractAsyncContextManager[AsyncRobot]: ...
+@overload
+def open_robot(
+    name: YahboomM3ProName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: Literal["rosbridge", "ros2", "twin"] | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, timeout_s: float = 5.0, joint_signs: Sequence[float] = ...,
+    move_time_ms: int = 1500,
+) -> AbstractAsyncContextManager[AsyncRobot]: ...
+@overload
+def open_robot(
+    name: LeRobotName, mode: Literal["real", "auto"], *, driver: Literal["auto", "lerobot"] = "auto",
+    port: str | os.PathLike[str] | None = None, transport: None = None, sim: SimRobot | None = None,
+    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
+    mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None, at: str | None = None,
+    lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, **fields: Any,
+) -> AbstractAsyncContextManager[AsyncRobot]: ...
+@overload
+def open_robot(
+    name: str, mode: Literal["real", "auto"], *, driver: Literal["lerobot"],
+    port: str | os.PathLike[str] | None = None, transport: None = None, sim: SimRobot | None = None,
+    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
+    mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None, at: str | None = None,
+    lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, **fields: Any,
+) -> AbstractAsyncContextManager[AsyncRobot]: ...
+@overload
+def open_robot(
+    name: str, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
+    port: str | os.PathLike[str] | None = None,
+    transport: Literal["twin", "serial", "ros2", "rosbridge"] | None = None, sim: SimRobot | None = None,
+    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
+    mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None, at: str | None = None,
+    lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None, arm: bool = True,
+    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> AbstractAsyncContextManager[AsyncRobot]: ...
+@overload
+def open_robot(
+    name: StretchName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
+    mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> AbstractAsyncContextManager[AsyncSimulatedStretch]: ...
+@overload
+def open_robot(
+    name: str, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
+    mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> AbstractAsyncContextManager[AsyncSimulation]: ...

@@ -1,0 +1,27 @@
+"""Pictures as PNG files."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy
+    from numpy.typing import NDArray
+
+_HEAD = b"\x89PNG\r\n\x1a\n"
+_EIGHT_BITS_RGB = (8, 2, 0, 0, 0)
+
+
+def encode_png(picture: NDArray[numpy.uint8]) -> bytes:
+    """Return the file of a picture, (height, width, 3)."""
+    height, width, _ = picture.shape
+    rows = b"".join(b"\0" + row.tobytes() for row in picture)  # 0: a row that is not filtered
+    size = struct.pack(">II5B", width, height, *_EIGHT_BITS_RGB)
+    return _HEAD + _chunk(b"IHDR", size) + _chunk(b"IDAT", zlib.compress(rows, 6)) + _chunk(b"IEND", b"")
+
+
+def _chunk(kind: bytes, data: bytes) -> bytes:
+    body = kind + data
+    return struct.pack(">I", len(data)) + body + struct.pack(">I", zlib.crc32(body))

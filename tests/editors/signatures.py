@@ -1,0 +1,284 @@
+"""Make ``strands_actors/caller/robot.pyi``: the signatures of ``Robot`` and ``open_robot`` by robot
+and mode, for editors and type checkers.
+
+``python -m tests.editors.signatures`` writes the file. Names of robots, keywords, their types and
+services come from what the drivers declare; the keywords of every robot come from ``Robot`` itself.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+import textwrap
+import types
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
+
+import msgspec
+
+from strands_actors.caller import factory
+from strands_actors.caller.async_robot import AsyncRobot
+from strands_actors.caller.real_robot import RealRobot
+from strands_actors.caller.sim_robot import SimRobot
+from strands_actors.caller.simulated import BACKENDS
+from strands_actors.contract.driver import Driver, Service
+from strands_actors.contract.loading import load
+from strands_actors.contract.options import Meanings
+from strands_actors.contract.short_names import SHORT_NAMES
+from strands_actors.contract.surface import driver_name
+from strands_actors.drivers import WIRES
+from strands_actors.drivers.plain.lerobot.types import TYPES
+
+FILE = Path(factory.__file__).with_name("robot.pyi")
+WIDTH = 116
+
+OF_HARDWARE = ("port", "transport", "sim", "require_drill", "at", "lifetime")
+OF_SIMULATIONS = ("backend", "urdf_path", "position", "orientation", "keyframe")
+"""Keywords of ``Robot`` that only one of the two takes; the others are of both."""
+WITH_ACTION = ("step",)
+"""Services that are given a command to write first."""
+
+HEAD = '''\
+# fmt: off
+"""Signatures of the factories by robot and mode, for editors and type checkers.
+
+Made by ``python -m tests.editors.signatures`` from the drivers' options and services: do not edit.
+A robot whose name is not literal has the last of the overloads that fit. Options of a driver of your
+own go in as ``**options``, where ``options`` is a ``dict[str, Any]``.
+"""
+
+import os
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractAsyncContextManager
+from typing import Any, Literal, TypeAlias, overload, type_check_only
+
+from strands_actors.surfaces.agents.approval import Approve
+from strands_actors.surfaces.mesh.config import MeshConfig
+
+from .async_robot import AsyncRobot as AsyncRobot
+from .envelopes import Answer
+from .real_robot import RealRobot as RealRobot
+from .sim_robot import SimRobot as SimRobot
+'''
+
+
+class Kind(NamedTuple):
+    """A driver class, with the names by which its robots are known."""
+
+    name: str
+    driver: type[Driver]
+    robots: tuple[str, ...]
+
+    @property
+    def alias(self) -> str:
+        return f"{self.name}Name"
+
+
+def kinds() -> list[Kind]:
+    """Return the drivers of this package, whatever was registered meanwhile."""
+    found = []
+    for where in WIRES.values():
+        driver: type[Driver] = load(where)
+        others = {**SHORT_NAMES, **{kind.type: robot for robot, kind in TYPES.items()}, **driver.ALIASES}
+        named = [name for name, robot in others.items() if robot in driver.SUPPORTED_ROBOTS]
+        robots = tuple(dict.fromkeys((*sorted(driver.SUPPORTED_ROBOTS), *sorted(named))))
+        found.append(Kind(driver_name(driver).removesuffix("Driver"), driver, robots))
+    return sorted(found)
+
+
+def only_lerobots(known: Iterable[Kind]) -> tuple[str, ...]:
+    """Return the names of robots that LeRobot alone drives."""
+    ours = {name for kind in known for name in kind.robots}
+    return tuple(sorted({name for robot, kind in TYPES.items() for name in (robot, kind.type)} - ours))
+
+
+# -- types and values, written down
+
+
+def written(hint: Any, is_path: bool = False) -> str:
+    """Return a type as the caller may give it: any sequence for a tuple, any mapping for a dict."""
+    if isinstance(hint, str):
+        return hint
+    if hint is types.NoneType:
+        return "None"
+    if hint is str:
+        return "str | os.PathLike[str]" if is_path else "str"
+    origin, args = get_origin(hint), get_args(hint)
+    if origin is Literal:
+        return literal(args)
+    if origin in (Union, types.UnionType):
+        return " | ".join(written(each, is_path) for each in args)
+    if origin in (tuple, list):
+        return f"Sequence[{written(args[0])}]"
+    if origin is dict:
+        return f"Mapping[{', '.join(map(written, args))}]"
+    return "Any" if hint is Any else str(hint.__name__)
+
+
+def literal(values: Iterable[object]) -> str:
+    return f"Literal[{', '.join(quoted(each) if isinstance(each, str) else repr(each) for each in values)}]"
+
+
+def quoted(text: str) -> str:
+    return f'"{text}"'
+
+
+def default(value: object) -> str:
+    if isinstance(value, str):
+        return quoted(value) if len(value) <= 20 else "..."
+    if value is None or isinstance(value, bool | int) or (isinstance(value, float) and math.isfinite(value)):
+        return repr(value)
+    return "..."
+
+
+def packed(head: str, parts: Iterable[str], tail: str) -> str:
+    """Return a definition, its parameters below it where they need more than a line."""
+    told = list(parts)
+    if len(line := f"{head}{', '.join(told)}{tail}") <= WIDTH:
+        return line
+    lines = [""]
+    for part in told:
+        if len(lines[-1]) + len(part) + 2 > WIDTH - 4:
+            lines.append("")
+        lines[-1] += f"{part}, "
+    return "\n".join([head, *(f"    {line.rstrip()}" for line in lines), tail])
+
+
+# -- keywords
+
+
+def options_of(driver: type[Driver]) -> Iterator[str]:
+    """Yield the driver's own keywords, in every spelling."""
+    meanings = driver.OPTIONS
+    assert isinstance(meanings, Meanings), f"{driver.__name__}.OPTIONS is not made by meanings()"
+    hints = get_type_hints(meanings.options, include_extras=True)
+    plain = get_type_hints(meanings.options)
+    spellings = {own: other for other, own in driver.SPELLINGS.items()}
+    for field in msgspec.structs.fields(meanings.options):
+        if field.name == "transport":
+            continue  # beside ``twin``, in ``transports``
+        metas = getattr(hints[field.name], "__metadata__", ())
+        is_path = any((meta.extra or {}).get("is_path") for meta in metas)
+        for name in (field.encode_name, spellings.get(field.encode_name)):
+            if name is not None:
+                yield f"{name}: {written(plain[field.name], is_path)} = {default(field.default)}"
+
+
+def factory_keywords(left_out: Iterable[str], narrowed: Mapping[str, str]) -> Iterator[str]:
+    """Yield the keywords of ``Robot`` itself."""
+    for one in inspect.signature(factory.Robot).parameters.values():
+        if one.kind is one.KEYWORD_ONLY and one.name not in left_out:
+            yield f"{one.name}: {narrowed.get(one.name, one.annotation)} = {default(one.default)}"
+
+
+def transports(driver: type[Driver]) -> str:
+    offered = (*driver.TRANSPORTS, *(("serial",) if driver.PORT_KIND == "serial" else ()))
+    return f"{literal(offered)} | None"
+
+
+def overloads(function: str, known: list[Kind], returns: Mapping[str, str]) -> Iterator[str]:
+    """Yield the overloads of a factory. ``returns``: the handle by kind; ``real`` and ``sim`` of any
+    robot."""
+    ours = {"driver": literal(("auto", "strands"))}
+    simulated = {"driver": literal(("auto", "strands", "lerobot")), "backend": literal(BACKENDS)}
+    others = {transport for kind in known for transport in kind.driver.TRANSPORTS} - {"twin"}
+    anything = f"{literal(('twin', 'serial', *sorted(others)))} | None"
+
+    def one(name: str, mode: str, keywords: Iterable[str], handle: str) -> str:
+        return "@overload\n" + packed(
+            f"def {function}(", [f"name: {name}", mode, "*", *keywords], f") -> {handle}: ..."
+        )
+
+    real = f"mode: {literal(('real', 'auto'))}"
+    sim = 'mode: Literal["sim"] = "sim"'
+    for kind in known:
+        narrowed = {**ours, "transport": transports(kind.driver)}
+        keywords = [*factory_keywords(OF_SIMULATIONS, narrowed), *options_of(kind.driver)]
+        yield one(kind.alias, real, keywords, returns.get(f"real {kind.name}", returns["real"]))
+    lerobots = [*factory_keywords((*OF_SIMULATIONS, "driver"), {"transport": "None"}), "**fields: Any"]
+    yield one("LeRobotName", real, ['driver: Literal["auto", "lerobot"] = "auto"', *lerobots], returns["real"])
+    yield one("str", real, ['driver: Literal["lerobot"]', *lerobots], returns["real"])
+    yield one("str", real, factory_keywords(OF_SIMULATIONS, {**ours, "transport": anything}), returns["real"])
+    for kind in known:
+        if handle := returns.get(f"sim {kind.name}"):
+            yield one(kind.alias, sim, factory_keywords(OF_HARDWARE, simulated), handle)
+    yield one("str", sim, factory_keywords(OF_HARDWARE, simulated), returns["sim"])
+
+
+# -- handles
+
+
+def service(name: str, declared: Service, is_async: bool) -> str:
+    parameters = ["self"]
+    for argument, value in declared.arguments.items():
+        if not argument.isidentifier():
+            continue
+        hint = "Any" if value is None or not isinstance(value, bool | int | float | str) else type(value).__name__
+        parameters.append(f"{argument}: {hint} = {default(value)}")
+    if name in WITH_ACTION:
+        parameters += ["*", "action: Mapping[str, Any] | None = None"]
+    if is_async:
+        return packed(f"    async def {name}(", parameters, ") -> Answer: ...")
+    about = f"{declared.about[0].upper()}{declared.about[1:].removesuffix('.')}."
+    text = textwrap.fill(f'        """{about}"""', WIDTH, subsequent_indent=" " * 8)
+    return packed(f"    def {name}(", parameters, ") -> Answer:") + f"\n{text}"
+
+
+def handle(name: str, base: type, services: Mapping[str, Service], named: str = "") -> str:
+    """Return a class with the services as methods; empty: it would add nothing to its base. ``named``:
+    the base, where that is a class of the file."""
+    own = {key: each for key, each in services.items() if not hasattr(base, key)}
+    if not own:
+        return ""
+    is_async = base is AsyncRobot
+    bodies = "\n".join(service(key, each, is_async) for key, each in own.items())
+    return f"@type_check_only\nclass {name}({named or base.__name__}):\n{bodies}"
+
+
+def text() -> str:
+    known = kinds()
+    names = [f"{kind.alias}: TypeAlias = {literal(kind.robots)}" for kind in known]
+    names.append(f"LeRobotName: TypeAlias = {literal(only_lerobots(known))}")
+    classes: list[str] = []
+    now: dict[str, str] = {"real": "RealRobot", "sim": "SimRobot"}
+    later: dict[str, str] = {"real": "AsyncRobot", "sim": "AsyncSimulation"}
+    simulation: type[Driver] = load("strands_actors.drivers.sim.driver:SimDriver")
+    classes.append(handle(later["sim"], AsyncRobot, simulation.SERVICES))
+    for kind in known:
+        services = kind.driver.SERVICES
+        acts = {name: each for name, each in services.items() if each.acts}
+        for names_of, key, name, base, of_it in (
+            (now, "real", kind.name, RealRobot, services),
+            (later, "real", f"Async{kind.name}", AsyncRobot, services),
+            (now, "sim", f"Simulated{kind.name}", SimRobot, acts),
+            (later, "sim", f"AsyncSimulated{kind.name}", AsyncRobot, acts),
+        ):
+            if made := handle(name, base, of_it, names_of[key]):
+                classes.append(made)
+                names_of[f"{key} {kind.name}"] = name
+    context = {key: f"AbstractAsyncContextManager[{each}]" for key, each in later.items()}
+    parts = [
+        HEAD,
+        "# -- names of robots, by their driver\n",
+        "\n".join(wrapped(name) for name in names),
+        "\n# -- handles with the services of one driver\n",
+        "\n\n".join(classes),
+        "\n# -- the factories\n",
+        "\n".join(overloads("Robot", known, now)),
+        "",
+        "\n".join(overloads("open_robot", known, context)),
+    ]
+    return "\n".join(parts) + "\n"
+
+
+def wrapped(assignment: str) -> str:
+    if len(assignment) <= WIDTH:
+        return assignment
+    head, _, values = assignment.partition("Literal[")
+    lines = textwrap.wrap(values.removesuffix("]"), WIDTH - 4)
+    return "\n".join([f"{head}Literal[", *(f"    {line}" for line in lines), "]"])
+
+
+if __name__ == "__main__":
+    FILE.write_text(text())
