@@ -92,8 +92,7 @@ def pictures_in(path: Path) -> dict[int, bytes]:
         assert stream.time_base is not None
         for packet in container.demux(stream):
             with contextlib.suppress(av.error.FFmpegError):
-                for frame in packet.decode():
-                    assert isinstance(frame, av.VideoFrame)
+                for frame in stream.decode(packet):
                     found[round((frame.pts or 0) * stream.time_base * 30)] = frame.to_ndarray().tobytes()
     return found
 

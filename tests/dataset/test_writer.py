@@ -443,7 +443,7 @@ OLDER = '{"codebase_version": "v2.1", "fps": 30, "features": {}}'
         (lambda root: (root / "meta/info.json").write_bytes(b"{"), "damaged"),
         (lambda root: (root / "meta/info.json").write_text(OLDER), "version v2.1.*dataset convert"),
         (lambda root: (root / "data/chunk-000/file-000.parquet").unlink(), "is missing"),
-        (lambda root: (root / "meta/episodes/chunk-000/file-000.parquet").unlink(), "the index has 0"),
+        (lambda root: (root / "meta/episodes/chunk-000/file-000.parquet").unlink(), "0: the index has no row"),
         (lambda root: (root / "meta/tasks.parquet").write_bytes(b"PAR1"), "cannot be read"),
     ],
 )  # fmt: skip
