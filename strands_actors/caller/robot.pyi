@@ -378,9 +378,9 @@ def Robot(
     data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
     at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
     arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, on_exit: Literal["zero_torque", "damp"] = "zero_torque",
-    battery_floor_pct: float = 15.0, domain: int | None = None, simulator: bool = False,
-    network_interface: str = "", interface: str = "",
+    approve_within_s: float = 30.0, level: Literal["low", "sport"] = "low",
+    on_exit: Literal["zero_torque", "damp"] = "zero_torque", battery_floor_pct: float = 15.0,
+    domain: int | None = None, simulator: bool = False, network_interface: str = "", interface: str = "",
 ) -> RealRobot: ...
 @overload
 def Robot(
@@ -390,9 +390,9 @@ def Robot(
     data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
     at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
     arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, on_exit: Literal["zero_torque", "damp"] = "zero_torque",
-    battery_floor_pct: float = 15.0, domain: int | None = None, simulator: bool = False,
-    network_interface: str = "", interface: str = "",
+    approve_within_s: float = 30.0, level: Literal["low", "sport"] = "low",
+    on_exit: Literal["zero_torque", "damp"] = "zero_torque", battery_floor_pct: float = 15.0,
+    domain: int | None = None, simulator: bool = False, network_interface: str = "", interface: str = "",
 ) -> Go2: ...
 @overload
 def Robot(
@@ -634,9 +634,9 @@ def open_robot(
     data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
     at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
     arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, on_exit: Literal["zero_torque", "damp"] = "zero_torque",
-    battery_floor_pct: float = 15.0, domain: int | None = None, simulator: bool = False,
-    network_interface: str = "", interface: str = "",
+    approve_within_s: float = 30.0, level: Literal["low", "sport"] = "low",
+    on_exit: Literal["zero_torque", "damp"] = "zero_torque", battery_floor_pct: float = 15.0,
+    domain: int | None = None, simulator: bool = False, network_interface: str = "", interface: str = "",
 ) -> AbstractAsyncContextManager[AsyncRobot]: ...
 @overload
 def open_robot(
@@ -646,9 +646,9 @@ def open_robot(
     data_config: Any = None, mesh: MeshConfig | Literal[False] | None = None, require_drill: str | None = None,
     at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
     arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, on_exit: Literal["zero_torque", "damp"] = "zero_torque",
-    battery_floor_pct: float = 15.0, domain: int | None = None, simulator: bool = False,
-    network_interface: str = "", interface: str = "",
+    approve_within_s: float = 30.0, level: Literal["low", "sport"] = "low",
+    on_exit: Literal["zero_torque", "damp"] = "zero_torque", battery_floor_pct: float = 15.0,
+    domain: int | None = None, simulator: bool = False, network_interface: str = "", interface: str = "",
 ) -> AbstractAsyncContextManager[AsyncGo2]: ...
 @overload
 def open_robot(
