@@ -8,7 +8,7 @@ from typing import Any
 
 from strands_actors.contract.axis import finite
 from strands_actors.contract.driver import Service
-from strands_actors.contract.tool_verbs import SENSORS, STATUS, STOP, ToolVerb
+from strands_actors.contract.tool_verbs import MOVE_TO, SENSORS, STATUS, STOP, ToolVerb
 from strands_actors.kernel.messages import Refused
 
 from .config import LATE_S
@@ -88,6 +88,7 @@ TOOL_VERBS: tuple[ToolVerb, ...] = (
     ToolVerb("get_state", "state", "Measured positions and velocities."),
     STATUS,
     STOP,
+    MOVE_TO,
     ToolVerb("look", "action", "Turn and shift the head.", {**_HEAD, "duration": _DURATION}),
     ToolVerb(
         "look_at",

@@ -21,10 +21,11 @@ from strands_actors.kernel.node import ActorRef, AskTimeout, Unreachable
 from strands_actors.supervisors import addresses, stop_result
 from strands_actors.supervisors.gate.admission import about
 from strands_actors.supervisors.gate.failsafe import Mode
-from strands_actors.supervisors.gate.messages import GetSafety, Stop, StopReport
+from strands_actors.supervisors.gate.messages import GetSafety, Status, Stop, StopReport
 from strands_actors.supervisors.root.messages import GetTask, Operate, Rollout, StartTask, StopTask, TaskStatus
 from strands_actors.supervisors.stop_result import StopResult
 
+from .motions import Motion, Seen, Steps
 from .processes import Processes
 from .writer import Writer
 
@@ -134,6 +135,29 @@ class Rollouts:
         why = busy.explained(f"start_task: {failure}")
         return stop_result.timed_out(why, await self._hold(), "nothing of it will begin", "try again")
 
+    async def move(self, verb: str, plan: Callable[[Seen], Motion | Refused]) -> Motion | Refused:
+        """Begin the motion that ``plan`` makes of where the robot is, as a rollout of this process.
+        Returns at once: it has begun, or nothing moves."""
+        async with self._writer.turn:
+            self._processes.require()
+            status = await self._status_to_move(verb)
+            if isinstance(status, Refused):
+                return status
+            seen = status.observation
+            if seen is None:
+                return Refused("no_observation", f"{verb}: nothing was read yet", "wait for the first observation")
+            motion = plan(Seen(seen, status.target, self._processes.node.clock.now_ns()))
+            if isinstance(motion, Refused):
+                return motion
+            if motion.begins_apart:  # an earlier target is on its way: the robot goes on from where it is now
+                await self._hold()
+            refusal = await self._writer.acquire()
+            if refusal is not None:
+                return refusal
+            rollout = self._rollout(verb, math.inf, motion.n_steps, 1.0 / motion.period_s)
+            self._begin(rollout, lambda: Steps(motion))
+            return motion
+
     async def _may_start(self, verb: str) -> Refused | None:
         kind = self._processes.plan.robot
         if self._driver.ROLLOUTS:
@@ -141,6 +165,11 @@ class Rollouts:
         if self._driver.TASKS and verb == "start_task":
             return Refused("no_task", f"{verb}: {kind}: {self._driver.TASKS}", "call run_policy()")
         self._processes.require()
+        status = await self._status_to_move(verb)
+        return status if isinstance(status, Refused) else await self._writer.acquire()
+
+    async def _status_to_move(self, verb: str) -> Status | Refused:
+        """Return the gate's status of a robot that may be moved, and by nothing else yet."""
         status = await self._processes.ask_status(verb)
         if isinstance(status, Refused):
             return status
@@ -150,7 +179,7 @@ class Rollouts:
             )
         if status.no_motion is not None:
             return about(verb, status.no_motion)
-        return await self.refuse(verb, "a task is already running") or await self._writer.acquire()
+        return await self.refuse(verb, "a task is already running") or status
 
     def _rollout(self, instruction: str, duration_s: float, n_steps: int, hz: float | None) -> Rollout:
         driver, lease = self._driver, self._writer.lease
