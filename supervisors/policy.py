@@ -21,6 +21,7 @@ from typing import Any
 import msgspec
 import trio
 
+from strands_actors.contract.axis import Axis
 from strands_actors.contract.positions import Positions
 from strands_actors.contract.wire import Observation
 from strands_actors.kernel.actor import Actor
@@ -107,12 +108,13 @@ def as_infer(policy: Any) -> Infer:
     )
 
 
-def prepare(policy: Any, axes: Sequence[str], hz: float) -> None:
+def prepare(policy: Any, axes: Sequence[str], hz: float, table: Sequence[Axis] = ()) -> None:
     """Tell a policy of the drivers page's interface what it is to drive, as far as it wants to
     know."""
     if not hasattr(policy, "get_actions") and not hasattr(policy, "get_actions_sync"):
         return
-    for setter, value in (("set_robot_state_keys", list(axes)), ("set_control_frequency", hz)):
+    told = (("set_robot_state_keys", list(axes)), ("set_control_frequency", hz), ("set_robot_axes", table))
+    for setter, value in told:
         if callable(tell := getattr(policy, setter, None)):
             tell(value)
     if callable(reset := getattr(policy, "reset", None)):
@@ -316,7 +318,7 @@ class Policy(Actor):
         """Return the policy as a function, and what it is told before each inference."""
         policy = self._make()
         infer = as_infer(policy)
-        prepare(policy, self._rollout.axes, 1.0 / self._rollout.period_s)
+        prepare(policy, self._rollout.axes, 1.0 / self._rollout.period_s, self._rollout.table)
         return infer, getattr(policy, "actions_left", _untold)
 
     async def _observe(self) -> dict[str, float] | None:

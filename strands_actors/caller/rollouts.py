@@ -189,7 +189,7 @@ class Rollouts:
         ttl_s = max(lifetime_s, 2 * period_s)
         robot = self._processes.robot
         longest_s = math.inf if n_steps else duration_s  # a caller that counts steps is there to stop them
-        return Rollout(robot, driver.axes, instruction, period_s, ttl_s, longest_s, n_steps, over)
+        return Rollout(robot, driver.axes, instruction, period_s, ttl_s, longest_s, n_steps, over, driver.table)
 
     async def task(self) -> TaskStatus:
         """Return the present task's status, or the last one's."""
