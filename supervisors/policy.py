@@ -224,8 +224,10 @@ class Policy(Actor):
         deadline_ns = now_ns + round(rollout.ttl_s * NS)
         last = bool(rollout.n_steps) and self._steps + 1 >= rollout.n_steps
         observe = self._is_quick and not last and self._is_waiting and self._buffer.low
+        keeps = last and rollout.keeps
+        period_s = 0.0 if keeps else rollout.period_s
         setpoint = Setpoint(
-            self._lease.id, self._lease.epoch, deadline_ns, action, rollout.period_s, observe=observe
+            self._lease.id, self._lease.epoch, deadline_ns, action, period_s, latched=keeps, observe=observe
         )
         if last:
             if not await self._ask(setpoint):
@@ -373,10 +375,14 @@ class Policy(Actor):
             # The gate holds the robot where it is before it gives the lease back. If it does not
             # answer the setpoint expires and the lease lapses, by themselves; the status says so.
             try:
-                await self._gate.ask(Release(self._lease.id), self._ask_s)
+                await self._gate.ask(Release(self._lease.id, self._keeps(reason)), self._ask_s)
             except (AskTimeout, Unreachable) as failure:
                 self._ended = self._not_confirmed(failure)
         self._report(self._ended)
+
+    def _keeps(self, reason: str) -> bool:
+        """Return whether the last step stands: only when it was done."""
+        return self._rollout.keeps and reason == "n_steps"
 
     def _not_confirmed(self, failure: Exception) -> TaskStatus:
         """A rollout that was ended, but not known to be."""

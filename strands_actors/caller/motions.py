@@ -2,7 +2,7 @@
 held for so many.
 
 Pure: no clock, no I/O. A plan is refused before anything moves when the robot could not follow it.
-What it allows is asked of the robot's own gates, at the last, the first and the fastest step.
+What it allows is asked of the robot's own gates, at its end, and at the first, the fastest and the last step.
 
 A joint goes from where it is measured along a minimum-jerk path. The path is counted in control
 periods, not in seconds of a clock: a busy computer lengthens a motion, it never makes a step larger.
@@ -48,6 +48,8 @@ class Motion(NamedTuple):
     period_s: float
     n_steps: int
     action: Callable[[int], dict[str, float]]
+    keeps: bool = False
+    """Whether its last step stands afterwards, as a single command does."""
     begins_apart: bool = False
     """Whether an earlier target is still far from where the robot is. It has to be held first."""
 
@@ -92,7 +94,7 @@ def refuse_targets(driver: Driver, targets: object) -> Refused | None:
         why = f"move_to: {driver.robot} has no joints that go to a target"
         return Refused("no_positions", why, "use send_action(), or move(..., duration_s=)")
     late = driver.fallbacks[Reason.POLICY]
-    if not driver.energised(late):
+    if driver.timing.oneshot_ttl_s is not None and not driver.energised(late):
         why = f"move_to: {driver.robot} keeps no pose by itself: when its commands end it goes to {late}"
         return Refused("keeps_no_pose", why, "use run_policy() with a policy that keeps its pose afterwards, too")
     refusal = refuse_shape(targets)
@@ -130,6 +132,9 @@ def plan_move(
         if not math.isfinite(measured[at]):
             why = f"move_to: where {key} is, is not known"
             return Refused("unknown_pose", why, "use send_action(), which says how the robot goes there", key)
+    refusal = _refuse_end(driver, parsed, replace(state, target=parsed.values))
+    if refusal is not None:
+        return about("move_to", refusal)
     starts = {at: measured[at] for at in ends}
     steps = max(1, math.ceil(seconds / period_s - 1e-9))
     slowest, least = _least_steps(driver, starts, ends, period_s)
@@ -151,7 +156,7 @@ def plan_move(
     def action(step: int) -> dict[str, float]:
         return {names[at]: _between(starts[at], ends[at], step / steps) for at in names}
 
-    return Motion("move_to", period_s, steps, action, apart)
+    return Motion("move_to", period_s, steps, action, keeps=True, begins_apart=apart)
 
 
 def plan_hold(
@@ -196,11 +201,18 @@ def _least_steps(
     return slowest, max(1, math.ceil(needed[slowest] / period_s - 1e-9))
 
 
+def _refuse_end(driver: Driver, end: Candidate, state: GateState) -> Refused | None:
+    """Ask the robot's gates about the end of a path, as seen from where the robot is: a range lets a
+    joint that is past its end stay there, and one that is not does not go there."""
+    found = (gate(end, state) for gate in driver.gates)
+    return next((refusal for refusal in found if refusal is not None and refusal.code not in TOO_FAST), None)
+
+
 def _refuse_steps(
     driver: Driver, starts: Mapping[int, float], ends: Mapping[int, float], state: GateState, steps: int
 ) -> Refused | None:
-    """Ask the robot's gates about the last, the first and the fastest step of a path."""
-    for step in dict.fromkeys((steps, 1, steps // 2 + 1)):
+    """Ask the robot's gates about the first, the fastest and the last step of a path."""
+    for step in dict.fromkeys((1, steps // 2 + 1, steps)):
         before, then = (
             {driver.axes[at]: _between(starts[at], end, at_step / steps) for at, end in ends.items()}
             for at_step in (step - 1, step)

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import trio
+from msgspec.structs import replace
 
 from strands_actors.contract.driver import Driver, Reason
 from strands_actors.contract.loading import load
@@ -21,7 +22,7 @@ from strands_actors.kernel.node import ActorRef, AskTimeout, Unreachable
 from strands_actors.supervisors import addresses, stop_result
 from strands_actors.supervisors.gate.admission import about
 from strands_actors.supervisors.gate.failsafe import Mode
-from strands_actors.supervisors.gate.messages import GetSafety, Status, Stop, StopReport
+from strands_actors.supervisors.gate.messages import GetSafety, Stop, StopReport
 from strands_actors.supervisors.root.messages import GetTask, Operate, Rollout, StartTask, StopTask, TaskStatus
 from strands_actors.supervisors.stop_result import StopResult
 
@@ -140,9 +141,14 @@ class Rollouts:
         Returns at once: it has begun, or nothing moves."""
         async with self._writer.turn:
             self._processes.require()
-            status = await self._status_to_move(verb)
+            status = await self._processes.ask_status(verb)
             if isinstance(status, Refused):
                 return status
+            if status.no_motion is not None:
+                return about(verb, status.no_motion)
+            refusal = await self.refuse(verb, "a task is already running")
+            if refusal is not None:
+                return refusal
             seen = status.observation
             if seen is None:
                 return Refused("no_observation", f"{verb}: nothing was read yet", "wait for the first observation")
@@ -155,7 +161,8 @@ class Rollouts:
             if refusal is not None:
                 return refusal
             rollout = self._rollout(verb, math.inf, motion.n_steps, 1.0 / motion.period_s)
-            self._begin(rollout, lambda: Steps(motion))
+            keeps = motion.keeps and self._driver.timing.oneshot_ttl_s is None
+            self._begin(replace(rollout, keeps=keeps), lambda: Steps(motion))
             return motion
 
     async def _may_start(self, verb: str) -> Refused | None:
@@ -165,11 +172,6 @@ class Rollouts:
         if self._driver.TASKS and verb == "start_task":
             return Refused("no_task", f"{verb}: {kind}: {self._driver.TASKS}", "call run_policy()")
         self._processes.require()
-        status = await self._status_to_move(verb)
-        return status if isinstance(status, Refused) else await self._writer.acquire()
-
-    async def _status_to_move(self, verb: str) -> Status | Refused:
-        """Return the gate's status of a robot that may be moved, and by nothing else yet."""
         status = await self._processes.ask_status(verb)
         if isinstance(status, Refused):
             return status
@@ -179,7 +181,7 @@ class Rollouts:
             )
         if status.no_motion is not None:
             return about(verb, status.no_motion)
-        return await self.refuse(verb, "a task is already running") or status
+        return await self.refuse(verb, "a task is already running") or await self._writer.acquire()
 
     def _rollout(self, instruction: str, duration_s: float, n_steps: int, hz: float | None) -> Rollout:
         driver, lease = self._driver, self._writer.lease

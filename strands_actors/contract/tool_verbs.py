@@ -79,6 +79,15 @@ def held_move(says: str, speeds: Mapping[str, str], rest: Mapping[str, float]) -
     return ToolVerb("move", "action", says, inputs, action=rest, lasts=DURATION)
 
 
+MOVE_AT_ONCE = ToolVerb(
+    "move_to",
+    "action",
+    "Move the named joints to their targets and hold there.",
+    {"targets": {"type": "object", "description": "joint to target, in the robot's units"}},
+    ("targets",),
+)
+"""For a driver that knows no more of its robot than that it takes targets."""
+
 SET_TORQUE = ToolVerb(
     "set_torque",
     "torque",

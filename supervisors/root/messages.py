@@ -98,6 +98,8 @@ class Rollout(Message, frozen=True):
     over: int = 0
     table: tuple[Axis, ...] = ()
     """What each axis can do, for a policy that asks for it."""
+    keeps: bool = False
+    """Whether its last step is a command on its own, which stands afterwards as one of the caller's."""
 
 
 class StartTask(Message, frozen=True):
