@@ -209,16 +209,17 @@ class Sine:
 
     def get_actions_sync(self, observation: Mapping[str, float], instruction: str) -> list[dict[str, float]]:
         """Return the next actions, one a control period."""
+        return [self.step(observation) for _ in range(self._chunk)]
+
+    def step(self, observation: Mapping[str, float]) -> dict[str, float]:
+        """Return the next action."""
         if not self._swings:
             self._swings = {axis: self._fit(axis, observation) for axis in self._axes if axis in observation}
-        actions = []
-        for _ in range(self._chunk):
-            t_s = self._steps * self._dt_s
-            self._steps += 1
-            wave = [math.sin(math.tau * (self._hz * t_s + j * self._spread)) for j in range(len(self._swings))]
-            rows = zip(self._swings.items(), wave, strict=True)
-            actions.append({axis: swing.at(t_s, one, self._ease_s) for (axis, swing), one in rows})
-        return actions
+        t_s = self._steps * self._dt_s
+        self._steps += 1
+        wave = [math.sin(math.tau * (self._hz * t_s + j * self._spread)) for j in range(len(self._swings))]
+        rows = zip(self._swings.items(), wave, strict=True)
+        return {axis: swing.at(t_s, one, self._ease_s) for (axis, swing), one in rows}
 
     def _fit(self, axis: str, observation: Mapping[str, float]) -> waves.Swing:
         here, given = observation[axis], self._center.get(axis)
