@@ -21,6 +21,7 @@ from typing import Any
 import msgspec
 import trio
 
+from strands_actors.contract.axis import Axis
 from strands_actors.contract.positions import Positions
 from strands_actors.contract.wire import Observation
 from strands_actors.kernel.actor import Actor
@@ -107,12 +108,13 @@ def as_infer(policy: Any) -> Infer:
     )
 
 
-def prepare(policy: Any, axes: Sequence[str], hz: float) -> None:
+def prepare(policy: Any, axes: Sequence[str], hz: float, table: Sequence[Axis] = ()) -> None:
     """Tell a policy of the drivers page's interface what it is to drive, as far as it wants to
     know."""
     if not hasattr(policy, "get_actions") and not hasattr(policy, "get_actions_sync"):
         return
-    for setter, value in (("set_robot_state_keys", list(axes)), ("set_control_frequency", hz)):
+    told = (("set_robot_state_keys", list(axes)), ("set_control_frequency", hz), ("set_robot_axes", table))
+    for setter, value in told:
         if callable(tell := getattr(policy, setter, None)):
             tell(value)
     if callable(reset := getattr(policy, "reset", None)):
@@ -222,8 +224,10 @@ class Policy(Actor):
         deadline_ns = now_ns + round(rollout.ttl_s * NS)
         last = bool(rollout.n_steps) and self._steps + 1 >= rollout.n_steps
         observe = self._is_quick and not last and self._is_waiting and self._buffer.low
+        keeps = last and rollout.keeps
+        period_s = 0.0 if keeps else rollout.period_s
         setpoint = Setpoint(
-            self._lease.id, self._lease.epoch, deadline_ns, action, rollout.period_s, observe=observe
+            self._lease.id, self._lease.epoch, deadline_ns, action, period_s, latched=keeps, observe=observe
         )
         if last:
             if not await self._ask(setpoint):
@@ -316,7 +320,7 @@ class Policy(Actor):
         """Return the policy as a function, and what it is told before each inference."""
         policy = self._make()
         infer = as_infer(policy)
-        prepare(policy, self._rollout.axes, 1.0 / self._rollout.period_s)
+        prepare(policy, self._rollout.axes, 1.0 / self._rollout.period_s, self._rollout.table)
         return infer, getattr(policy, "actions_left", _untold)
 
     async def _observe(self) -> dict[str, float] | None:
@@ -371,10 +375,14 @@ class Policy(Actor):
             # The gate holds the robot where it is before it gives the lease back. If it does not
             # answer the setpoint expires and the lease lapses, by themselves; the status says so.
             try:
-                await self._gate.ask(Release(self._lease.id), self._ask_s)
+                await self._gate.ask(Release(self._lease.id, self._keeps(reason)), self._ask_s)
             except (AskTimeout, Unreachable) as failure:
                 self._ended = self._not_confirmed(failure)
         self._report(self._ended)
+
+    def _keeps(self, reason: str) -> bool:
+        """Return whether the last step stands: only when it was done."""
+        return self._rollout.keeps and reason == "n_steps"
 
     def _not_confirmed(self, failure: Exception) -> TaskStatus:
         """A rollout that was ended, but not known to be."""

@@ -22,8 +22,8 @@ from strands_actors.contract.fallbacks import fallbacks_for
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor, imu, pose
+from strands_actors.contract.tool_verbs import DURATION, STATUS, STOP, ToolVerb, held_move
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
-from strands_actors.contract.tool_verbs import STATUS, STOP, ToolVerb
 from strands_actors.drivers.common.addresses import check_device
 from strands_actors.kernel.messages import Refused
 
@@ -64,8 +64,14 @@ class Crazyflie(Driver):
         READ_SENSORS,
         STATUS,
         ToolVerb("land", "stop", "Land at once, motors off on the floor; nothing flies again by itself."),
+        held_move(
+            f"Fly for {DURATION} after a takeoff, then hover.",
+            {"vx": "m/s forward", "vy": "m/s to the left", "vz": "m/s up", "wz": "rad/s to the left"},
+            dict.fromkeys(AXES[:Z], 0.0),
+        ),
         STOP,
     )
+    GUARDED: ClassVar[tuple[str, ...]] = ("move",)
     SERVICES: ClassVar[Mapping[str, Service]] = {
         "takeoff": Service(
             "arm the motors, rise to a height, hover there; in the air: go to that height",

@@ -17,8 +17,8 @@ from strands_actors.contract.driver import Candidate, Driver, GateState, Reason,
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor, imu
+from strands_actors.contract.tool_verbs import DURATION, STATUS, STOP, ToolVerb, held_move
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
-from strands_actors.contract.tool_verbs import STATUS, STOP, ToolVerb
 from strands_actors.drivers.common.velocity_base import LIFETIME_S, parse_twist
 from strands_actors.kernel.messages import Refused
 
@@ -55,15 +55,13 @@ class EarthRover(Driver):
         Sensor("pose", {"gps": "latitude_longitude_deg", "heading": "heading_deg"}),
     )
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (
-        ToolVerb(
-            "move",
-            "action",
-            "Drive for 0.3 s, then stand. Call again to go on.",
+        held_move(
+            f"Drive for {DURATION}, or for 0.3 s, then stand.",
             {
-                "linear": {**_SPEED, "description": "fraction of full speed, forward positive"},
-                "angular": {**_SPEED, "description": "fraction of full turning speed, left positive"},
+                "linear": "fraction of full speed, forward positive, -1 to 1",
+                "angular": "fraction of full turning speed, left positive, -1 to 1",
             },
-            action={"linear": 0.0, "angular": 0.0},
+            {"linear": 0.0, "angular": 0.0},
         ),
         ToolVerb(
             "lamp",

@@ -9,7 +9,7 @@ from typing import Any
 
 from strands_actors.contract.axis import finite
 from strands_actors.contract.driver import Service
-from strands_actors.contract.tool_verbs import SENSORS, STATUS, STOP, ToolVerb
+from strands_actors.contract.tool_verbs import MOVE_TO, SENSORS, STATUS, STOP, ToolVerb
 from strands_actors.kernel.messages import Refused
 
 from .config import LATE_S
@@ -124,6 +124,7 @@ def tool_verbs() -> tuple[ToolVerb, ...]:
             },
             action={"vx": 0.0, "vy": 0.0, "vyaw": 0.0},
         ),
+        MOVE_TO,
         ToolVerb("head", "action", "Turn the joints of the head.", head),
         ToolVerb(
             "pose",

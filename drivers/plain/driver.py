@@ -25,7 +25,7 @@ from strands_actors.contract.axis import Axis, Part, PartKind
 from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Timing
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor
-from strands_actors.contract.tool_verbs import MOVE_TO, STATUS, STOP, ToolVerb
+from strands_actors.contract.tool_verbs import MOVE_AT_ONCE, STATUS, STOP, ToolVerb
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
 from strands_actors.contract.wire import WireDown
 from strands_actors.kernel.messages import Refused
@@ -55,7 +55,7 @@ class PlainDriver(Driver):
     SECRETS: ClassVar[frozenset[str]] = frozenset({"secrets"})
     SIMULATION: ClassVar[str] = "a driver class of your own has none"
     DEADLINES: ClassVar[Deadlines] = Deadlines()
-    TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (MOVE_TO, READ_SENSORS, STATUS, STOP)
+    TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (MOVE_AT_ONCE, READ_SENSORS, STATUS, STOP)
 
     fallbacks: Mapping[Reason, SafeState] = {
         reason: SafeState.OFF if reason in LEAVING else SafeState.STOP for reason in Reason

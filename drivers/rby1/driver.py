@@ -60,8 +60,10 @@ class RBY1(Driver):
         tool_verbs.SENSORS,
         tool_verbs.STATE,
         tool_verbs.STATUS,
+        tool_verbs.MOVE_TO,
         tool_verbs.STOP,
     )
+    GUARDED: ClassVar[tuple[str, ...]] = (tool_verbs.MOVE_TO.name,)
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(Options)
 
     config: RBY1Config

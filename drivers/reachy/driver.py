@@ -19,11 +19,12 @@ from strands_actors.contract.options import DriverOptions, meanings, option, pla
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor, imu, pose
 from strands_actors.contract.tool_verbs import ToolVerb
+from strands_actors.contract.wire import Observation
 from strands_actors.kernel.messages import Refused
 
 from . import verbs
 from .config import ReachyConfig, parse_speech_url
-from .gates import CONDITIONS, LOOK, all_gates, parse
+from .gates import CONDITIONS, DURATION, LOOK, all_gates, parse
 from .protocol import API_PORT, BODY, MEDIA_PORT
 from .robots import TABLES, axes_of
 
@@ -141,6 +142,9 @@ class Reachy(Driver):
     def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
         refusal = super().check_service(service, arguments)
         return refusal or verbs.check_arguments(service, arguments, self.config.tts_url)
+
+    def timed(self, targets: Mapping[str, Any], seconds: float, observation: Observation) -> dict[str, Any]:
+        return {**targets, DURATION: seconds}
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
         """A target has a duration behind its axes."""

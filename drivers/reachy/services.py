@@ -19,6 +19,7 @@ from strands_actors.kernel.messages import Refused
 from . import protocol as p
 from .config import ReachyConfig, parse_speech_url
 from .gates import EASE, SHORTEST_S, ignored
+from .verbs import ALSO
 
 ASK_S = 4.0
 """How long the daemon may take to answer a question."""
@@ -139,7 +140,7 @@ class Services:
     async def _perform(
         self, client: HttpPort, service: str, given: Mapping[str, Any], permit: Permit, seen: Observation
     ) -> dict[str, Any] | Refused:
-        match service:
+        match ALSO.get(service, service):
             case "wake":
                 return await self._move(client, service, p.WAKE_UP, b"", permit)
             case "sleep":

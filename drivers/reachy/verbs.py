@@ -6,9 +6,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from msgspec.structs import replace
+
 from strands_actors.contract.axis import finite
 from strands_actors.contract.driver import Service
-from strands_actors.contract.tool_verbs import SENSORS, STATUS, STOP, ToolVerb
+from strands_actors.contract.tool_verbs import MOVE_TO, SENSORS, STATUS, STOP, ToolVerb
 from strands_actors.kernel.messages import Refused
 
 from .config import LATE_S
@@ -38,7 +40,10 @@ _HEAD = {
 }
 _REST = dict.fromkeys((*_HEAD, "body_yaw", "antenna_left", "antenna_right"), 0.0)
 
-SERVICES: Mapping[str, Service] = {
+ALSO: Mapping[str, str] = {"wake_up": "wake", "goto_sleep": "sleep", "play_move": "express"}
+"""Other names of services, as Reachy's own library and scripts of strands-robots have them."""
+
+_SERVICES: Mapping[str, Service] = {
     "wake": Service("wake up: the head rises and nods", 20.0, in_motion=True, moves=True, late_s=LATE_S),
     "sleep": Service(
         "go to sleep: the head sinks; torque stays on", 20.0, in_motion=True, moves=True, late_s=LATE_S
@@ -83,11 +88,14 @@ SERVICES: Mapping[str, Service] = {
     "turn_to_sound_status": Service("tell where sound comes from", 5.0, in_motion=True),
 }
 
-TOOL_VERBS: tuple[ToolVerb, ...] = (
+SERVICES: Mapping[str, Service] = {**_SERVICES, **{also: _SERVICES[name] for also, name in ALSO.items()}}
+
+_VERBS: tuple[ToolVerb, ...] = (
     SENSORS,
     ToolVerb("get_state", "state", "Measured positions and velocities."),
     STATUS,
     STOP,
+    MOVE_TO,
     ToolVerb("look", "action", "Turn and shift the head.", {**_HEAD, "duration": _DURATION}),
     ToolVerb(
         "look_at",
@@ -108,6 +116,12 @@ TOOL_VERBS: tuple[ToolVerb, ...] = (
         "Turn the body, at most 65 degrees away from the head.",
         {"body_yaw": _ANGLE, "duration": _DURATION},
         ("body_yaw",),
+    ),
+    ToolVerb(
+        "goto",
+        "action",
+        "Move head, body and antennas together.",
+        {**_HEAD, "body_yaw": _ANGLE, "antenna_left": _ANGLE, "antenna_right": _ANGLE, "duration": _DURATION},
     ),
     ToolVerb("home", "action", "Head, body and antennas straight.", {"duration": _DURATION}, action=_REST),
     ToolVerb("wake", "service", "Wake up; the motors must have torque."),
@@ -151,10 +165,16 @@ TOOL_VERBS: tuple[ToolVerb, ...] = (
 )
 
 
+TOOL_VERBS: tuple[ToolVerb, ...] = (
+    *_VERBS,
+    *(replace(verb, name=also) for also, name in ALSO.items() for verb in _VERBS if verb.name == name),
+)
+
+
 def check_arguments(service: str, arguments: Mapping[str, Any], tts_url: str) -> Refused | None:
     """Refuse arguments of a declared service that it would not take."""
     given = {**SERVICES[service].arguments, **arguments}
-    match service:
+    match ALSO.get(service, service):
         case "express":
             return _name(service, "move", given["move"]) or _dataset(service, given["dataset"])
         case "list_moves":

@@ -24,7 +24,7 @@ from strands_actors.contract.axis import Axis, Part, PartKind
 from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Timing
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.contract.tool_verbs import SENSORS, STATUS, STOP, ToolVerb
+from strands_actors.contract.tool_verbs import MOVE_TO, SENSORS, STATUS, STOP, ToolVerb
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.addresses import check_device
 from strands_actors.kernel.messages import Refused
@@ -75,6 +75,7 @@ class Robotiq(Driver):
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (
         ToolVerb("open", "action", "Open the fingers all the way.", _HOW, action={AXIS: 0.0}),
         ToolVerb("close", "action", "Close the fingers, onto what is between them.", _HOW, action={AXIS: 1.0}),
+        MOVE_TO,
         SENSORS,
         STATUS,
         STOP,
@@ -139,6 +140,26 @@ class Robotiq(Driver):
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
         return {AXIS: values[POSITION]}
+
+    def timed(
+        self, targets: Mapping[str, Any], seconds: float, observation: Observation
+    ) -> dict[str, Any] | Refused | None:
+        """Return the command at the speed that takes so long. A slow motion ends early: the fingers have
+        a least speed, too."""
+        if "speed" in targets:
+            remedy = "leave speed out: it follows from seconds"
+            return Refused("both", "move_to: speed and seconds are both given", remedy, "speed", "seconds")
+        parsed = self.keys.parse(targets)
+        if isinstance(parsed, Refused):
+            return parsed
+        slowest, fastest = TABLES.table(self.robot)["speed_mm_s"]
+        way_mm = abs(parsed.values[POSITION] - observation.position[0]) * self.config.stroke_mm
+        if not way_mm / seconds <= fastest:
+            least = f"{math.ceil(100 * way_mm / fastest) / 100:g}"
+            why = f"move_to: the fingers have {way_mm:.1f} mm to go, too far for {seconds:g} s"
+            return Refused("too_fast", why, f"give seconds={least} or more", f"{seconds:g}", least)
+        share = (way_mm / seconds - slowest) / (fastest - slowest)
+        return {**targets, "speed": min(1.0, max(0.0, share))}
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
         """``gripper`` is the closed fraction; ``position``, ``speed`` and ``force`` are what goes

@@ -19,8 +19,8 @@ from strands_actors.contract.fallbacks import fallbacks_for
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor
+from strands_actors.contract.tool_verbs import DURATION, MOVE_TO, STATE, STATUS, STOP, ToolVerb, held_move
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
-from strands_actors.contract.tool_verbs import STATE, STATUS, STOP, ToolVerb
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.velocity_base import parse_twist
 from strands_actors.kernel.messages import Refused
@@ -77,8 +77,15 @@ class Spot(Driver):
         STATE,
         STATUS,
         ToolVerb("stand", "service", "Power the motors on and stand up. Keep clear of the robot."),
+        MOVE_TO,
+        held_move(
+            f"Walk for {DURATION}, then stand.",
+            {"vx": "m/s forward", "vy": "m/s to the left", "wz": "rad/s to the left"},
+            dict.fromkeys(BASE, 0.0),
+        ),
         STOP,
     )
+    GUARDED: ClassVar[tuple[str, ...]] = (MOVE_TO.name, "move")
     SERVICES: ClassVar[Mapping[str, Service]] = {
         "stand": Service(
             "power the motors on and stand up",

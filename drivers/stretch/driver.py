@@ -20,8 +20,8 @@ from strands_actors.contract.driver import Candidate, Driver, GateState, Reason,
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor
+from strands_actors.contract.tool_verbs import DURATION, MOVE_TO, STATE, STATUS, STOP, ToolVerb, held_move
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
-from strands_actors.contract.tool_verbs import STATE, STATUS, STOP, ToolVerb
 from strands_actors.drivers.common.velocity_base import LIFETIME_S
 from strands_actors.kernel.messages import Refused
 
@@ -72,7 +72,19 @@ class Stretch(Driver):
         ),
         Sensor("battery", {"voltage": "battery_v", "current": "battery_a", "charging": "charging"}),
     )
-    TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (READ_SENSORS, STATUS, STATE, STOP)
+    TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (
+        READ_SENSORS,
+        STATUS,
+        STATE,
+        MOVE_TO,
+        held_move(
+            f"Drive for {DURATION}, then stand.",
+            {"vx": "m/s forward", "wz": "rad/s to the left"},
+            dict.fromkeys(BASE, 0.0),
+        ),
+        STOP,
+    )
+    GUARDED: ClassVar[tuple[str, ...]] = (MOVE_TO.name, "move")
     SERVICES: ClassVar[Mapping[str, Service]] = {
         "set_twist": Service(
             f"drive at vx (m/s, forward) and wz (rad/s, to the left) for {LIFETIME_S * 1e3:g} ms",

@@ -17,8 +17,8 @@ from strands_actors.contract.fallbacks import fallbacks_for
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor, pose
+from strands_actors.contract.tool_verbs import MOVE_TO, STATE, STATUS, STOP, ToolVerb
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
-from strands_actors.contract.tool_verbs import STATE, STATUS, STOP, ToolVerb
 
 from .arms import TABLES, arm_of, axes_of
 from .config import LATE_S, XArmConfig
@@ -41,7 +41,8 @@ class XArm(Driver):
     TWIN: ClassVar[str] = "strands_actors.drivers.xarm.twin:main"
     SENSORS: ClassVar[tuple[Sensor, ...]] = (pose("tcp_xyz_m", rpy="tcp_rpy_rad", frame="base"),)
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(XArmOptions)
-    TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (READ_SENSORS, STATE, STATUS, STOP)
+    TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (READ_SENSORS, STATE, STATUS, MOVE_TO, STOP)
+    GUARDED: ClassVar[tuple[str, ...]] = (MOVE_TO.name,)
 
     config: XArmConfig
     unit = "radians"

@@ -19,8 +19,9 @@ from strands_actors.contract.loading import load
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor, imu
+from strands_actors.contract.tool_verbs import DURATION, MOVE_TO, STATUS, STOP, ToolVerb, held_move
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
-from strands_actors.contract.tool_verbs import STATUS, STOP, ToolVerb
+from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.velocity_base import LIFETIME_S
 from strands_actors.kernel.messages import Refused
 
@@ -144,6 +145,9 @@ class YahboomM3Pro(Driver):
         their arm."""
         return {key: value for key, value in super().as_json(values[: len(self.axes)]).items() if value == value}
 
+    def timed(self, targets: Mapping[str, Any], seconds: float, observation: Observation) -> dict[str, Any]:
+        return {**targets, TIME: max(1, round(1e3 * seconds))}
+
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
         told: dict[str, Any] = {}
         if values[ARM_MS]:
@@ -174,12 +178,11 @@ def _verbs(home: Mapping[str, float]) -> tuple[ToolVerb, ...]:
             ("gripper",),
         ),
         ToolVerb("home", "action", "Move the arm to its home pose, the gripper open.", _TIME, action=home),
-        ToolVerb(
-            "move",
-            "action",
-            "Drive for 0.3 s, then stand. Call again to go on; zero stops at once.",
-            {key: {"type": "number", "description": says} for key, says in speeds.items()},
-            action=dict.fromkeys(BASE, 0.0),
+        held_move(
+            f"Drive for {DURATION}, or for 0.3 s, then stand. A zero stops at once.",
+            speeds,
+            dict.fromkeys(BASE, 0.0),
         ),
+        MOVE_TO,
         STOP,
     )

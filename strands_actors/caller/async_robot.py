@@ -15,16 +15,17 @@ from strands_actors.kernel.messages import Refused
 from strands_actors.policies.registry import DEFAULT_PROVIDER
 from strands_actors.surfaces.agents.approval import APPROVE_S, Approval, Approve, approval_of
 from strands_actors.surfaces.agents.calls import read, tool_spec
-from strands_actors.surfaces.agents.use import use
+from strands_actors.surfaces.agents.use import command, use
 
 from . import envelopes as answers
-from . import verbs
+from . import moving, verbs
 from .envelopes import Answer
 from .plan import Plan, completed, plan
 from .portal import open_caller
 from .tree import RobotTree
 from .twin_process import TwinProcess
 from .verbs import answered
+from .vocabulary import call_of, find_command
 
 if TYPE_CHECKING:
     from strands_actors.surfaces.cameras.frames import Frame
@@ -90,6 +91,12 @@ class AsyncRobot:
             return refused
         return await answered("move", verbs.send_action, self._tree, action)
 
+    async def move_to(
+        self, targets: Mapping[str, Any], seconds: float = moving.DEFAULT_S, wait: bool = True
+    ) -> Answer:
+        """As ``Robot.move_to``. To cancel it ends the motion."""
+        return await answered("move_to", moving.move_to, self._tree, targets, seconds, wait)
+
     @overload
     async def get_observation(self, images: Literal[False] = False) -> dict[str, float]: ...
     @overload
@@ -122,11 +129,21 @@ class AsyncRobot:
             return answers.refused(named)
         return await answered(name, verbs.service, self._tree, name, named, action)
 
+    async def command(self, name: str, *values: Any, wait: bool = True, **inputs: Any) -> Answer:
+        """As ``Robot.command``: ``await robot.home()``, ``await robot.move(0.2, duration_s=3.0)``."""
+        call = call_of(self.driver, name, values, inputs)
+        if isinstance(call, Refused):
+            return answers.refused(call)
+        return await answered(name, command, self._tree, call, wait)
+
     if not TYPE_CHECKING:  # robot.pyi names the services of each robot, so that a slip is seen
 
         def __getattr__(self, name: str) -> Callable[..., Awaitable[Answer]]:
-            """Return the driver's own services as methods."""
-            verbs.require_service(self, self.__dict__.get("_plan"), name)
+            """Return the driver's own services and commands as methods."""
+            plan = self.__dict__.get("_plan")
+            if find_command(self.__dict__.get("driver"), name) and not verbs.is_service(plan, name):
+                return functools.partial(self.command, name)
+            verbs.require_service(self, plan, name)
             return functools.partial(self.service, name)
 
     async def state(self) -> Answer:

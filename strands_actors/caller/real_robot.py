@@ -25,11 +25,11 @@ from strands_actors.supervisors.root.messages import TaskStatus, TreeReport
 from strands_actors.surfaces.agents.approval import APPROVE_S, Approval, approval_of
 from strands_actors.surfaces.agents.calls import read
 from strands_actors.surfaces.agents.tool import RobotTool
-from strands_actors.surfaces.agents.use import use
+from strands_actors.surfaces.agents.use import command, use
 from strands_actors.surfaces.cameras.handle import Cameras
 
 from . import envelopes as answers
-from . import forked, verbs
+from . import forked, moving, verbs
 from .bus import Bus
 from .envelopes import Answer, PendingAnswer
 from .liveness import Liveness
@@ -39,6 +39,7 @@ from .processes import CLEANED_UP
 from .tree import RobotTree
 from .twin_process import TwinProcess
 from .verbs import Verb, VerbHere, answered, answered_here
+from .vocabulary import call_of, command_names, find_command
 
 if TYPE_CHECKING:
     from strands_actors.surfaces.cameras.frames import Frame
@@ -59,7 +60,7 @@ class RealRobot(RobotTool):
     for their answer: milliseconds.
     """
 
-    LAZY: ClassVar[frozenset[str]] = frozenset({"move"})
+    LAZY: ClassVar[frozenset[str]] = frozenset({"move", "move_to"})
     """Verbs of this program that connect by themselves when nobody has, as the driver's services do;
     never to a robot of another host, where connecting resumes one that holds."""
     OTHERS_CONNECT: ClassVar[bool] = False
@@ -162,6 +163,8 @@ class RealRobot(RobotTool):
 
     def _connects(self, name: str) -> bool:
         """Return whether a verb connects by itself: a command, and a service that is no stop."""
+        if find_command(self._driver, name) is not None:
+            return "move" in self.LAZY
         service = self._plan.driver_class.services(self._plan.options).get(name)
         return name in self.LAZY or (service is not None and service.stops is None)
 
@@ -264,6 +267,25 @@ class RealRobot(RobotTool):
             return refused
         return self._verb_here(verbs.send_action_here, verbs.send_action, "move", action)
 
+    def move_to(self, targets: Mapping[str, Any], seconds: float = moving.DEFAULT_S, wait: bool = True) -> Answer:
+        """Move the named joints to their targets in so many seconds, smoothly, from where they are.
+
+        Args:
+            targets: A number for each joint, in the driver's units. Others stay where they are.
+            seconds: How long it takes. Refused, with the least, when that is too fast for a joint.
+            wait: Return when the motion is over, with ``position`` as measured then. False: return at
+                once. ``get_task_status()`` tells how it goes, ``stop_task()`` ends it.
+        """
+        return self._in_time("move_to", moving.move_to, targets, seconds, wait)
+
+    def _in_time(self, name: str, verb: Verb, *args: Any) -> Answer:
+        """Run a verb that may wait for a motion. Ctrl-C ends the motion."""
+        try:
+            return self._verb(verb, name, *args)
+        except KeyboardInterrupt:
+            self._verb(moving.end_motion, "stop_task")
+            raise
+
     def release(self) -> Answer:
         """Give the lease up, so that others, on the mesh too, may move the robot. What was latched
         is held."""
@@ -316,17 +338,31 @@ class RealRobot(RobotTool):
             return answers.refused(named)
         return self._verb_here(verbs.service_here, verbs.service, name, name, named, action)
 
+    def command(self, name: str, *values: Any, wait: bool = True, **inputs: Any) -> Answer:
+        """Do one of the driver's own commands, as an agent may. Each is a method, too: ``robot.home()``,
+        ``robot.move(0.2, duration_s=3.0)``. ``wait``: of one that lasts, return when it is over."""
+        call = call_of(self._driver, name, values, inputs)
+        if isinstance(call, Refused):
+            return answers.refused(call)
+        if call.held_s is None:
+            return self._verb_here(verbs.send_action_here, verbs.send_action, name, call.action)
+        return self._in_time(name, command, call, wait)
+
     if not TYPE_CHECKING:  # robot.pyi names the services of each robot, so that a slip is seen
 
         def __getattr__(self, name: str) -> Callable[..., Answer]:
-            """Return the driver's own services as methods."""
+            """Return the driver's own services and commands as methods."""
             if name == "bus":
                 raise AttributeError(f"{self._plan.robot} has no bus of servos. Use state() or get_observation()")
-            verbs.require_service(self, self.__dict__.get("_plan"), name)
+            plan = self.__dict__.get("_plan")
+            if find_command(self.__dict__.get("_driver"), name) and not verbs.is_service(plan, name):
+                return functools.partial(self.command, name)
+            verbs.require_service(self, plan, name)
             return functools.partial(self.service, name)
 
     def __dir__(self) -> list[str]:
-        return sorted({*super().__dir__(), *self._plan.driver_class.services(self._plan.options)})
+        services = self._plan.driver_class.services(self._plan.options)
+        return sorted({*super().__dir__(), *services, *command_names(self._driver)})
 
     def stop(self) -> Answer | PendingAnswer:
         """De-energise every motor and report each. Works as ``stop()`` and as ``await stop()``. In a

@@ -98,21 +98,71 @@ class Crazyflie(RealRobot):
         """Come down to the floor, motors off."""
     def emergency_stop(self) -> Answer:
         """Cut the motors at once, wherever it is, and lock it until it is switched off and on."""
+    def move(
+    self, vx: float = ..., vy: float = ..., vz: float = ..., wz: float = ..., duration_s: float = ..., *,
+    wait: bool = True,
+) -> Answer:
+        """Fly for duration_s after a takeoff, then hover."""
 
 @type_check_only
 class AsyncCrazyflie(AsyncRobot):
     async def takeoff(self, height: float = 0.5, duration: float = 2.0) -> Answer: ...
     async def land(self, duration: float = 2.0) -> Answer: ...
     async def emergency_stop(self) -> Answer: ...
+    async def move(
+    self, vx: float = ..., vy: float = ..., vz: float = ..., wz: float = ..., duration_s: float = ..., *,
+    wait: bool = True,
+) -> Answer: ...
+
+@type_check_only
+class SimulatedCrazyflie(SimRobot):
+    def move(
+    self, vx: float = ..., vy: float = ..., vz: float = ..., wz: float = ..., duration_s: float = ..., *,
+    wait: bool = True,
+) -> Answer:
+        """Fly for duration_s after a takeoff, then hover."""
+
+@type_check_only
+class AsyncSimulatedCrazyflie(AsyncSimulation):
+    async def move(
+    self, vx: float = ..., vy: float = ..., vz: float = ..., wz: float = ..., duration_s: float = ..., *,
+    wait: bool = True,
+) -> Answer: ...
 
 @type_check_only
 class EarthRover(RealRobot):
     def speak(self, text: str = "") -> Answer:
         """Say a text by the rover's speaker."""
+    def move(
+    self, linear: float = ..., angular: float = ..., duration_s: float = ..., *, wait: bool = True,
+) -> Answer:
+        """Drive for duration_s, or for 0.3 s, then stand."""
+    def lamp(self, lamp: float = ..., *, wait: bool = True) -> Answer:
+        """Light the lamp, or put it out; the rover drives on as it does."""
 
 @type_check_only
 class AsyncEarthRover(AsyncRobot):
     async def speak(self, text: str = "") -> Answer: ...
+    async def move(
+    self, linear: float = ..., angular: float = ..., duration_s: float = ..., *, wait: bool = True,
+) -> Answer: ...
+    async def lamp(self, lamp: float = ..., *, wait: bool = True) -> Answer: ...
+
+@type_check_only
+class SimulatedEarthRover(SimRobot):
+    def move(
+    self, linear: float = ..., angular: float = ..., duration_s: float = ..., *, wait: bool = True,
+) -> Answer:
+        """Drive for duration_s, or for 0.3 s, then stand."""
+    def lamp(self, lamp: float = ..., *, wait: bool = True) -> Answer:
+        """Light the lamp, or put it out; the rover drives on as it does."""
+
+@type_check_only
+class AsyncSimulatedEarthRover(AsyncSimulation):
+    async def move(
+    self, linear: float = ..., angular: float = ..., duration_s: float = ..., *, wait: bool = True,
+) -> Answer: ...
+    async def lamp(self, lamp: float = ..., *, wait: bool = True) -> Answer: ...
 
 @type_check_only
 class Franka(RealRobot):
@@ -125,12 +175,45 @@ class AsyncFranka(AsyncRobot):
 
 @type_check_only
 class Go2(RealRobot):
+    def move(self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0) -> Answer:
+        """Walk so fast for 0.3 s, m/s and rad/s of the body, then stand."""
+    def stand_up(self) -> Answer:
+        """Stand up from lying or from damping, and balance."""
+    def lie_down(self) -> Answer:
+        """Lie down; the joints stay locked."""
+    def balance(self) -> Answer:
+        """Unlock the joints of a robot that stands, so that it balances and can walk."""
+    def recover(self) -> Answer:
+        """Get up from wherever it lies, turned over or not, and balance."""
+    def sit(self) -> Answer:
+        """Sit down."""
+    def rise(self) -> Answer:
+        """Rise from sitting, and balance."""
+    def select_sport_mode(self) -> Answer:
+        """Give the joints back to the onboard controller after they were commanded one by one (level='low')."""
     def release_sport_mode(self, attempts: int = 5) -> Answer:
         """End the robot's own controller, so that its joints can be commanded: it no longer balances by itself."""
 
 @type_check_only
 class AsyncGo2(AsyncRobot):
+    async def move(self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0) -> Answer: ...
+    async def stand_up(self) -> Answer: ...
+    async def lie_down(self) -> Answer: ...
+    async def balance(self) -> Answer: ...
+    async def recover(self) -> Answer: ...
+    async def sit(self) -> Answer: ...
+    async def rise(self) -> Answer: ...
+    async def select_sport_mode(self) -> Answer: ...
     async def release_sport_mode(self, attempts: int = 5) -> Answer: ...
+
+@type_check_only
+class SimulatedGo2(SimRobot):
+    def move(self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0) -> Answer:
+        """Walk so fast for 0.3 s, m/s and rad/s of the body, then stand."""
+
+@type_check_only
+class AsyncSimulatedGo2(AsyncSimulation):
+    async def move(self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0) -> Answer: ...
 
 @type_check_only
 class Microduck(RealRobot):
@@ -182,6 +265,19 @@ class Microduck(RealRobot):
         """Tell the newest state as robotd tells it."""
     def tof(self) -> Answer:
         """Tell one frame of the depth sensor, 8 by 8 millimetres."""
+    def move(
+    self, vx: float = ..., vy: float = ..., vyaw: float = ..., duration: float = ..., *, wait: bool = True,
+) -> Answer:
+        """Walk for duration seconds (default 1, at most 10), then stand. A zero stands at once."""
+    def head(
+    self, neck_pitch: float = ..., head_pitch: float = ..., head_yaw: float = ..., head_roll: float = ..., *,
+    wait: bool = True,
+) -> Answer:
+        """Turn the joints of the head."""
+    def pose(self, z: float = ..., roll: float = ..., pitch: float = ..., *, wait: bool = True) -> Answer:
+        """Shift and tilt the body on its feet."""
+    def mouth(self, open: float = ..., *, wait: bool = True) -> Answer:
+        """Open the mouth: 0 closed, 1 open."""
 
 @type_check_only
 class AsyncMicroduck(AsyncRobot):
@@ -209,6 +305,43 @@ class AsyncMicroduck(AsyncRobot):
     async def odometry(self) -> Answer: ...
     async def monitor(self) -> Answer: ...
     async def tof(self) -> Answer: ...
+    async def move(
+    self, vx: float = ..., vy: float = ..., vyaw: float = ..., duration: float = ..., *, wait: bool = True,
+) -> Answer: ...
+    async def head(
+    self, neck_pitch: float = ..., head_pitch: float = ..., head_yaw: float = ..., head_roll: float = ..., *,
+    wait: bool = True,
+) -> Answer: ...
+    async def pose(self, z: float = ..., roll: float = ..., pitch: float = ..., *, wait: bool = True) -> Answer: ...
+    async def mouth(self, open: float = ..., *, wait: bool = True) -> Answer: ...
+
+@type_check_only
+class SimulatedMicroduck(SimRobot):
+    def move(
+    self, vx: float = ..., vy: float = ..., vyaw: float = ..., duration: float = ..., *, wait: bool = True,
+) -> Answer:
+        """Walk for duration seconds (default 1, at most 10), then stand. A zero stands at once."""
+    def head(
+    self, neck_pitch: float = ..., head_pitch: float = ..., head_yaw: float = ..., head_roll: float = ..., *,
+    wait: bool = True,
+) -> Answer:
+        """Turn the joints of the head."""
+    def pose(self, z: float = ..., roll: float = ..., pitch: float = ..., *, wait: bool = True) -> Answer:
+        """Shift and tilt the body on its feet."""
+    def mouth(self, open: float = ..., *, wait: bool = True) -> Answer:
+        """Open the mouth: 0 closed, 1 open."""
+
+@type_check_only
+class AsyncSimulatedMicroduck(AsyncSimulation):
+    async def move(
+    self, vx: float = ..., vy: float = ..., vyaw: float = ..., duration: float = ..., *, wait: bool = True,
+) -> Answer: ...
+    async def head(
+    self, neck_pitch: float = ..., head_pitch: float = ..., head_yaw: float = ..., head_roll: float = ..., *,
+    wait: bool = True,
+) -> Answer: ...
+    async def pose(self, z: float = ..., roll: float = ..., pitch: float = ..., *, wait: bool = True) -> Answer: ...
+    async def mouth(self, open: float = ..., *, wait: bool = True) -> Answer: ...
 
 @type_check_only
 class RBY1(RealRobot):
@@ -251,6 +384,36 @@ class Reachy(RealRobot):
         """Turn the head towards what is heard now."""
     def turn_to_sound_status(self) -> Answer:
         """Tell where sound comes from."""
+    def wake_up(self) -> Answer:
+        """Wake up: the head rises and nods."""
+    def goto_sleep(self) -> Answer:
+        """Go to sleep: the head sinks; torque stays on."""
+    def play_move(self, move: str = "", dataset: str = ...) -> Answer:
+        """Play a recorded move, an emotion or a dance, to its end."""
+    def look(
+    self, head_pitch: float = ..., head_roll: float = ..., head_yaw: float = ..., head_x: float = ...,
+    head_y: float = ..., head_z: float = ..., duration: float = ..., *, wait: bool = True,
+) -> Answer:
+        """Turn and shift the head."""
+    def look_at(
+    self, look_x: float = ..., look_y: float = ..., look_z: float = ..., duration: float = ..., *,
+    wait: bool = True,
+) -> Answer:
+        """Turn the head towards a point."""
+    def antennas(
+    self, antenna_left: float = ..., antenna_right: float = ..., duration: float = ..., *, wait: bool = True,
+) -> Answer:
+        """Move the antennas."""
+    def body_turn(self, body_yaw: float = ..., duration: float = ..., *, wait: bool = True) -> Answer:
+        """Turn the body, at most 65 degrees away from the head."""
+    def goto(
+    self, head_pitch: float = ..., head_roll: float = ..., head_yaw: float = ..., head_x: float = ...,
+    head_y: float = ..., head_z: float = ..., body_yaw: float = ..., antenna_left: float = ...,
+    antenna_right: float = ..., duration: float = ..., *, wait: bool = True,
+) -> Answer:
+        """Move head, body and antennas together."""
+    def home(self, duration: float = ..., *, wait: bool = True) -> Answer:
+        """Head, body and antennas straight."""
 
 @type_check_only
 class AsyncReachy(AsyncRobot):
@@ -269,6 +432,99 @@ class AsyncReachy(AsyncRobot):
     async def record_audio(self, duration: float = 5.0) -> Answer: ...
     async def turn_to_sound(self) -> Answer: ...
     async def turn_to_sound_status(self) -> Answer: ...
+    async def wake_up(self) -> Answer: ...
+    async def goto_sleep(self) -> Answer: ...
+    async def play_move(self, move: str = "", dataset: str = ...) -> Answer: ...
+    async def look(
+    self, head_pitch: float = ..., head_roll: float = ..., head_yaw: float = ..., head_x: float = ...,
+    head_y: float = ..., head_z: float = ..., duration: float = ..., *, wait: bool = True,
+) -> Answer: ...
+    async def look_at(
+    self, look_x: float = ..., look_y: float = ..., look_z: float = ..., duration: float = ..., *,
+    wait: bool = True,
+) -> Answer: ...
+    async def antennas(
+    self, antenna_left: float = ..., antenna_right: float = ..., duration: float = ..., *, wait: bool = True,
+) -> Answer: ...
+    async def body_turn(self, body_yaw: float = ..., duration: float = ..., *, wait: bool = True) -> Answer: ...
+    async def goto(
+    self, head_pitch: float = ..., head_roll: float = ..., head_yaw: float = ..., head_x: float = ...,
+    head_y: float = ..., head_z: float = ..., body_yaw: float = ..., antenna_left: float = ...,
+    antenna_right: float = ..., duration: float = ..., *, wait: bool = True,
+) -> Answer: ...
+    async def home(self, duration: float = ..., *, wait: bool = True) -> Answer: ...
+
+@type_check_only
+class SimulatedReachy(SimRobot):
+    def look(
+    self, head_pitch: float = ..., head_roll: float = ..., head_yaw: float = ..., head_x: float = ...,
+    head_y: float = ..., head_z: float = ..., duration: float = ..., *, wait: bool = True,
+) -> Answer:
+        """Turn and shift the head."""
+    def look_at(
+    self, look_x: float = ..., look_y: float = ..., look_z: float = ..., duration: float = ..., *,
+    wait: bool = True,
+) -> Answer:
+        """Turn the head towards a point."""
+    def antennas(
+    self, antenna_left: float = ..., antenna_right: float = ..., duration: float = ..., *, wait: bool = True,
+) -> Answer:
+        """Move the antennas."""
+    def body_turn(self, body_yaw: float = ..., duration: float = ..., *, wait: bool = True) -> Answer:
+        """Turn the body, at most 65 degrees away from the head."""
+    def goto(
+    self, head_pitch: float = ..., head_roll: float = ..., head_yaw: float = ..., head_x: float = ...,
+    head_y: float = ..., head_z: float = ..., body_yaw: float = ..., antenna_left: float = ...,
+    antenna_right: float = ..., duration: float = ..., *, wait: bool = True,
+) -> Answer:
+        """Move head, body and antennas together."""
+    def home(self, duration: float = ..., *, wait: bool = True) -> Answer:
+        """Head, body and antennas straight."""
+
+@type_check_only
+class AsyncSimulatedReachy(AsyncSimulation):
+    async def look(
+    self, head_pitch: float = ..., head_roll: float = ..., head_yaw: float = ..., head_x: float = ...,
+    head_y: float = ..., head_z: float = ..., duration: float = ..., *, wait: bool = True,
+) -> Answer: ...
+    async def look_at(
+    self, look_x: float = ..., look_y: float = ..., look_z: float = ..., duration: float = ..., *,
+    wait: bool = True,
+) -> Answer: ...
+    async def antennas(
+    self, antenna_left: float = ..., antenna_right: float = ..., duration: float = ..., *, wait: bool = True,
+) -> Answer: ...
+    async def body_turn(self, body_yaw: float = ..., duration: float = ..., *, wait: bool = True) -> Answer: ...
+    async def goto(
+    self, head_pitch: float = ..., head_roll: float = ..., head_yaw: float = ..., head_x: float = ...,
+    head_y: float = ..., head_z: float = ..., body_yaw: float = ..., antenna_left: float = ...,
+    antenna_right: float = ..., duration: float = ..., *, wait: bool = True,
+) -> Answer: ...
+    async def home(self, duration: float = ..., *, wait: bool = True) -> Answer: ...
+
+@type_check_only
+class Robotiq(RealRobot):
+    def open(self, speed: float = ..., force: float = ..., *, wait: bool = True) -> Answer:
+        """Open the fingers all the way."""
+    def close(self, speed: float = ..., force: float = ..., *, wait: bool = True) -> Answer:
+        """Close the fingers, onto what is between them."""
+
+@type_check_only
+class AsyncRobotiq(AsyncRobot):
+    async def open(self, speed: float = ..., force: float = ..., *, wait: bool = True) -> Answer: ...
+    async def close(self, speed: float = ..., force: float = ..., *, wait: bool = True) -> Answer: ...
+
+@type_check_only
+class SimulatedRobotiq(SimRobot):
+    def open(self, speed: float = ..., force: float = ..., *, wait: bool = True) -> Answer:
+        """Open the fingers all the way."""
+    def close(self, speed: float = ..., force: float = ..., *, wait: bool = True) -> Answer:
+        """Close the fingers, onto what is between them."""
+
+@type_check_only
+class AsyncSimulatedRobotiq(AsyncSimulation):
+    async def open(self, speed: float = ..., force: float = ..., *, wait: bool = True) -> Answer: ...
+    async def close(self, speed: float = ..., force: float = ..., *, wait: bool = True) -> Answer: ...
 
 @type_check_only
 class Spot(RealRobot):
@@ -276,11 +532,31 @@ class Spot(RealRobot):
         """Power the motors on and stand up."""
     def set_twist(self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0) -> Answer:
         """Walk so fast for 0.6 s, m/s and rad/s of the body, then stand."""
+    def move(
+    self, vx: float = ..., vy: float = ..., wz: float = ..., duration_s: float = ..., *, wait: bool = True,
+) -> Answer:
+        """Walk for duration_s, then stand."""
 
 @type_check_only
 class AsyncSpot(AsyncRobot):
     async def stand(self) -> Answer: ...
     async def set_twist(self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0) -> Answer: ...
+    async def move(
+    self, vx: float = ..., vy: float = ..., wz: float = ..., duration_s: float = ..., *, wait: bool = True,
+) -> Answer: ...
+
+@type_check_only
+class SimulatedSpot(SimRobot):
+    def move(
+    self, vx: float = ..., vy: float = ..., wz: float = ..., duration_s: float = ..., *, wait: bool = True,
+) -> Answer:
+        """Walk for duration_s, then stand."""
+
+@type_check_only
+class AsyncSimulatedSpot(AsyncSimulation):
+    async def move(
+    self, vx: float = ..., vy: float = ..., wz: float = ..., duration_s: float = ..., *, wait: bool = True,
+) -> Answer: ...
 
 @type_check_only
 class Stretch(RealRobot):
@@ -288,20 +564,90 @@ class Stretch(RealRobot):
         """Drive at vx (m/s, forward) and wz (rad/s, to the left) for 300 ms."""
     def set_soft_limits(self, joint: str = "", low: float = ..., high: float = ...) -> Answer:
         """From now on refuse goals of a joint outside low..high; never wider than its range."""
+    def move(self, vx: float = ..., wz: float = ..., duration_s: float = ..., *, wait: bool = True) -> Answer:
+        """Drive for duration_s, then stand."""
 
 @type_check_only
 class AsyncStretch(AsyncRobot):
     async def set_twist(self, vx: float = 0.0, wz: float = 0.0, vy: float = 0.0) -> Answer: ...
     async def set_soft_limits(self, joint: str = "", low: float = ..., high: float = ...) -> Answer: ...
+    async def move(
+    self, vx: float = ..., wz: float = ..., duration_s: float = ..., *, wait: bool = True,
+) -> Answer: ...
 
 @type_check_only
 class SimulatedStretch(SimRobot):
     def set_twist(self, vx: float = 0.0, wz: float = 0.0, vy: float = 0.0) -> Answer:
         """Drive at vx (m/s, forward) and wz (rad/s, to the left) for 300 ms."""
+    def move(self, vx: float = ..., wz: float = ..., duration_s: float = ..., *, wait: bool = True) -> Answer:
+        """Drive for duration_s, then stand."""
 
 @type_check_only
 class AsyncSimulatedStretch(AsyncSimulation):
     async def set_twist(self, vx: float = 0.0, wz: float = 0.0, vy: float = 0.0) -> Answer: ...
+    async def move(
+    self, vx: float = ..., wz: float = ..., duration_s: float = ..., *, wait: bool = True,
+) -> Answer: ...
+
+@type_check_only
+class YahboomM3Pro(RealRobot):
+    def arm(
+    self, arm1: float = ..., arm2: float = ..., arm3: float = ..., arm4: float = ..., arm5: float = ...,
+    time_ms: float = ..., *, wait: bool = True,
+) -> Answer:
+        """Move the named joints of the arm."""
+    def gripper(self, gripper: float = ..., time_ms: float = ..., *, wait: bool = True) -> Answer:
+        """Move the gripper: 0 is open, -1.54 closed."""
+    def home(self, time_ms: float = ..., *, wait: bool = True) -> Answer:
+        """Move the arm to its home pose, the gripper open."""
+    def move(
+    self, linear_x: float = ..., linear_y: float = ..., angular_z: float = ..., duration_s: float = ..., *,
+    wait: bool = True,
+) -> Answer:
+        """Drive for duration_s, or for 0.3 s, then stand. A zero stops at once."""
+
+@type_check_only
+class AsyncYahboomM3Pro(AsyncRobot):
+    async def arm(
+    self, arm1: float = ..., arm2: float = ..., arm3: float = ..., arm4: float = ..., arm5: float = ...,
+    time_ms: float = ..., *, wait: bool = True,
+) -> Answer: ...
+    async def gripper(self, gripper: float = ..., time_ms: float = ..., *, wait: bool = True) -> Answer: ...
+    async def home(self, time_ms: float = ..., *, wait: bool = True) -> Answer: ...
+    async def move(
+    self, linear_x: float = ..., linear_y: float = ..., angular_z: float = ..., duration_s: float = ..., *,
+    wait: bool = True,
+) -> Answer: ...
+
+@type_check_only
+class SimulatedYahboomM3Pro(SimRobot):
+    def arm(
+    self, arm1: float = ..., arm2: float = ..., arm3: float = ..., arm4: float = ..., arm5: float = ...,
+    time_ms: float = ..., *, wait: bool = True,
+) -> Answer:
+        """Move the named joints of the arm."""
+    def gripper(self, gripper: float = ..., time_ms: float = ..., *, wait: bool = True) -> Answer:
+        """Move the gripper: 0 is open, -1.54 closed."""
+    def home(self, time_ms: float = ..., *, wait: bool = True) -> Answer:
+        """Move the arm to its home pose, the gripper open."""
+    def move(
+    self, linear_x: float = ..., linear_y: float = ..., angular_z: float = ..., duration_s: float = ..., *,
+    wait: bool = True,
+) -> Answer:
+        """Drive for duration_s, or for 0.3 s, then stand. A zero stops at once."""
+
+@type_check_only
+class AsyncSimulatedYahboomM3Pro(AsyncSimulation):
+    async def arm(
+    self, arm1: float = ..., arm2: float = ..., arm3: float = ..., arm4: float = ..., arm5: float = ...,
+    time_ms: float = ..., *, wait: bool = True,
+) -> Answer: ...
+    async def gripper(self, gripper: float = ..., time_ms: float = ..., *, wait: bool = True) -> Answer: ...
+    async def home(self, time_ms: float = ..., *, wait: bool = True) -> Answer: ...
+    async def move(
+    self, linear_x: float = ..., linear_y: float = ..., angular_z: float = ..., duration_s: float = ..., *,
+    wait: bool = True,
+) -> Answer: ...
 
 # -- the factories
 
@@ -336,7 +682,7 @@ def Robot(
     arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0, calibration: str | os.PathLike[str] | Mapping[str, Any] | None = None,
     baud: int | None = None, baud_rate: int | None = None, motor_ids: Sequence[int] | None = None,
-    timeout: float | None = None,
+    timeout: float | None = None, max_jump: float | None = None, max_relative_target: float | None = None,
 ) -> RealRobot: ...
 @overload
 def Robot(
@@ -358,7 +704,7 @@ def Robot(
     arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0, calibration: str | os.PathLike[str] | Mapping[str, Any] | None = None,
     baud: int | None = None, baud_rate: int | None = None, motor_ids: Sequence[int] | None = None,
-    timeout: float | None = None,
+    timeout: float | None = None, max_jump: float | None = None, max_relative_target: float | None = None,
 ) -> RealRobot: ...
 @overload
 def Robot(
@@ -458,7 +804,7 @@ def Robot(
     approve_within_s: float = 30.0, unit_id: int = 9, stroke_mm: float | None = None, tcp_port: int | None = None,
     baud: int | None = None, baud_rate: int | None = None, speed: float = 1.0, force: float = 1.0,
     activate: bool = True,
-) -> RealRobot: ...
+) -> Robotiq: ...
 @overload
 def Robot(
     name: SpotName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
@@ -511,7 +857,7 @@ def Robot(
     arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0, timeout_s: float = 5.0, joint_signs: Sequence[float] = ...,
     move_time_ms: int = 1500,
-) -> RealRobot: ...
+) -> YahboomM3Pro: ...
 @overload
 def Robot(
     name: LeRobotName, mode: Literal["real", "auto"], *, driver: Literal["auto", "lerobot"] = "auto",
@@ -542,6 +888,76 @@ def Robot(
 ) -> RealRobot: ...
 @overload
 def Robot(
+    name: CrazyflieName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
+    mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> SimulatedCrazyflie: ...
+@overload
+def Robot(
+    name: EarthRoverName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
+    mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> SimulatedEarthRover: ...
+@overload
+def Robot(
+    name: Go2Name, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
+    mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> SimulatedGo2: ...
+@overload
+def Robot(
+    name: MicroduckName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
+    mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> SimulatedMicroduck: ...
+@overload
+def Robot(
+    name: ReachyName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
+    mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> SimulatedReachy: ...
+@overload
+def Robot(
+    name: RobotiqName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
+    mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> SimulatedRobotiq: ...
+@overload
+def Robot(
+    name: SpotName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
+    mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> SimulatedSpot: ...
+@overload
+def Robot(
     name: StretchName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
     tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
     mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
@@ -550,6 +966,17 @@ def Robot(
     keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> SimulatedStretch: ...
+@overload
+def Robot(
+    name: YahboomM3ProName, mode: Literal["sim"] = "sim", *,
+    driver: Literal["auto", "strands", "lerobot"] = "auto", tool_name: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None,
+    mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> SimulatedYahboomM3Pro: ...
 @overload
 def Robot(
     name: str, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
@@ -592,7 +1019,7 @@ def open_robot(
     arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0, calibration: str | os.PathLike[str] | Mapping[str, Any] | None = None,
     baud: int | None = None, baud_rate: int | None = None, motor_ids: Sequence[int] | None = None,
-    timeout: float | None = None,
+    timeout: float | None = None, max_jump: float | None = None, max_relative_target: float | None = None,
 ) -> AbstractAsyncContextManager[AsyncRobot]: ...
 @overload
 def open_robot(
@@ -614,7 +1041,7 @@ def open_robot(
     arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0, calibration: str | os.PathLike[str] | Mapping[str, Any] | None = None,
     baud: int | None = None, baud_rate: int | None = None, motor_ids: Sequence[int] | None = None,
-    timeout: float | None = None,
+    timeout: float | None = None, max_jump: float | None = None, max_relative_target: float | None = None,
 ) -> AbstractAsyncContextManager[AsyncRobot]: ...
 @overload
 def open_robot(
@@ -714,7 +1141,7 @@ def open_robot(
     approve_within_s: float = 30.0, unit_id: int = 9, stroke_mm: float | None = None, tcp_port: int | None = None,
     baud: int | None = None, baud_rate: int | None = None, speed: float = 1.0, force: float = 1.0,
     activate: bool = True,
-) -> AbstractAsyncContextManager[AsyncRobot]: ...
+) -> AbstractAsyncContextManager[AsyncRobotiq]: ...
 @overload
 def open_robot(
     name: SpotName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
@@ -767,7 +1194,7 @@ def open_robot(
     arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0, timeout_s: float = 5.0, joint_signs: Sequence[float] = ...,
     move_time_ms: int = 1500,
-) -> AbstractAsyncContextManager[AsyncRobot]: ...
+) -> AbstractAsyncContextManager[AsyncYahboomM3Pro]: ...
 @overload
 def open_robot(
     name: LeRobotName, mode: Literal["real", "auto"], *, driver: Literal["auto", "lerobot"] = "auto",
@@ -798,6 +1225,76 @@ def open_robot(
 ) -> AbstractAsyncContextManager[AsyncRobot]: ...
 @overload
 def open_robot(
+    name: CrazyflieName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
+    mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> AbstractAsyncContextManager[AsyncSimulatedCrazyflie]: ...
+@overload
+def open_robot(
+    name: EarthRoverName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
+    mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> AbstractAsyncContextManager[AsyncSimulatedEarthRover]: ...
+@overload
+def open_robot(
+    name: Go2Name, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
+    mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> AbstractAsyncContextManager[AsyncSimulatedGo2]: ...
+@overload
+def open_robot(
+    name: MicroduckName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
+    mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> AbstractAsyncContextManager[AsyncSimulatedMicroduck]: ...
+@overload
+def open_robot(
+    name: ReachyName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
+    mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> AbstractAsyncContextManager[AsyncSimulatedReachy]: ...
+@overload
+def open_robot(
+    name: RobotiqName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
+    mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> AbstractAsyncContextManager[AsyncSimulatedRobotiq]: ...
+@overload
+def open_robot(
+    name: SpotName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
+    mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> AbstractAsyncContextManager[AsyncSimulatedSpot]: ...
+@overload
+def open_robot(
     name: StretchName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
     tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
     mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
@@ -806,6 +1303,17 @@ def open_robot(
     keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedStretch]: ...
+@overload
+def open_robot(
+    name: YahboomM3ProName, mode: Literal["sim"] = "sim", *,
+    driver: Literal["auto", "strands", "lerobot"] = "auto", tool_name: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None,
+    mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> AbstractAsyncContextManager[AsyncSimulatedYahboomM3Pro]: ...
 @overload
 def open_robot(
     name: str, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import trio
+from msgspec.structs import replace
 
 from strands_actors.contract.driver import Driver, Reason
 from strands_actors.contract.loading import load
@@ -25,6 +26,7 @@ from strands_actors.supervisors.gate.messages import GetSafety, Stop, StopReport
 from strands_actors.supervisors.root.messages import GetTask, Operate, Rollout, StartTask, StopTask, TaskStatus
 from strands_actors.supervisors.stop_result import StopResult
 
+from .motions import Motion, Seen, Steps
 from .processes import Processes
 from .writer import Writer
 
@@ -134,6 +136,35 @@ class Rollouts:
         why = busy.explained(f"start_task: {failure}")
         return stop_result.timed_out(why, await self._hold(), "nothing of it will begin", "try again")
 
+    async def move(self, verb: str, plan: Callable[[Seen], Motion | Refused]) -> Motion | Refused:
+        """Begin the motion that ``plan`` makes of where the robot is, as a rollout of this process.
+        Returns at once: it has begun, or nothing moves."""
+        async with self._writer.turn:
+            self._processes.require()
+            status = await self._processes.ask_status(verb)
+            if isinstance(status, Refused):
+                return status
+            if status.no_motion is not None:
+                return about(verb, status.no_motion)
+            refusal = await self.refuse(verb, "a task is already running")
+            if refusal is not None:
+                return refusal
+            seen = status.observation
+            if seen is None:
+                return Refused("no_observation", f"{verb}: nothing was read yet", "wait for the first observation")
+            motion = plan(Seen(seen, status.target, self._processes.node.clock.now_ns()))
+            if isinstance(motion, Refused):
+                return motion
+            if motion.begins_apart:  # an earlier target is on its way: the robot goes on from where it is now
+                await self._hold()
+            refusal = await self._writer.acquire()
+            if refusal is not None:
+                return refusal
+            rollout = self._rollout(verb, math.inf, motion.n_steps, 1.0 / motion.period_s)
+            keeps = motion.keeps and self._driver.timing.oneshot_ttl_s is None
+            self._begin(replace(rollout, keeps=keeps), lambda: Steps(motion))
+            return motion
+
     async def _may_start(self, verb: str) -> Refused | None:
         kind = self._processes.plan.robot
         if self._driver.ROLLOUTS:
@@ -160,7 +191,7 @@ class Rollouts:
         ttl_s = max(lifetime_s, 2 * period_s)
         robot = self._processes.robot
         longest_s = math.inf if n_steps else duration_s  # a caller that counts steps is there to stop them
-        return Rollout(robot, driver.axes, instruction, period_s, ttl_s, longest_s, n_steps, over)
+        return Rollout(robot, driver.axes, instruction, period_s, ttl_s, longest_s, n_steps, over, driver.table)
 
     async def task(self) -> TaskStatus:
         """Return the present task's status, or the last one's."""

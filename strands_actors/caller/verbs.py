@@ -169,10 +169,15 @@ async def release(tree: RobotTree) -> Answer:
     return answers.stop_result("release", result, known)
 
 
+def is_service(plan: Plan | None, name: str) -> bool:
+    """Return whether the driver has a service of its own by this name."""
+    return plan is not None and name in plan.driver_class.services(plan.options)
+
+
 def require_service(handle: object, plan: Plan | None, name: str) -> None:
     """Raise ``AttributeError`` when ``name`` is none of the driver's own services. ``plan``: None
     while the handle is not made yet."""
-    if plan is None or name not in plan.driver_class.services(plan.options):
+    if not is_service(plan, name):
         raise AttributeError(f"{type(handle).__name__} has no attribute {name!r}")
 
 

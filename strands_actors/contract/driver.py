@@ -400,6 +400,13 @@ class Driver(ABC):
         ``sensors``, those of ``ANSWERS_WITH`` as they were last read."""
         return self.commanded(action, values)
 
+    def timed(
+        self, targets: Mapping[str, Any], seconds: float, observation: Observation
+    ) -> dict[str, Any] | Refused | None:
+        """Return the command by which the robot itself goes to ``targets`` in so many seconds, for one
+        that plans its motions. None: it is sent a path of small steps. Default: None."""
+        return None
+
     def readings(self, observation: Observation) -> dict[str, Any]:
         """Return what ``state`` and ``status`` say of the robot beside its positions and
         velocities, in the words of its users: a pose, a charge, a mode by its name. JSON."""

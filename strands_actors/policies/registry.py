@@ -9,13 +9,17 @@ from __future__ import annotations
 
 import importlib.util
 import math
-import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 from urllib.parse import urlsplit
 
+from msgspec import structs
+
+from strands_actors.contract.axis import Axis
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.loading import place_of
+
+from . import waves
 
 
 class Provider(NamedTuple):
@@ -44,6 +48,10 @@ PROVIDERS = {
 
 ENDPOINT_PORT = 8765
 """Of an endpoint without one, as the servers of strands-robots have it."""
+
+SINE_AMPLITUDE = 15.0
+SINE_CALLS_HZ = 25.0
+"""So often at most a sine is asked for actions: it has as many as are executed meanwhile."""
 
 DEFAULT_PROVIDER = "lerobot_local"
 """As on the drivers page, and for a reason: who forgets to name a policy gets a refusal, not a
@@ -161,45 +169,61 @@ def robot_facts(provider: Provider, driver: Driver, robot: str = "", cameras: Se
 
 
 class Sine:
-    """A slow sine on every axis, eased into from where the axis was first seen. One action a call.
+    """A slow sine on every axis, eased into from where the axis was first seen. It begins as ``mock``
+    does: it is smaller where an axis is too slow for it or has not enough room.
 
-    ``amplitude`` and ``center`` in the driver's units; the center of an axis that is not named is
-    where it was first seen. ``spread``: how far each axis is ahead of the one before, in turns.
+    ``amplitude`` and ``center`` in the driver's units; one that is given is kept. ``spread``: how far
+    each axis is ahead of the one before, in turns.
     """
 
     def __init__(
         self,
         axes: Sequence[str],
-        amplitude: float = 15.0,
+        amplitude: float | None = None,
         hz: float = 0.25,
         only: Sequence[str] = (),
         spread: float = 0.0,
         center: Mapping[str, float] | None = None,
-        ease_s: float = 1.0,
+        ease_s: float = waves.EASE_S,
     ) -> None:
         self._axes = list(only) or list(axes)
-        self._amplitude = amplitude
+        self._is_asked = amplitude is not None
+        self._amplitude = SINE_AMPLITUDE if amplitude is None else amplitude
         self._hz = hz
         self._spread = spread
         self._center = dict(center or {})
         self._ease_s = ease_s
-        self._start: dict[str, float] = {}
-        self._began_s = 0.0
+        self._table: Mapping[str, Axis] = {}
+        self._dt_s = 0.02
+        self._chunk = 1
+        self._steps = 0
+        self._swings: dict[str, waves.Swing] = {}
+
+    def set_control_frequency(self, hz: float) -> None:
+        """Be told the rate at which its actions are executed."""
+        self._dt_s, self._chunk = 1.0 / hz, math.ceil(hz / SINE_CALLS_HZ)
+
+    def set_robot_axes(self, axes: Sequence[Axis]) -> None:
+        """Be told what the robot's axes can do."""
+        self._table = {axis.key: axis for axis in axes}
+
+    def get_actions_sync(self, observation: Mapping[str, float], instruction: str) -> list[dict[str, float]]:
+        """Return the next actions, one a control period."""
+        return [self.step(observation) for _ in range(self._chunk)]
 
     def step(self, observation: Mapping[str, float]) -> dict[str, float]:
-        now_s = time.monotonic()
-        if not self._start:
-            self._start = {axis: observation[axis] for axis in self._axes}
-            self._began_s = now_s
-        passed_s = now_s - self._began_s
-        share = min(1.0, passed_s / self._ease_s)
-        ease = share * share * (3 - 2 * share)
-        action = {}
-        for j, (axis, start) in enumerate(self._start.items()):
-            wave = self._amplitude * _sine(self._hz * passed_s + j * self._spread)
-            action[axis] = start + ease * (self._center.get(axis, start) + wave - start)
-        return action
+        """Return the next action."""
+        if not self._swings:
+            self._swings = {axis: self._fit(axis, observation) for axis in self._axes if axis in observation}
+        t_s = self._steps * self._dt_s
+        self._steps += 1
+        wave = [math.sin(math.tau * (self._hz * t_s + j * self._spread)) for j in range(len(self._swings))]
+        rows = zip(self._swings.items(), wave, strict=True)
+        return {axis: swing.at(t_s, one, self._ease_s) for (axis, swing), one in rows}
 
-
-def _sine(turns: float) -> float:
-    return math.sin(2 * math.pi * turns)
+    def _fit(self, axis: str, observation: Mapping[str, float]) -> waves.Swing:
+        here, given = observation[axis], self._center.get(axis)
+        if axis not in self._table:
+            return waves.Swing(here, here if given is None else given, self._amplitude, self._hz)
+        swing = waves.fit(self._table[axis], here, self._amplitude, self._hz, self._is_asked, self._ease_s)
+        return swing if given is None else structs.replace(swing, center=given)

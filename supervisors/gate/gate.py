@@ -338,7 +338,8 @@ class Gate(Actor):
         held = self._leases.release(message.lease, message.channel)
         if held is not None:
             self._tell_decided(held.holder, "release", "released", held.channel)
-            if self._end_writer(held):
+            latched = held.under is not None and self._live_until_ns == LATCHED
+            if not (message.keeps and latched and not message.channel) and self._end_writer(held):
                 deferred = self.context.defer()
                 self._stops.append(Waiting(self._state.epoch, deferred, False, releases=True))
                 return deferred

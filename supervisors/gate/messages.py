@@ -72,9 +72,11 @@ class Stopped(Message, frozen=True):
 
 
 class Release(Message, frozen=True):
-    """Give the lease up. One that writes under another (``over``) is then held before."""
+    """Give the lease up. One that writes under another (``over``) is then held before, unless it
+    ``keeps``: its last setpoint was latched, and stands as one of the lease it wrote under."""
 
     lease: int
+    keeps: bool = False
     channel: str = ""
 
 

@@ -296,6 +296,7 @@ class Motion:
             command.duration,
             command.n_steps,
             lease.id,
+            self._driver.table,
         )
         try:
             status = await self._tasks.ask(StartTask(where, options, rollout, command.deadline_ns), START_S)

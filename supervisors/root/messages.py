@@ -7,6 +7,7 @@ from typing import Any
 
 import msgspec
 
+from strands_actors.contract.axis import Axis
 from strands_actors.contract.driver import Reason
 from strands_actors.kernel.messages import Message
 from strands_actors.supervisors.gate.messages import StopReport
@@ -95,6 +96,10 @@ class Rollout(Message, frozen=True):
     duration_s: float  # infinite: until the steps are done
     n_steps: int = 0  # 0: until the duration ends
     over: int = 0
+    table: tuple[Axis, ...] = ()
+    """What each axis can do, for a policy that asks for it."""
+    keeps: bool = False
+    """Whether its last step is a command on its own, which stands afterwards as one of the caller's."""
 
 
 class StartTask(Message, frozen=True):

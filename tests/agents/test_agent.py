@@ -103,7 +103,7 @@ def test_a_refusal_reaches_the_model_as_a_typed_result_and_the_next_call_moves(a
 
     assert (refused["toolUseId"], refused["status"]) == ("use-0", "error")
     text, details = refused["content"]
-    assert text == {"text": "move: shoulder_pan 400.0 deg is past 110.1. stay within -110.0..110.1"}
+    assert text == {"text": "move_to: shoulder_pan 400.0 deg is past 110.1. stay within -110.0..110.1"}
     assert details["json"]["refused"] == {"code": "past_travel", "offered": "400.0", "limit": "-110.0..110.1"}
 
     assert (moved["toolUseId"], moved["status"]) == ("use-1", "success")
@@ -124,7 +124,7 @@ def test_every_verb_of_the_arm(arm: RealRobot, twin: Twin) -> None:
     assert json_of(call(arm, {"action": "set_torque", "enabled": False}))["unconfirmed"] == []
     assert set(torque_now(twin.log).values()) == {0}
     refused = why(call(arm, moves(gripper=40.0)[1]))
-    assert refused.startswith("move: the robot is disarmed"), refused
+    assert refused.startswith("move_to: the robot is disarmed"), refused
     assert refused.endswith("set_torque with enabled=true energises it"), "in the verbs that an agent has"
     assert json_of(call(arm, {"action": "set_torque", "enabled": True}))["armed"] is True
     json_of(call(arm, moves(gripper=40.0)[1]))
@@ -138,7 +138,7 @@ def test_what_is_not_declared_is_never_written(arm: RealRobot, twin: Twin) -> No
         ({"action": "send_action", "shoulder_pan": 5.0}, "is not a verb"),
         ({"targets": {"gripper": 5.0}}, "no action is given"),
         ([], "give an object"),
-        ({"action": "move_to", "shoulder_pan": 5.0}, "it takes no 'shoulder_pan'. it takes targets"),
+        ({"action": "move_to", "shoulder_pan": 5.0}, "it takes no 'shoulder_pan'. it takes targets, seconds"),
         ({"action": "move_to", "targets": [5.0]}, "targets is [5.0]. give it as object"),
         ({"action": "move_to"}, "targets is missing"),
         ({"action": "move_to", "targets": {"elbow": 5.0}}, "elbow is not a joint of so101"),

@@ -16,8 +16,8 @@ from strands_actors.surfaces.agents.calls import Call, read, tool_spec
 VERBS = {
     "Feetech": ["status", "sensors", "move_to", "set_torque", "stop"],
     "Dynamixel": ["status", "sensors", "move_to", "set_torque", "stop"],
-    "UR": ["state", "status", "stop"],
-    "Robotiq": ["open", "close", "sensors", "status", "stop"],
+    "UR": ["state", "status", "move_to", "stop"],
+    "Robotiq": ["open", "close", "move_to", "sensors", "status", "stop"],
 }
 
 
@@ -219,7 +219,10 @@ def test_what_is_not_declared_is_refused_with_what_is(action: Any) -> None:
 @pytest.mark.parametrize(
     ("given", "text"),
     [
-        ({"action": "move_to", "target": {}}, "move_to: it takes no 'target' ('targets'?). it takes targets"),
+        (
+            {"action": "move_to", "target": {}},
+            "move_to: it takes no 'target' ('targets'?). it takes targets, seconds",
+        ),
         ({"action": "status", "now": True}, "status: it takes no 'now'. it takes no input"),
         ({"action": "set_torque", "enabled": 1}, "set_torque: enabled is 1. give it as boolean"),
         ({"action": "set_torque", "enabled": None}, "set_torque: enabled is missing. it takes enabled"),

@@ -27,8 +27,10 @@ from strands_actors.contract.loading import load
 from strands_actors.contract.options import Meanings
 from strands_actors.contract.short_names import SHORT_NAMES
 from strands_actors.contract.surface import driver_name
+from strands_actors.contract.tool_verbs import ToolVerb
 from strands_actors.drivers import WIRES
 from strands_actors.drivers.plain.lerobot.types import TYPES
+from strands_actors.supervisors.loading import build_driver
 
 FILE = Path(factory.__file__).with_name("robot.pyi")
 WIDTH = 116
@@ -36,6 +38,7 @@ WIDTH = 116
 OF_HARDWARE = ("port", "transport", "sim", "require_drill", "at", "lifetime")
 OF_SIMULATIONS = ("backend", "urdf_path", "position", "orientation", "keyframe")
 """Keywords of ``Robot`` that only one of the two takes; the others are of both."""
+NONE: Mapping[str, ToolVerb] = {}
 WITH_ACTION = ("step",)
 """Services that are given a command to write first."""
 
@@ -225,14 +228,47 @@ def service(name: str, declared: Service, is_async: bool) -> str:
     return packed(f"    def {name}(", parameters, ") -> Answer:") + f"\n{text}"
 
 
-def handle(name: str, base: type, services: Mapping[str, Service], named: str = "") -> str:
-    """Return a class with the services as methods; empty: it would add nothing to its base. ``named``:
-    the base, where that is a class of the file."""
-    own = {key: each for key, each in services.items() if not hasattr(base, key)}
-    if not own:
-        return ""
+JSON_TYPES = {"number": "float", "integer": "int", "string": "str", "boolean": "bool"}
+
+
+def command(verb: ToolVerb, is_async: bool) -> str:
+    """An agent's command as a method."""
+    parameters = ["self"]
+    for name, schema in verb.inputs.items():
+        if (key := name.replace(".", "_")).isidentifier():
+            parameters.append(f"{key}: {JSON_TYPES.get(str(schema.get('type')), 'Any')} = ...")
+    parameters += ["*", "wait: bool = True"]
+    if is_async:
+        return packed(f"    async def {verb.name}(", parameters, ") -> Answer: ...")
+    text = textwrap.fill(f'        """{verb.says}"""', WIDTH, subsequent_indent=" " * 8)
+    return packed(f"    def {verb.name}(", parameters, ") -> Answer:") + f"\n{text}"
+
+
+def described(kind: Kind) -> tuple[dict[str, Service], dict[str, ToolVerb]]:
+    """Return the services and the commands of a driver's robots, as their objects have them."""
+    services: dict[str, Service] = {}
+    commands: dict[str, ToolVerb] = {}
+    for robot in kind.driver.SUPPORTED_ROBOTS:
+        options = kind.driver.resolve(robot, {})
+        one = build_driver(kind.driver, robot, "", options)
+        services |= kind.driver.services(options)
+        commands |= {verb.name: verb for verb in one.TOOL_VERBS if verb.does == "action"}
+    return services, commands
+
+
+def handle(
+    name: str, base: type, services: Mapping[str, Service], named: str = "", commands: Mapping[str, ToolVerb] = NONE
+) -> str:
+    """Return a class with services and commands as methods; empty: it would add nothing to its base.
+    ``named``: the base, where that is a class of the file."""
     is_async = base is AsyncRobot
-    bodies = "\n".join(service(key, each, is_async) for key, each in own.items())
+    methods = {key: service(key, each, is_async) for key, each in services.items() if not hasattr(base, key)}
+    for key, verb in commands.items():
+        if key not in methods and not hasattr(base, key):
+            methods[key] = command(verb, is_async)
+    if not methods:
+        return ""
+    bodies = "\n".join(methods.values())
     return f"@type_check_only\nclass {name}({named or base.__name__}):\n{bodies}"
 
 
@@ -246,7 +282,7 @@ def text() -> str:
     simulation: type[Driver] = load("strands_actors.drivers.sim.driver:SimDriver")
     classes.append(handle(later["sim"], AsyncRobot, simulation.SERVICES))
     for kind in known:
-        services = kind.driver.SERVICES
+        services, commands = described(kind)
         acts = {name: each for name, each in services.items() if each.acts}
         for names_of, key, name, base, of_it in (
             (now, "real", kind.name, RealRobot, services),
@@ -254,7 +290,7 @@ def text() -> str:
             (now, "sim", f"Simulated{kind.name}", SimRobot, acts),
             (later, "sim", f"AsyncSimulated{kind.name}", AsyncRobot, acts),
         ):
-            if made := handle(name, base, of_it, names_of[key]):
+            if made := handle(name, base, of_it, names_of[key], commands):
                 classes.append(made)
                 names_of[f"{key} {kind.name}"] = name
     context = {key: f"AbstractAsyncContextManager[{each}]" for key, each in later.items()}

@@ -78,7 +78,7 @@ def callables() -> set[str]:
 
 def keywords() -> set[str]:
     taken: list[Callable[..., object]] = [Robot, check_driver, register_robot, register_native_driver, MeshConfig]
-    taken += [RealRobot.run_policy, RealRobot.start_task, SimRobot.add_object]
+    taken += [RealRobot.run_policy, RealRobot.start_task, RealRobot.move_to, SimRobot.add_object]
     found = {keyword for each in taken for keyword in inspect.signature(each).parameters}
     for provider in list_providers().values():
         module, _, name = provider.where.partition(":")
@@ -89,6 +89,7 @@ def keywords() -> set[str]:
         found |= set(constructor_keywords(driver_class))
         for service in getattr(driver_class, "SERVICES", {}).values():
             found |= set(service.arguments)
+        found |= {name for verb in getattr(driver_class, "TOOL_VERBS", ()) for name in verb.inputs}
     return found
 
 

@@ -20,7 +20,7 @@ FEEDBACK_END = p.TEMPERATURE.address + 1
 
 def far(arm: Any, joint: str = "shoulder_pan") -> float:
     """A place far from where the joint is, on the other side of its middle."""
-    return -60.0 if arm.get_observation()[joint] > 0 else 60.0
+    return -40.0 if arm.get_observation()[joint] > 0 else 40.0
 
 
 def moves(arm: Any, joint: str = "shoulder_pan") -> None:

@@ -187,8 +187,9 @@ def test_a_stop_of_the_controllers_own_refuses_the_next_step_by_name(
 
 def test_an_agents_verbs_are_those_of_the_schema(bench: RealRobot) -> None:
     verbs = bench.tool_spec["inputSchema"]["json"]["properties"]["action"]["enum"]
-    assert verbs == ["state", "status", "stop"]
-    for other in ("home", "move_to", ""):
+    assert verbs == ["state", "status", "move_to", "stop"]
+    assert "needs an operator's approval" in why(ask(bench, action="move_to", targets={ELBOW: 1.0}))
+    for other in ("home", "move", ""):
         said = why(ask(bench, action=other))
         assert repr(other) in said and ", ".join(verbs) in said
     assert json_of(ask(bench, action="stop"))["unconfirmed"] == []

@@ -21,7 +21,7 @@ from strands_actors.drivers.common.robot_tables import RobotTables
 
 from .axes import COUNTS_PER_RADIAN, MIDDLE, axes_of
 from .config import ServoConfig
-from .gates import all_gates
+from .gates import MAX_JUMP_DEG, NO_MAX_JUMP_DEG, all_gates
 
 TIMEOUT_S = 0.5
 LONGEST_TIMEOUT_S = 10.0
@@ -56,13 +56,20 @@ class ServoOptions(DriverOptions, frozen=True):
             f"None: {TIMEOUT_S:g}"
         ),
     ] = None
+    max_jump: Annotated[
+        float | None,
+        option(
+            "degrees that one command may send a joint from where it is, at full speed; "
+            f"None: {MAX_JUMP_DEG:g}; {NO_MAX_JUMP_DEG:g}: any. move_to() is not bounded by it"
+        ),
+    ] = None
 
 
 class ServoDriver(Driver):
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "serial"
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (STATUS, SENSORS, MOVE_TO, SET_TORQUE, STOP)
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(ServoOptions)
-    SPELLINGS: ClassVar[Mapping[str, str]] = {"baud_rate": "baud"}
+    SPELLINGS: ClassVar[Mapping[str, str]] = {"baud_rate": "baud", "max_relative_target": "max_jump"}
     TABLES: ClassVar[RobotTables]
     BAUD_RATES: ClassVar[tuple[int, ...]]
     DEFAULT_BAUD: ClassVar[int]
@@ -107,6 +114,7 @@ class ServoDriver(Driver):
             "baud": int(baud),
             "motor_ids": list(ids.values()),
             "timeout": _timeout_s(robot, options.get("timeout")),
+            "max_jump": _max_jump_deg(robot, options.get("max_jump")),
             "calibration": motors and {key: _plain(motor) for key, motor in motors.items()},
             "calibration_source": source,
             "calibrated_ids": [] if motors else lerobot.ids(cls.lerobot_types(name), kind=cls.CALIBRATIONS),
@@ -140,7 +148,9 @@ class ServoDriver(Driver):
                 f"{self.robot} is not calibrated: its limits are those of its model, and 0 degrees is the middle "
                 f"of each servo. {hint}run `strands-actors calibrate {self.robot} --port {port or 'P'}`",
             )
-        self.gates = all_gates(self.joints, self.timing.state_ttl_s, self.FAULT_CODES, self.REMEDIES)
+        self.gates = all_gates(
+            self.joints, self.timing.state_ttl_s, self.FAULT_CODES, self.REMEDIES, resolved["max_jump"]
+        )
 
     def check_port(self) -> None:
         check_device(self.config.port)
@@ -210,6 +220,13 @@ def _timeout_s(robot: str, given: object) -> float:
             f"{robot}: timeout is {given!r}. Give seconds, {SHORTEST_TIMEOUT_S:g} to {LONGEST_TIMEOUT_S:g}"
         )
     return seconds
+
+
+def _max_jump_deg(robot: str, given: object) -> float:
+    degrees = MAX_JUMP_DEG if given is None else finite(given)
+    if degrees is None or not 0 < degrees <= NO_MAX_JUMP_DEG:
+        raise ValueError(f"{robot}: max_jump is {given!r}. Give degrees, above 0 and at most {NO_MAX_JUMP_DEG:g}")
+    return degrees
 
 
 def _plain(motor: lerobot.MotorCalibration) -> dict[str, int]:

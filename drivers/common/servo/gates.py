@@ -13,12 +13,24 @@ from strands_actors.kernel.messages import Refused
 _CLEAR_IT = "clear the cause, then try again"
 
 
+MAX_JUMP_DEG = 90.0
+"""How far one command may send a joint, unless its user says otherwise. A servo goes there at its top
+speed: a quarter of a turn takes a quarter of a second. What people send from hand to hand is less, and
+a typo is often more (200 for 20). A gripper, in percent, has no such limit: it opens in one command."""
+NO_MAX_JUMP_DEG = 360.0
+"""More than any joint turns."""
+
+
 def all_gates(
-    axes: Axes, state_ttl_s: float, fault_codes: Mapping[str, str], remedies: Mapping[str, str]
+    axes: Axes,
+    state_ttl_s: float,
+    fault_codes: Mapping[str, str],
+    remedies: Mapping[str, str],
+    max_jump_deg: float = MAX_JUMP_DEG,
 ) -> tuple[GateCheck, ...]:
     """Return the gates in the order in which they are asked: the first that refuses answers. A
-    one-shot names where to go, not how fast: the servo's own top speed bounds it. ``fault_codes``,
-    ``remedies``: as ``motor_fault`` takes them."""
+    one-shot names where to go, not how fast: the servo's own top speed bounds it, and
+    ``max_jump_deg`` how far. ``fault_codes``, ``remedies``: as ``motor_fault`` takes them."""
     return (
         # The limits in a servo's own registers may be narrower than the range of its model: it would
         # stand still without a word, or stop on the way.
@@ -28,7 +40,28 @@ def all_gates(
         temperature(axes),
         motor_fault(axes, fault_codes, remedies),
         too_fast(axes),
+        jumps(axes, max_jump_deg),
     )
+
+
+def jumps(axes: Axes, most_deg: float) -> GateCheck:
+    """Refuse a command on its own that sends a joint further than ``most_deg`` from where it is. The
+    commands of a stream are judged by their steps."""
+
+    def jumps(candidate: Candidate, state: GateState) -> Refused | None:
+        if state.stream:
+            return None
+        for at in candidate.named:
+            way = abs(candidate.values[at] - state.observation.position[at])
+            if axes[at].unit == "deg" and not way <= most_deg:
+                key, limit = axes[at].key, f"{most_deg:g}"
+                why = f"move: {key} would go {way:.1f} deg at full speed, limit {limit} deg"
+                there = f'move_to({{"{key}": {candidate.values[at]:.4g}}}, seconds=2)'
+                remedy = f"use {there}, or make the robot with a larger max_jump"
+                return Refused("jump", why, remedy, f"{way:.1f}", limit)
+        return None
+
+    return jumps
 
 
 def voltage(axes: Axes) -> GateCheck:

@@ -94,7 +94,7 @@ def _guardable(driver: Driver) -> tuple[str, ...]:
     moving = [
         name
         for name, does in verbs.items()
-        if does in ("action", "torque") or (services.get(name) and does == "service")
+        if does in ("action", "move_to", "torque") or (services.get(name) and does == "service")
     ]
     others = [name for name in services if name not in verbs]
     return tuple(dict.fromkeys((*moving, *driver.GUARDED, *others, *driver.axes)))

@@ -42,7 +42,7 @@ class Call:
         match self.verb.does:
             case "stop":
                 return "stop"
-            case "action":
+            case "action" | "move_to":
                 return "motion"
             case "service":
                 return "motion" if self.moves else "read"
@@ -51,10 +51,19 @@ class Call:
         return "read"
 
     @property
+    def held_s(self) -> Any:
+        """Return for how many seconds a command is to be sent again; None: once."""
+        return self.inputs.get(self.verb.lasts) if self.verb.lasts else None
+
+    @property
     def action(self) -> dict[str, Any]:
-        """Return the command of a verb that does ``action``."""
+        """Return the command of a verb that does ``action``; the targets of ``move_to``."""
+        if self.verb.does == "move_to":
+            return dict(self.inputs["targets"])
         command: dict[str, Any] = dict(self.verb.action)
         for name, value in self.inputs.items():
+            if name == self.verb.lasts:
+                continue
             command |= value if isinstance(value, Mapping) else {name: value}
         return command
 

@@ -4,7 +4,7 @@ here."""
 from __future__ import annotations
 
 from strands_actors.caller import envelopes as answers
-from strands_actors.caller import verbs
+from strands_actors.caller import moving, verbs
 from strands_actors.caller.envelopes import Answer
 from strands_actors.caller.tree import RobotTree
 from strands_actors.contract.driver import Driver
@@ -22,6 +22,16 @@ async def use(tree: RobotTree, call: Call, approval: Approval, by: str, motion: 
     """``motion``: how to allow motion, where it is not; empty: it is. A stop is neither asked about
     nor held up. What the robot's own program is told to call is told in the tool's verbs."""
     return _in_its_verbs(await _use(tree, call, approval, by, motion), tree.driver)
+
+
+async def command(tree: RobotTree, call: Call, wait: bool = True) -> Answer:
+    """Do a verb that is a command: once, for some seconds, or as a motion in a time."""
+    if call.verb.does == "move_to":
+        seconds = call.inputs.get("seconds", moving.DEFAULT_S)
+        return await moving.move_to(tree, call.action, seconds, wait)
+    if call.held_s is not None:
+        return await moving.hold(tree, call.verb.name, call.action, call.held_s, wait)
+    return await verbs.send_action(tree, call.action)
 
 
 def _in_its_verbs(answer: Answer, driver: Driver) -> Answer:
@@ -50,13 +60,13 @@ async def _use(tree: RobotTree, call: Call, approval: Approval, by: str, motion:
         if wrong := approval.guards_nothing(tree.driver):  # an operator believes to be asked
             return answers.refused(Refused("guard", f"{verb.name}: {wrong}", "mend guarded= of the robot"))
         request = Request(tree.robot, verb.name, call.inputs, by)
-        keys = tree.driver.to_approve(call.action) if verb.does == "action" else ()
+        keys = tree.driver.to_approve(call.action) if verb.does in ("action", "move_to") else ()
         refusal = await approval.refuse(request, keys)
         if refusal is not None:
             return answers.refused(refusal)
     match verb.does:
-        case "action":
-            return await verbs.send_action(tree, call.action)
+        case "action" | "move_to":
+            return await command(tree, call)
         case "service":
             return await verbs.service(tree, verb.name, call.inputs)
         case "torque":

@@ -187,7 +187,10 @@ def test_four_verbs_four_meanings() -> None:
     assert {fallbacks[reason] for reason in (Reason.EXPIRED, Reason.LEASE, Reason.POLICY)} == {"hold"}
     for reason in (Reason.CALLER, Reason.WIRE, Reason.ROOT, Reason.LINK, Reason.FAULT, Reason.CLEANUP):
         assert fallbacks[reason] == "land"
-    assert {verb.name for verb in driver.TOOL_VERBS} == {"sensors", "status", "land", "stop"}, "no agent takes off"
+    assert {verb.name for verb in driver.TOOL_VERBS} == {"sensors", "status", "land", "move", "stop"}, (
+        "no agent takes off"
+    )
+    assert driver.GUARDED == ("move",)
     assert driver.ROLLOUTS
 
 

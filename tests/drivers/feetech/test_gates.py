@@ -27,7 +27,8 @@ CALIBRATION = {
 
 
 def so101(calibration: Mapping[str, Any] | None = CALIBRATION) -> Feetech:
-    return Feetech("so101", "/dev/none", Feetech.resolve("so101", {"calibration": calibration}))
+    """Return an arm whose user lets one command send a joint any way."""
+    return Feetech("so101", "/dev/none", Feetech.resolve("so101", {"calibration": calibration, "max_jump": 360}))
 
 
 ARM = so101()
@@ -256,7 +257,7 @@ def test_the_step_grows_with_the_time_since_the_last_target() -> None:
     assert refusal({"shoulder_pan": 60.0}, stream(0.033, -1.0)).code == "too_fast"
 
 
-def test_a_one_shot_may_go_anywhere_within_travel() -> None:
+def test_a_one_shot_may_go_anywhere_within_travel_where_its_user_says_so() -> None:
     assert isinstance(decide(ARM, {"shoulder_pan": 118.0}, state(stream=False)), Candidate)
 
 
@@ -387,3 +388,25 @@ def test_an_unknown_option_is_refused() -> None:
 def test_another_wires_robot_is_refused() -> None:
     with pytest.raises(ValueError, match=r"koch is not a Feetech robot\. Use one of so100, so101"):
         Feetech.resolve("koch", {})
+
+
+# -- a single jump
+
+
+def test_one_command_turns_a_joint_by_a_quarter_of_a_turn_at_most() -> None:
+    usual = Feetech("so101", "", Feetech.resolve("so101", {}))
+    assert isinstance(decide(usual, {"shoulder_pan": 89.0}), Candidate)
+    no = refusal({"shoulder_pan": 97.0}, driver=usual)
+    assert (no.code, no.limit) == ("jump", "90") and "at full speed" in no.reason
+    assert 'move_to({"shoulder_pan": 97}' in no.remedy and "max_jump" in no.remedy
+    assert isinstance(decide(usual, {"gripper": 100.0}), Candidate), "a gripper opens in one command"
+
+
+def test_a_user_may_lift_the_limit_or_lower_it() -> None:
+    free = Feetech("so101", "", Feetech.resolve("so101", {"max_jump": 360}))
+    assert isinstance(decide(free, {"shoulder_pan": 109.0}), Candidate)
+    careful = Feetech("so101", "", Feetech.resolve("so101", {"max_jump": 5}))
+    assert isinstance(decide(careful, {"shoulder_pan": 6.0}), Refused)
+    for wrong in (0, -1, 361, "90", True, math.nan):
+        with pytest.raises(ValueError, match="max_jump"):
+            Feetech.resolve("so101", {"max_jump": wrong})

@@ -163,7 +163,16 @@ def test_the_page_is_kept() -> None:
     driver = Spot("spot", "", Spot.resolve("spot", {}))
     assert driver.timing.control_hz == 10.0
     assert driver.axes == KEYS
-    assert [verb.name for verb in driver.TOOL_VERBS] == ["sensors", "state", "status", "stand", "stop"]
+    assert [verb.name for verb in driver.TOOL_VERBS] == [
+        "sensors",
+        "state",
+        "status",
+        "stand",
+        "move_to",
+        "move",
+        "stop",
+    ]
+    assert driver.GUARDED == ("move_to", "move")
     assert set(driver.SERVICES) == {"stand", "set_twist"}
     assert driver.commanded({"arm_sh0": 0.5}, accepted({"arm_sh0": 0.5}).values) == {
         "robot": "spot",

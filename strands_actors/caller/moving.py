@@ -1,0 +1,128 @@
+"""Verbs for motion in a time, on a tree: ``move_to``, and speeds that are held for some seconds.
+
+Both are rollouts of this process: setpoints at the control rate, each with its lifetime, under the
+caller's lease. A stop, a hold, a dead or frozen caller ends them as it ends any stream. Where a robot
+plans such a motion by itself (``Driver.timed``) it is told once, as a command.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import trio
+
+from strands_actors.contract.plain_numbers import as_python
+from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.gate.admission import about
+from strands_actors.supervisors.gate.failsafe import Mode
+
+from . import envelopes as answers
+from .envelopes import Answer
+from .motions import LONGEST_HELD_S, LONGEST_S, plan_hold, plan_move, refuse_seconds, refuse_targets
+from .tree import RobotTree
+
+LOOK_S = 0.05
+"""Between two looks at a robot that carries out a motion by itself."""
+DEFAULT_S = 2.0
+"""How long ``move_to`` takes when it is not told."""
+
+
+async def move_to(tree: RobotTree, targets: Mapping[str, Any], seconds: float, wait: bool) -> Answer:
+    """Move the named joints to their targets in so many seconds. ``wait``: return when they are there."""
+    driver, seconds = tree.driver, as_python(seconds)
+    refusal = refuse_targets(driver, targets) or refuse_seconds("move_to", "seconds", seconds, LONGEST_S)
+    if refusal is not None:
+        return answers.refused(refusal)
+    status = await tree.status()
+    seen = None if status is None else status.observation
+    timed = None if seen is None else driver.timed(targets, seconds, seen)
+    if isinstance(timed, Refused):
+        return answers.refused(about("move_to", timed))
+    if timed is not None:
+        return await _told_once(tree, targets, timed, seconds, wait)
+    period_s = 1.0 / driver.timing.control_hz
+    motion = await tree.rollouts.move("move_to", lambda seen: plan_move(driver, targets, seconds, seen, period_s))
+    if isinstance(motion, Refused):
+        return answers.refused(motion)
+    last = motion.action(motion.n_steps)
+    told = {"robot": tree.robot, "commanded": last, "unit": driver.unit, "seconds": round(motion.seconds, 3)}
+    return await _ended(tree, "move_to", told, tuple(last)) if wait else answers.success({**told, "running": True})
+
+
+async def hold(tree: RobotTree, verb: str, action: Mapping[str, Any], seconds: float, wait: bool) -> Answer:
+    """Send a command again and again for so many seconds, then zero."""
+    driver, seconds = tree.driver, as_python(seconds)
+    refusal = refuse_seconds(verb, "duration_s", seconds, LONGEST_HELD_S)
+    if refusal is not None:
+        return answers.refused(refusal)
+    period_s = 1.0 / driver.timing.control_hz
+    motion = await tree.rollouts.move(verb, lambda seen: plan_hold(driver, verb, action, seconds, seen, period_s))
+    if isinstance(motion, Refused):
+        return answers.refused(motion)
+    told = {"robot": tree.robot, "commanded": motion.action(1), "unit": driver.unit, "duration_s": seconds}
+    return await _ended(tree, verb, told, ()) if wait else answers.success({**told, "running": True})
+
+
+async def _ended(tree: RobotTree, verb: str, told: dict[str, Any], joints: tuple[str, ...]) -> Answer:
+    """Wait for the end of a motion. Whoever gives up waiting ends it."""
+    try:
+        ended = await tree.rollouts.wait()
+    except trio.Cancelled:
+        with trio.CancelScope(shield=True):
+            await tree.rollouts.stop_task()
+        raise
+    told |= {"took_s": round(ended.elapsed_s, 3)}
+    if ended.exit_reason != "n_steps":
+        why = f"{verb}: it did not come to its end: {ended.exit_reason}"
+        return answers.error(f"{why}: {ended.exit_detail}" if ended.exit_detail else why, told)
+    return answers.success({**told, **await _position(tree, joints)})
+
+
+async def _told_once(
+    tree: RobotTree, targets: Mapping[str, Any], action: Mapping[str, Any], seconds: float, wait: bool
+) -> Answer:
+    """Give a robot that plans motions by itself one command, and watch it for as long as that takes."""
+    accepted = await tree.send_action(action)
+    if isinstance(accepted, Refused):
+        return answers.refused(about("move_to", accepted))
+    driver = tree.driver
+    told = {"robot": tree.robot, **driver.accepted(action, accepted.values, accepted.sensors), "seconds": seconds}
+    if not wait:
+        return answers.success({**told, "running": True})
+    try:
+        until_s = trio.current_time() + seconds
+        while (left_s := until_s - trio.current_time()) > 0:
+            await trio.sleep(min(LOOK_S, left_s))
+            status = await tree.status()
+            if status is None:
+                return answers.error("move_to: the wire does not answer, so how it ends is not known", told)
+            if status.mode not in (Mode.ARMED, Mode.HOLDING):
+                return answers.error(f"move_to: the robot is {status.mode} ({status.cause})", told)
+    except trio.Cancelled:
+        with trio.CancelScope(shield=True):
+            await tree.release()
+        raise
+    joints = tuple(str(key).removesuffix(".pos") for key in targets)
+    return answers.success({**told, **await _position(tree, joints)})
+
+
+async def _position(tree: RobotTree, joints: tuple[str, ...]) -> dict[str, Any]:
+    """Return where the joints are measured, if that can be read."""
+    seen = await tree.observe()
+    if isinstance(seen, Refused) or not joints:
+        return {}
+    row = answers.positions(tree.driver, seen)
+    return {"position": {key: row[key] for key in joints if key in row}}
+
+
+async def end_motion(tree: RobotTree) -> Answer:
+    """End what a verb of this module began, for a caller that waits no longer."""
+    status, result = await tree.rollouts.stop_task()
+    if status.exit_reason == "stopped":
+        return answers.stop_result("stop_task", result)
+    released = await tree.release()
+    return answers.refused(released) if isinstance(released, Refused) else answers.stop_result("release", released)
+
+
+__all__ = ["DEFAULT_S", "end_motion", "hold", "move_to"]

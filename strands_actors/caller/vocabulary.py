@@ -1,0 +1,44 @@
+"""The commands that a driver declares for agents, as methods of a robot's handle: one vocabulary for
+scripts and agents."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from strands_actors.contract.driver import Driver
+from strands_actors.contract.tool_verbs import ToolVerb
+from strands_actors.kernel.messages import Refused
+from strands_actors.surfaces.agents.calls import Call, read
+
+
+def find_command(driver: Driver | None, name: str) -> ToolVerb | None:
+    """Return the verb of this name that is a command; None: there is none."""
+    if driver is None:
+        return None
+    return next((verb for verb in driver.TOOL_VERBS if verb.name == name and verb.does == "action"), None)
+
+
+def command_names(driver: Driver) -> list[str]:
+    """Return the names of all verbs that are commands."""
+    return [verb.name for verb in driver.TOOL_VERBS if verb.does == "action"]
+
+
+def call_of(driver: Driver, command: str, values: Sequence[Any], inputs: Mapping[str, Any]) -> Call | Refused:
+    """Return what a script's call means. An input that is no Python name is given with ``_`` for its
+    dots: ``linear_x``. ``values``: inputs by their place."""
+    verb = find_command(driver, command)
+    if verb is None:
+        known = ", ".join(command_names(driver)) or "none"
+        why = f"{command}: {driver.robot} has no such command"
+        return Refused("unknown_command", why, f"it has {known}", command, known)
+    names = {name.replace(".", "_"): name for name in verb.inputs}
+    takes = ", ".join(names) or "no input"
+    if len(values) > len(names):
+        what = f"{verb.name}: {len(values)} values were given"
+        return Refused("bad_input", what, f"it takes {takes}", str(len(values)), str(len(names)))
+    placed = dict(zip(names.values(), values, strict=False))
+    named = {names.get(name, name): value for name, value in inputs.items()}
+    if twice := sorted(placed.keys() & named.keys()):
+        return Refused("bad_input", f"{verb.name}: {twice[0]} is given twice", f"it takes {takes}", twice[0], takes)
+    return read(driver, {"action": verb.name, **placed, **named})
