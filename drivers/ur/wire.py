@@ -32,7 +32,7 @@ would take it up late."""
 
 CONFIRM_S = 0.4
 
-CLOCK_S = 1e9
+CLOCK_S = 1_000_000_000
 """The controller's clock counts seconds from its start, and never so many: a sample that is behind
 the newest is an old one. After a restart the connection is another."""
 

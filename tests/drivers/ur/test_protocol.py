@@ -95,3 +95,10 @@ def test_modes_have_names_and_strange_ones_numbers() -> None:
     assert p.mode_name(p.RobotMode, 42) == "unknown (42)"
     assert set(c.SAFETY_BITS) == set(p.SafetyMode)
     assert math.isclose(p.STOP_DECELERATION_RAD_S2, 4.0)
+
+
+def test_saf_022_data_of_another_recipe_is_not_read_as_ours() -> None:
+    ours, other = (p.Recipe(number, ["timestamp"], ["DOUBLE"]) for number in (1, 2))
+    assert ours.unpack(ours.pack({"timestamp": 1.0})[3:]) == {"timestamp": 1.0}
+    with pytest.raises(MalformedFrame, match="data of recipe 2, 1 was agreed"):
+        ours.unpack(other.pack({"timestamp": 1.0})[3:])

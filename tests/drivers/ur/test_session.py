@@ -56,6 +56,19 @@ def test_saf_012_a_clock_stands_still_when_two_samples_are_missing_and_not_befor
     assert not session.is_still
 
 
+@pytest.mark.parametrize("time_s", [0.9, 0.0, float("nan"), float("inf")])
+def test_saf_022_a_sample_that_is_older_than_the_newest_is_none(time_s: float) -> None:
+    clock = Clock()
+    session = session_at(clock)
+    ordered_ns = clock.now_ns()
+    clock.now_s += 0.01
+    session.take(sample(1.1, actual_qd=(1.0,) * 6))
+    session.take(sample(time_s))
+    assert not session.stands_since(ordered_ns), "it moves, as the newest says"
+    session.take(sample(1.2))
+    assert session.stands_since(ordered_ns)
+
+
 def test_saf_012_a_clock_that_stands_still_for_longer_is_a_lost_link() -> None:
     clock = Clock()
     session = session_at(clock)
