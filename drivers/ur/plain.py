@@ -1,10 +1,10 @@
-"""The controller's plain ports, without the SDK: the dashboard, and samples that show its clock
-advance."""
+"""The controller's plain ports, without the SDK: the dashboard, samples that show its clock advance,
+and registers that are written."""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import AsyncIterator, Iterator, Sequence
+from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
 from itertools import chain
 from typing import Any
 
@@ -77,8 +77,8 @@ async def handshake(host: str) -> dict[str, Any]:
 # -- samples
 
 
-class Samples:
-    """A stream of RTDE samples: what each output that was asked for is now."""
+class Rtde:
+    """One RTDE connection."""
 
     def __init__(self, stream: TcpPort) -> None:
         self._stream = stream
@@ -87,11 +87,39 @@ class Samples:
         self._packets: Iterator[p.Packet] = iter(())  # that came with one asked for
         self._recipe: p.Recipe
 
+    def close(self) -> None:
+        self._stream.close()
+
+    async def _agree_version(self) -> None:
+        if await self._request(p.version_request(), p.Kind.VERSION) != b"\x01":
+            raise WireDown(f"{self._stream.name}: speaks no RTDE version {p.RTDE_VERSION}. Update its software")
+
+    async def _request(self, request: bytes, kind: int) -> bytes:
+        self._stream.write(request)
+        return await self._packet(kind)
+
+    async def _packet(self, kind: int) -> bytes:
+        while True:
+            for packet in self._packets:
+                if packet.kind == kind:
+                    return packet.payload
+            self._packets = self._decoder.feed(await receive(self._stream))
+
+    @contextlib.contextmanager
+    def _understood(self) -> Iterator[None]:
+        try:
+            yield
+        except MalformedFrame as malformed:
+            raise WireDown(f"{self._stream.name}: {malformed}") from None
+
+
+class Samples(Rtde):
+    """A stream of RTDE samples: what each output that was asked for is now."""
+
     async def start(self, names: Sequence[str], hz: float) -> None:
         """Agree on the outputs and how often they come. Raise ``WireDown``."""
         with self._understood():
-            if await self._request(p.version_request(), p.Kind.VERSION) != b"\x01":
-                raise WireDown(f"{self._stream.name}: speaks no RTDE version {p.RTDE_VERSION}. Update its software")
+            await self._agree_version()
             answer = await self._request(p.outputs_request(hz, names), p.Kind.OUTPUTS)
             self._recipe = p.outputs_answer(answer, names)
             await self._request(p.frame(p.Kind.START), p.Kind.START)
@@ -120,26 +148,31 @@ class Samples:
             f"{self._stream.name}: samples come, but the controller's clock stands still. Restart the controller"
         )
 
-    def close(self) -> None:
-        self._stream.close()
 
-    async def _request(self, request: bytes, kind: int) -> bytes:
-        self._stream.write(request)
-        return await self._packet(kind)
+class Inputs(Rtde):
+    """Registers of the controller that this connection writes, all of them in each packet. Nothing comes
+    unasked on it, so nothing is read."""
 
-    async def _packet(self, kind: int) -> bytes:
-        while True:
-            for packet in self._packets:
-                if packet.kind == kind:
-                    return packet.payload
-            self._packets = self._decoder.feed(await receive(self._stream))
+    async def start(self, names: Sequence[str]) -> None:
+        """Agree on the inputs. Raise ``WireDown``, also when another client writes one of them."""
+        with self._understood():
+            await self._agree_version()
+            self._recipe = p.inputs_answer(await self._request(p.inputs_request(names), p.Kind.INPUTS), names)
 
-    @contextlib.contextmanager
-    def _understood(self) -> Iterator[None]:
-        try:
-            yield
-        except MalformedFrame as malformed:
-            raise WireDown(f"{self._stream.name}: {malformed}") from None
+    def write(self, values: Mapping[str, p.Value]) -> None:
+        """Write one packet at once. Raise ``WireDown``."""
+        self._stream.write(self._recipe.pack(values))
+
+
+async def open_inputs(host: str, names: Sequence[str]) -> Inputs:
+    """Raise ``WireDown``."""
+    opened = Inputs(await open_tcp(host, p.RTDE_PORT))
+    try:
+        await opened.start(names)
+    except BaseException:
+        opened.close()
+        raise
+    return opened
 
 
 async def open_samples(host: str, names: Sequence[str], hz: float) -> Samples:
