@@ -3,8 +3,8 @@ interface."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, Protocol
+from collections.abc import Callable
+from typing import ClassVar, Protocol
 
 from strands_actors.contract.wire import WireDown
 from strands_actors.kernel.clock import Clock
@@ -24,17 +24,14 @@ class Control(Protocol):
     WAY: ClassVar[Way]
     """Which of the two it is."""
 
-    OUTPUTS: ClassVar[tuple[str, ...]]
-    """Outputs of the controller that it reads in each sample."""
-
     spent: str
     """Why this process can command the robot no more. Empty: it can."""
 
     async def connect(self) -> None:
         """Connect to the registers, the first time. Starts no program."""
 
-    def take(self, sample: Mapping[str, Any]) -> None:
-        """Take the newest sample."""
+    def take(self) -> None:
+        """Take what the controller has answered. Called with each sample."""
 
     async def upload(self, check: Callable[[], None]) -> bool:
         """Send the control script. It starts some time later.
@@ -67,12 +64,16 @@ class Control(Protocol):
         """
         ...
 
-    async def servo_stop(self) -> bool:
-        """End servo motion. Return whether the script says that the arm stands."""
-        ...
+    async def halt(self, ends: bool) -> bool:
+        """End servo motion. The order leaves before the first wait.
 
-    async def stop_script(self) -> None:
-        """End the script. Does not wait for its end."""
+        Args:
+            ends: Whether the script ends, too.
+
+        Returns:
+            Whether the script says that the arm stands.
+        """
+        ...
 
     def close(self) -> None:
         """Close what can be closed without waiting."""
@@ -91,4 +92,4 @@ def open_control(config: URConfig, clock: Clock) -> Control:
         except WireDown:
             if config.control is not None:
                 raise
-    return ScriptControl(config.host, clock)
+    return ScriptControl(config.host, config.samples_hz, clock)

@@ -47,8 +47,8 @@ class UROptions(DriverOptions, frozen=True):
     control: Annotated[
         Way | None,
         option(
-            "how it is commanded: by ur-rtde, or by our own control script without it; None: by ur-rtde where it is "
-            "installed"
+            "how it is commanded: by ur-rtde, or by our own control script without it; None: by ur-rtde "
+            "where that is installed"
         ),
     ] = None
     model: Annotated[str | None, option("the robot's own name, to be sure that it is the arm that was meant")] = (

@@ -85,7 +85,7 @@ class Rtde:
         self._decoder = p.Decoder()
         self._budget = ReceiveBudget(stream.name)
         self._packets: Iterator[p.Packet] = iter(())  # that came with one asked for
-        self._recipe: p.Recipe
+        self._outputs: p.Recipe
 
     def close(self) -> None:
         self._stream.close()
@@ -93,6 +93,10 @@ class Rtde:
     async def _agree_version(self) -> None:
         if await self._request(p.version_request(), p.Kind.VERSION) != b"\x01":
             raise WireDown(f"{self._stream.name}: speaks no RTDE version {p.RTDE_VERSION}. Update its software")
+
+    async def _agree_outputs(self, names: Sequence[str], hz: float) -> None:
+        answer = await self._request(p.outputs_request(hz, names), p.Kind.OUTPUTS)
+        self._outputs = p.outputs_answer(answer, names)
 
     async def _request(self, request: bytes, kind: int) -> bytes:
         self._stream.write(request)
@@ -120,8 +124,7 @@ class Samples(Rtde):
         """Agree on the outputs and how often they come. Raise ``WireDown``."""
         with self._understood():
             await self._agree_version()
-            answer = await self._request(p.outputs_request(hz, names), p.Kind.OUTPUTS)
-            self._recipe = p.outputs_answer(answer, names)
+            await self._agree_outputs(names, hz)
             await self._request(p.frame(p.Kind.START), p.Kind.START)
 
     async def next(self) -> dict[str, Any]:
@@ -134,7 +137,7 @@ class Samples(Rtde):
             for packet in chain(self._packets, behind):
                 if packet.kind == p.Kind.DATA:
                     newest = packet.payload
-            return self._recipe.unpack(newest)
+            return self._outputs.unpack(newest)
 
     async def first(self) -> dict[str, Any]:
         """Return the first that shows the controller's clock advance. Raise ``WireDown`` when it
@@ -149,26 +152,42 @@ class Samples(Rtde):
         )
 
 
-class Inputs(Rtde):
-    """Registers of the controller that this connection writes, all of them in each packet. Nothing comes
-    unasked on it, so nothing is read."""
+class Registers(Rtde):
+    """Inputs of the controller that this connection writes, all of them in each packet, and outputs that
+    answer them.
 
-    async def start(self, names: Sequence[str]) -> None:
-        """Agree on the inputs. Raise ``WireDown``, also when another client writes one of them."""
+    The outputs have a second use. Inputs belong to one client until its connection ends. A controller
+    that sends nothing would not notice that the client has gone while the cable was pulled.
+    """
+
+    answers: Mapping[str, Any] = {}
+    """Outputs that came last. Empty: none has come yet."""
+
+    async def start(self, inputs: Sequence[str], outputs: Sequence[str], hz: float) -> None:
+        """Agree on both. Raise ``WireDown``, also when another client writes one of the inputs."""
         with self._understood():
             await self._agree_version()
-            self._recipe = p.inputs_answer(await self._request(p.inputs_request(names), p.Kind.INPUTS), names)
+            await self._agree_outputs(outputs, hz)
+            self._inputs = p.inputs_answer(await self._request(p.inputs_request(inputs), p.Kind.INPUTS), inputs)
+            await self._request(p.frame(p.Kind.START), p.Kind.START)
 
     def write(self, values: Mapping[str, p.Value]) -> None:
         """Write one packet at once. Raise ``WireDown``."""
-        self._stream.write(self._recipe.pack(values))
+        self._stream.write(self._inputs.pack(values))
+
+    def take(self) -> None:
+        """Take the answers that have come, without a wait. Raise ``WireDown``."""
+        with self._understood():
+            for packet in (*self._packets, *self._decoder.feed(self._stream.read_waiting() or b"")):
+                if packet.kind == p.Kind.DATA:
+                    self.answers = self._outputs.unpack(packet.payload)
 
 
-async def open_inputs(host: str, names: Sequence[str]) -> Inputs:
+async def open_registers(host: str, inputs: Sequence[str], outputs: Sequence[str], hz: float) -> Registers:
     """Raise ``WireDown``."""
-    opened = Inputs(await open_tcp(host, p.RTDE_PORT))
+    opened = Registers(await open_tcp(host, p.RTDE_PORT))
     try:
-        await opened.start(names)
+        await opened.start(inputs, outputs, hz)
     except BaseException:
         opened.close()
         raise

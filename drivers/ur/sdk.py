@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, ClassVar
 
 from strands_actors.contract.wire import ProcessSpent
@@ -64,7 +64,6 @@ class Sdk(SdkCalls):
     """One connection. Calls never overlap. See ``control.Control``."""
 
     WAY: ClassVar[Way] = "ur-rtde"
-    OUTPUTS: ClassVar[tuple[str, ...]] = ()  # it reads its own
 
     def __init__(self, host: str, registers_hz: float | None = None) -> None:
         """Load it, and connect to nothing. Raise ``WireDown`` where it is not installed,
@@ -87,8 +86,8 @@ class Sdk(SdkCalls):
                 "control", OPEN_S, self._interface, self._host, self._registers_hz, flags
             )
 
-    def take(self, sample: Mapping[str, Any]) -> None:
-        """It has samples of its own."""
+    def take(self) -> None:
+        """Its own threads read."""
 
     def close(self) -> None:
         """Nothing is closed: that takes half a second with the lock held, or for ever. What is open ends
@@ -123,8 +122,8 @@ class Sdk(SdkCalls):
 
         return await self.call("servoJ", CALL_S, send)
 
-    async def servo_stop(self) -> bool:
-        return bool(await self.call("servoStop", STOP_S, self._control.servoStop, STOP_RAD_S2))
-
-    async def stop_script(self) -> None:
-        await self.call("stopScript", STOP_S, self._control.stopScript)
+    async def halt(self, ends: bool) -> bool:
+        stopped = bool(await self.call("servoStop", STOP_S, self._control.servoStop, STOP_RAD_S2))
+        if ends:
+            await self.call("stopScript", STOP_S, self._control.stopScript)
+        return stopped

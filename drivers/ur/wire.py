@@ -70,7 +70,7 @@ class URSession:
         """Take a sample, if it is newer than the last one. A controller that stopped or paused our
         program is not written to again before the next arming: its operator unlocks it, and nothing
         may move because of that."""
-        self.control.take(sample)
+        self.control.take()
         if not self._advanced.take(sample["timestamp"], self._clock.now_ns()):
             return
         self.sample = sample
@@ -170,7 +170,7 @@ class URWire(SessionWire[URSession]):
             raise WireDown(f"open: {error}") from None
         control = open_control(self._config, self._clock)
         facts = await plain.handshake(host)
-        samples = await plain.open_samples(host, (*OUTPUTS, *control.OUTPUTS), self._config.samples_hz)
+        samples = await plain.open_samples(host, OUTPUTS, self._config.samples_hz)
         session = self.session_or_none = URSession(control, samples, self._config, self._clock)
         try:
             session.take(await samples.first())
@@ -275,9 +275,7 @@ class URWire(SessionWire[URSession]):
         session.servoing = False
         if ended:
             session.controls = False
-        stopped = await session.control.servo_stop()
-        if ended:
-            await session.control.stop_script()
+        stopped = await session.control.halt(ended)
         session.was_fed()
         return stopped
 

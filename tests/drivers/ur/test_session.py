@@ -27,9 +27,9 @@ class Clock:
 
 
 class Commands:
-    """Takes the samples, and commands nothing."""
+    """Commands nothing."""
 
-    def take(self, sample: dict[str, Any]) -> None:
+    def take(self) -> None:
         pass
 
 
