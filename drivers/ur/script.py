@@ -37,7 +37,7 @@ STOP_RAD_S2 = 10.0
 """Deceleration when servoing ends."""
 
 SILENT_S = 0.08
-"""Longest age of a packet. Shorter than the controller's watchdog takes: the script's own ``stopj``
+"""Longest time for which a packet is obeyed. Shorter than the controller's watchdog takes: the script's own ``stopj``
 comes first."""
 FIRST_WORD_S = 1.0
 """How long a script waits for its first packet, then it ends: nobody commands it any more."""
@@ -103,7 +103,7 @@ def control_script(token: int) -> bytes:
         lookahead=LOOKAHEAD_S,
         gain=GAIN,
         stop=STOP_RAD_S2,
-        silent=SILENT_S,
+        silent=round(SILENT_S - 1.5 * CONTROL_S, 6),  # read one period late; half: whole periods are counted
         first=FIRST_WORD_S,
         watchdog=WATCHDOG_HZ,
     ).encode()
