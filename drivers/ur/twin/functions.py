@@ -72,7 +72,7 @@ class Functions:
         return self.sleep(t)
 
     def stopj(self, a: float = 2.0) -> Waits:
-        self._robot.halt()
+        self._robot.halt_by_program()
         return Waits(self._robot.is_steady)
 
     def stopl(self, a: float = 2.0, aRot: float = 0.0) -> Waits:

@@ -181,6 +181,7 @@ except Exception as error:
 # -- FCI 10
 
 
+@pytest.mark.needs("pylibfranka")
 def test_pylibfranka_connects_reads_and_loads_the_model(fr3: TwinProcess) -> None:
     told = run(
         fr3,
@@ -211,6 +212,7 @@ while elapsed < 1.0:
 """
 
 
+@pytest.mark.needs("pylibfranka")
 def test_pylibfranka_moves_at_1_khz(fr3: TwinProcess) -> None:
     told = run(
         fr3,
@@ -227,6 +229,7 @@ end(cycles=cycles, moved=[there - here for there, here in zip(state.q, start)], 
     assert told["mode"] == "RobotMode.Idle"
 
 
+@pytest.mark.needs("pylibfranka")
 def test_pylibfranka_is_stopped_by_a_guard_and_recovers(fr3: TwinProcess) -> None:
     """It jumps; the controller's guard ends the motion, names why, and is cleared."""
     told = run(
@@ -254,6 +257,7 @@ robot.automatic_error_recovery()
     assert told["cycles"] > 900
 
 
+@pytest.mark.needs("pylibfranka")
 def test_pylibfranka_is_told_of_the_other_version(tmp_path: Path) -> None:
     with twin_of("fr3", tmp_path, fci=5) as twin:
         told = run(
