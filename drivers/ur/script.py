@@ -1,5 +1,5 @@
-"""Our control script: its text, and the registers by which it is commanded and answers. Pure: no I/O,
-no clock.
+"""Our control script: its text, and the registers by which it is commanded and answers. Pure: no
+clock, no I/O but for reading ``control.script``.
 
 The script runs on the controller. It is an alternative to the one that ur-rtde uploads, and needs no
 SDK. Each command is one RTDE packet that writes all of ``INPUTS``:
@@ -24,6 +24,7 @@ down: ``servoj`` then takes longer than its time.
 from __future__ import annotations
 
 import enum
+from importlib import resources
 
 from .arms import JOINTS
 from .gates import CONTROL_S, LOOKAHEAD_S, WATCHDOG_HZ
@@ -85,7 +86,8 @@ def has_reached(answered: int, number: int) -> bool:
 
 def control_script(token: int) -> bytes:
     """Return the program for one upload. ``token``: 1 to ``LAST_NUMBER``, another one each time."""
-    return _TEXT.format(
+    text = (resources.files(__package__) / "control.script").read_text("ascii")
+    return text.partition("\n\n")[2].format(
         token=token,
         order=FIRST,
         sequence=FIRST + 1,
@@ -107,52 +109,3 @@ def control_script(token: int) -> bytes:
         first=FIRST_WORD_S,
         watchdog=WATCHDOG_HZ,
     ).encode()
-
-
-# ``sleep`` in the loop: without servo motion, the script reads its registers as often as with it.
-_TEXT = """\
-def strands_actors_control():
-  local last = read_input_integer_register({sequence})
-  local silent = 0.0
-  local servoing = False
-  local orders = True
-  local order = 0
-  write_output_integer_register({held}, 0)
-  write_output_integer_register({phase}, {waits})
-  write_output_integer_register({runs}, {token})
-  while read_input_integer_register({owner}) != {token} or read_input_integer_register({sequence}) == last:
-    sync()
-    silent = silent + get_steptime()
-    if silent > {first}:
-      write_output_integer_register({phase}, {ended})
-      halt
-    end
-  end
-  rtde_set_watchdog("input_int_register_{order}", {watchdog}, "stop")
-  silent = 0.0
-  write_output_integer_register({phase}, {ready})
-  while orders:
-    order = read_input_integer_register({order})
-    if read_input_integer_register({sequence}) != last:
-      last = read_input_integer_register({sequence})
-      silent = 0.0
-    end
-    if order == {end} or silent > {silent} or read_input_integer_register({owner}) != {token}:
-      orders = False
-    elif order == {servo}:
-      servoing = True
-      servoj([{targets}], 0, 0, {period}, {lookahead}, {gain})
-    else:
-      if servoing:
-        stopj({stop})
-        servoing = False
-      end
-      write_output_integer_register({held}, last)
-      sleep({period})
-    end
-    silent = silent + {period}
-  end
-  stopj({stop})
-  write_output_integer_register({phase}, {ended})
-end
-"""
