@@ -1,7 +1,8 @@
 """A caller that is cut off: it prints its run directory's tree, then calls one verb of a stopped
 robot as soon as a line comes.
 
-Arguments: robot, port, keywords of the robot in JSON, the verb (``resume``, ``connect_eagerly``, or the name of a service), then
+Arguments: robot, port, keywords of the robot in JSON, the verb (``resume``, ``connect_eagerly``, or the
+name of a service), then
 the services that come before it, after a resume.
 """
 
