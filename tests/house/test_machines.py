@@ -14,6 +14,9 @@ from tests.machines import why_not
 
 from .test_imports import ROOT
 
+PATIENCE_S = 240.0
+"""A run takes a second of a free machine."""
+
 TESTS = """
 import pytest
 
@@ -37,17 +40,17 @@ def run(path: Path, *arguments: str) -> str:
     done = subprocess.run(
         [*command, "-c", str(ROOT / "pyproject.toml"), "--rootdir", str(path.parent), *arguments, str(path)],
         cwd=ROOT,
-        env={**os.environ, "PATH": str(path.parent)},
+        env={**os.environ, "PATH": str(path.parent), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"},
         capture_output=True,
         text=True,
-        timeout=60.0,
+        timeout=PATIENCE_S,
         check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
 
-@pytest.mark.parametrize("workers", [(), ("-n", "2")], ids=["alone", "with workers"])
+@pytest.mark.parametrize("workers", [(), ("-p", "xdist", "-n", "2")], ids=["alone", "with workers"])
 def test_what_is_left_out_is_printed_by_name(tmp_path: Path, workers: tuple[str, ...]) -> None:
     told = run(tmp_path / "test_it.py", *workers)
     assert "left out: 1 tests of what this machine cannot have" in told

@@ -2,8 +2,7 @@
 robot as soon as a line comes.
 
 Arguments: robot, port, keywords of the robot in JSON, the verb (``resume``, ``connect_eagerly``, or the
-name of a service), then
-the services that come before it, after a resume.
+name of a service), then the services that come before it, after a resume.
 """
 
 from __future__ import annotations
