@@ -38,8 +38,8 @@ STOP_RAD_S2 = 10.0
 """Deceleration when servoing ends."""
 
 SILENT_S = 0.08
-"""Longest time for which a packet is obeyed. Shorter than the controller's watchdog takes: the script's own ``stopj``
-comes first."""
+"""Longest time for which a packet is obeyed. Shorter than the controller's watchdog takes: the script's
+own ``stopj`` comes first."""
 FIRST_WORD_S = 1.0
 """How long a script waits for its first packet, then it ends: nobody commands it any more."""
 
@@ -87,25 +87,29 @@ def has_reached(answered: int, number: int) -> bool:
 def control_script(token: int) -> bytes:
     """Return the program for one upload. ``token``: 1 to ``LAST_NUMBER``, another one each time."""
     text = (resources.files(__package__) / "control.script").read_text("ascii")
-    return text.partition("\n\n")[2].format(
-        token=token,
-        order=FIRST,
-        sequence=FIRST + 1,
-        owner=FIRST + 2,
-        runs=FIRST,
-        phase=FIRST + 1,
-        held=FIRST + 2,
-        waits=int(Phase.WAITS),
-        ready=int(Phase.READY),
-        ended=int(Phase.ENDED),
-        servo=int(Order.SERVO),
-        end=int(Order.END),
-        targets=", ".join(f"read_input_float_register({FIRST + joint})" for joint in range(len(JOINTS))),
-        period=CONTROL_S,
-        lookahead=LOOKAHEAD_S,
-        gain=GAIN,
-        stop=STOP_RAD_S2,
-        silent=round(SILENT_S - 1.5 * CONTROL_S, 6),  # read one period late; half: whole periods are counted
-        first=FIRST_WORD_S,
-        watchdog=WATCHDOG_HZ,
-    ).encode()
+    return (
+        text.partition("\n\n")[2]
+        .format(
+            token=token,
+            order=FIRST,
+            sequence=FIRST + 1,
+            owner=FIRST + 2,
+            runs=FIRST,
+            phase=FIRST + 1,
+            held=FIRST + 2,
+            waits=int(Phase.WAITS),
+            ready=int(Phase.READY),
+            ended=int(Phase.ENDED),
+            servo=int(Order.SERVO),
+            end=int(Order.END),
+            targets=", ".join(f"read_input_float_register({FIRST + joint})" for joint in range(len(JOINTS))),
+            period=CONTROL_S,
+            lookahead=LOOKAHEAD_S,
+            gain=GAIN,
+            stop=STOP_RAD_S2,
+            silent=round(SILENT_S - 1.5 * CONTROL_S, 6),  # read one period late; half: whole periods are counted
+            first=FIRST_WORD_S,
+            watchdog=WATCHDOG_HZ,
+        )
+        .encode()
+    )

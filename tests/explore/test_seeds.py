@@ -27,7 +27,7 @@ SEEDS = {
     "fake_drone": 390,
     "fake_http": 500,
 }
-"""2 100, 150 s of one core, of which a run of legs takes ten times another's, and one of an SO-101 twice
+"""2 200, 160 s of one core, of which a run of legs takes ten times another's, and one of an SO-101 twice
 a fake's; a search for new ones takes as many as you give it."""
 QUICK = {
     "so101": 20,

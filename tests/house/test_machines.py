@@ -50,7 +50,7 @@ def run(path: Path, *arguments: str) -> str:
     return done.stdout
 
 
-@pytest.mark.parametrize("workers", [(), ("-p", "xdist", "-n", "2")], ids=["alone", "with workers"])
+@pytest.mark.parametrize("workers", [(), ("-p", "xdist", "-n", "1")], ids=["alone", "with workers"])
 def test_what_is_left_out_is_printed_by_name(tmp_path: Path, workers: tuple[str, ...]) -> None:
     told = run(tmp_path / "test_it.py", *workers)
     assert "left out: 1 tests of what this machine cannot have" in told
