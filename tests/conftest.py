@@ -17,7 +17,7 @@ from strands_actors.kernel.health import busy
 
 from .forked import fork_what_is_started_here
 
-pytest_plugins = ["strands_actors.pytest_plugin", "tests.long", "tests.real_time"]
+pytest_plugins = ["strands_actors.pytest_plugin", "tests.long", "tests.machines", "tests.real_time"]
 """The first as if the package were installed with its entry point."""
 
 collect_ignore = ["lerobot"]

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import msgspec
 
 from strands_actors.drivers.common.addresses import parse_address
 
 from .gates import CONTROL_HZ
 from .protocol import RTDE_PORT
+
+Way = Literal["ur-rtde", "script"]
+"""How a robot is commanded: by ur-rtde, or by our own control script."""
 
 
 class URConfig(msgspec.Struct, frozen=True):
@@ -17,6 +22,8 @@ class URConfig(msgspec.Struct, frozen=True):
     """When the controller's clock stands still for so long the link counts as lost."""
     rtde_hz: float | None = None
     """Rate at which the controller exchanges samples and registers; None: ours."""
+    control: Way | None = None
+    """Way to command it. None: ur-rtde where it can be imported, else our script."""
 
     @property
     def samples_hz(self) -> float:

@@ -1,4 +1,4 @@
-"""Universal Robots e-Series and UR-Series arms, through ur-rtde.
+"""Universal Robots e-Series and UR-Series arms, through ur-rtde or a control script of ours.
 
 Safe, for a late writer, is to hold: servoing ends, the control script stays and is fed. For
 everything else the arm is stopped and its program ended; the controller holds the arm without it.
@@ -23,7 +23,7 @@ from strands_actors.contract.tool_verbs import MOVE_TO, STATE, STATUS, STOP, Too
 from strands_actors.contract.wire import Observation
 
 from .arms import TABLES, arm_of
-from .config import URConfig
+from .config import URConfig, Way
 from .gates import CONDITIONS, CONTROL_HZ, CONTROL_S, LOOKAHEAD_S, START_S, WATCHDOG_HZ, all_gates
 from .protocol import RobotMode, SafetyMode, mode_name
 
@@ -42,6 +42,13 @@ class UROptions(DriverOptions, frozen=True):
         option(
             "samples and registers a second that are exchanged with the controller, 25 to 500, for one that serves "
             "other RTDE clients too; None: 125 and 500"
+        ),
+    ] = None
+    control: Annotated[
+        Way | None,
+        option(
+            "how it is commanded: by ur-rtde, or by our own control script without it; None: by ur-rtde "
+            "where that is installed"
         ),
     ] = None
     model: Annotated[str | None, option("the robot's own name, to be sure that it is the arm that was meant")] = (
@@ -98,7 +105,7 @@ class UR(Driver):
         read = self.resolve(robot, options)
         self.period_s = 1 / read["control_frequency"]
         self.robot = TABLES.canonical(robot)
-        self.config = URConfig(self.robot, port, self.timing.state_ttl_s, read["rtde_frequency"])
+        self.config = URConfig(self.robot, port, self.timing.state_ttl_s, read["rtde_frequency"], read["control"])
         self.declare(Part(PartKind.ARM, arm_of(robot).axes))
         self.gates = all_gates(self.table, self.timing.state_ttl_s, self.period_s)
 

@@ -1,10 +1,10 @@
-"""The controller's plain ports, without the SDK: the dashboard, and samples that show its clock
-advance."""
+"""The controller's plain ports, without the SDK: the dashboard, samples that show its clock advance,
+and registers that are written."""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import AsyncIterator, Iterator, Sequence
+from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
 from itertools import chain
 from typing import Any
 
@@ -77,51 +77,26 @@ async def handshake(host: str) -> dict[str, Any]:
 # -- samples
 
 
-class Samples:
-    """A stream of RTDE samples: what each output that was asked for is now."""
+class Rtde:
+    """One RTDE connection."""
 
     def __init__(self, stream: TcpPort) -> None:
         self._stream = stream
         self._decoder = p.Decoder()
         self._budget = ReceiveBudget(stream.name)
         self._packets: Iterator[p.Packet] = iter(())  # that came with one asked for
-        self._recipe: p.Recipe
-
-    async def start(self, names: Sequence[str], hz: float) -> None:
-        """Agree on the outputs and how often they come. Raise ``WireDown``."""
-        with self._understood():
-            if await self._request(p.version_request(), p.Kind.VERSION) != b"\x01":
-                raise WireDown(f"{self._stream.name}: speaks no RTDE version {p.RTDE_VERSION}. Update its software")
-            answer = await self._request(p.outputs_request(hz, names), p.Kind.OUTPUTS)
-            self._recipe = p.outputs_answer(answer, names)
-            await self._request(p.frame(p.Kind.START), p.Kind.START)
-
-    async def next(self) -> dict[str, Any]:
-        """Return the newest that has come. Raise ``WireDown`` when none comes, or one that cannot be
-        read, or when the controller sends more than can be read."""
-        with self._understood():
-            newest = await self._packet(p.Kind.DATA)
-            pieces = self._budget.turn(self._stream.read_waiting)
-            behind = (packet for data in pieces for packet in self._decoder.feed(data))
-            for packet in chain(self._packets, behind):
-                if packet.kind == p.Kind.DATA:
-                    newest = packet.payload
-            return self._recipe.unpack(newest)
-
-    async def first(self) -> dict[str, Any]:
-        """Return the first that shows the controller's clock advance. Raise ``WireDown`` when it
-        does not."""
-        sample = before = await self.next()
-        with trio.move_on_after(ANSWER_S):
-            while sample["timestamp"] == before["timestamp"]:
-                sample = await self.next()
-            return sample
-        raise WireDown(
-            f"{self._stream.name}: samples come, but the controller's clock stands still. Restart the controller"
-        )
+        self._outputs: p.Recipe
 
     def close(self) -> None:
         self._stream.close()
+
+    async def _agree_version(self) -> None:
+        if await self._request(p.version_request(), p.Kind.VERSION) != b"\x01":
+            raise WireDown(f"{self._stream.name}: speaks no RTDE version {p.RTDE_VERSION}. Update its software")
+
+    async def _agree_outputs(self, names: Sequence[str], hz: float) -> None:
+        answer = await self._request(p.outputs_request(hz, names), p.Kind.OUTPUTS)
+        self._outputs = p.outputs_answer(answer, names)
 
     async def _request(self, request: bytes, kind: int) -> bytes:
         self._stream.write(request)
@@ -140,6 +115,83 @@ class Samples:
             yield
         except MalformedFrame as malformed:
             raise WireDown(f"{self._stream.name}: {malformed}") from None
+
+
+class Samples(Rtde):
+    """A stream of RTDE samples: what each output that was asked for is now."""
+
+    async def start(self, names: Sequence[str], hz: float) -> None:
+        """Agree on the outputs and how often they come. Raise ``WireDown``."""
+        with self._understood():
+            await self._agree_version()
+            await self._agree_outputs(names, hz)
+            await self._request(p.frame(p.Kind.START), p.Kind.START)
+
+    async def next(self) -> dict[str, Any]:
+        """Return the newest that has come. Raise ``WireDown`` when none comes, or one that cannot be
+        read, or when the controller sends more than can be read."""
+        with self._understood():
+            newest = await self._packet(p.Kind.DATA)
+            pieces = self._budget.turn(self._stream.read_waiting)
+            behind = (packet for data in pieces for packet in self._decoder.feed(data))
+            for packet in chain(self._packets, behind):
+                if packet.kind == p.Kind.DATA:
+                    newest = packet.payload
+            return self._outputs.unpack(newest)
+
+    async def first(self) -> dict[str, Any]:
+        """Return the first that shows the controller's clock advance. Raise ``WireDown`` when it
+        does not."""
+        sample = before = await self.next()
+        with trio.move_on_after(ANSWER_S):
+            while sample["timestamp"] == before["timestamp"]:
+                sample = await self.next()
+            return sample
+        raise WireDown(
+            f"{self._stream.name}: samples come, but the controller's clock stands still. Restart the controller"
+        )
+
+
+class Registers(Rtde):
+    """Inputs of the controller that this connection writes, all of them in each packet, and outputs that
+    answer them.
+
+    The outputs have a second use. Inputs belong to one client until its connection ends. A controller
+    that sends nothing would not notice that the client has gone while the cable was pulled.
+    """
+
+    answers: Mapping[str, Any] = {}
+    """Outputs that came last. Empty: none has come yet."""
+
+    async def start(self, inputs: Sequence[str], outputs: Sequence[str], hz: float) -> None:
+        """Agree on both. Raise ``WireDown``, also when another client writes one of the inputs."""
+        with self._understood():
+            await self._agree_version()
+            await self._agree_outputs(outputs, hz)
+            self._inputs = p.inputs_answer(await self._request(p.inputs_request(inputs), p.Kind.INPUTS), inputs)
+            await self._request(p.frame(p.Kind.START), p.Kind.START)
+
+    def write(self, values: Mapping[str, p.Value]) -> None:
+        """Write one packet at once. Raise ``WireDown``."""
+        self._stream.write(self._inputs.pack(values))
+
+    def take(self) -> None:
+        """Take the answers that have come, without a wait. Raise ``WireDown``."""
+        with self._understood():
+            for packet in (*self._packets, *self._decoder.feed(self._stream.read_waiting() or b"")):
+                if packet.kind == p.Kind.DATA:
+                    self.answers = self._outputs.unpack(packet.payload)
+
+
+async def open_registers(host: str, inputs: Sequence[str], outputs: Sequence[str], hz: float) -> Registers:
+    """Raise ``WireDown``."""
+    opened = Registers(await open_tcp(host, p.RTDE_PORT))
+    try:
+        await opened.start(inputs, outputs, hz)
+    except BaseException:
+        opened.close()
+        raise
+    return opened
 
 
 async def open_samples(host: str, names: Sequence[str], hz: float) -> Samples:

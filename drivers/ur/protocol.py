@@ -127,6 +127,24 @@ def outputs_answer(payload: bytes, names: Sequence[str]) -> Recipe:
     return Recipe(payload[0], names, types)
 
 
+def inputs_request(names: Sequence[str]) -> bytes:
+    return frame(Kind.INPUTS, ",".join(names).encode())
+
+
+def inputs_answer(payload: bytes, names: Sequence[str]) -> Recipe:
+    """Return the recipe that the controller gives for these inputs.
+
+    Raises:
+        MalformedFrame: The controller has no such input, or another client writes it already. Names
+            the inputs.
+    """
+    types = payload[1:].decode("ascii", "replace").split(",")
+    if len(types) != len(names) or any(name not in TYPES for name in types):
+        refused = [f"{name} ({kind})" for name, kind in zip(names, types, strict=False) if kind not in TYPES]
+        raise MalformedFrame(f"the controller refuses to have us write {', '.join(refused) or 'these inputs'}")
+    return Recipe(payload[0], names, types)
+
+
 # -- modes
 
 

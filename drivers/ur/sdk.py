@@ -16,11 +16,12 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 from strands_actors.contract.wire import ProcessSpent
 from strands_actors.drivers.common.sdk import SdkCalls, kept, load_sdk
 
+from .config import Way
 from .gates import CONTROL_S, LOOKAHEAD_S
 
 OPEN_S = 3.0
@@ -54,13 +55,15 @@ def install_line(machine: str = "", python: tuple[int, int] = sys.version_info[:
     if python <= _NEWEST and machine == "x86_64":
         return "pip install 'strands-actors[ur]'"
     return (
-        f"ur-rtde has no wheel for {machine} with Python {python[0]}.{python[1]}. pip install ur-rtde compiles it "
-        "(needs CMake and Boost); or run the robot on x86-64 with Python 3.11 or 3.12"
+        f"ur-rtde has no wheel for {machine} with Python {python[0]}.{python[1]}. Leave control= out: the robot "
+        "then runs without ur-rtde, by our own control script"
     )
 
 
 class Sdk(SdkCalls):
-    """One connection. Calls never overlap."""
+    """One connection. Calls never overlap. See ``control.Control``."""
+
+    WAY: ClassVar[Way] = "ur-rtde"
 
     def __init__(self, host: str, registers_hz: float | None = None) -> None:
         """Load it, and connect to nothing. Raise ``WireDown`` where it is not installed,
@@ -83,9 +86,22 @@ class Sdk(SdkCalls):
                 "control", OPEN_S, self._interface, self._host, self._registers_hz, flags
             )
 
-    async def upload(self) -> bool:
-        """Send the control script; it starts some time later."""
-        return bool(await self.call("reuploadScript", OPEN_S, self._control.reuploadScript))
+    def take(self) -> None:
+        """Its own threads read."""
+
+    def close(self) -> None:
+        """Nothing is closed: that takes half a second with the lock held, or for ever. What is open ends
+        with this process, which cannot open another."""
+
+    async def upload(self, check: Callable[[], None]) -> bool:
+        """``check`` as in ``servo``."""
+        reupload = self._control.reuploadScript
+
+        def send() -> bool:
+            check()
+            return bool(reupload())
+
+        return await self.call("reuploadScript", OPEN_S, send)
 
     def script_runs(self) -> bool:
         return bool(self._control.isProgramRunning())
@@ -106,8 +122,8 @@ class Sdk(SdkCalls):
 
         return await self.call("servoJ", CALL_S, send)
 
-    async def servo_stop(self) -> bool:
-        return bool(await self.call("servoStop", STOP_S, self._control.servoStop, STOP_RAD_S2))
-
-    async def stop_script(self) -> None:
-        await self.call("stopScript", STOP_S, self._control.stopScript)
+    async def halt(self, ends: bool) -> bool:
+        stopped = bool(await self.call("servoStop", STOP_S, self._control.servoStop, STOP_RAD_S2))
+        if ends:
+            await self.call("stopScript", STOP_S, self._control.stopScript)
+        return stopped

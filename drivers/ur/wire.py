@@ -1,4 +1,4 @@
-"""A UR controller in the wire process: what is done with the SDK, and when it is not trusted."""
+"""A UR controller in the wire process: what it is commanded, and when it is not trusted."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from strands_actors.kernel.messages import Refused
 from . import plain
 from .arms import IDS, JOINTS
 from .config import URConfig
+from .control import Control, open_control
 from .gates import CONTROL_S, PAUSED, START_S, WATCHDOG_HZ, refuse_modes
 from .protocol import RuntimeState
-from .sdk import Sdk
 from .stop_channel import STANDING_RAD_S, stop
 
 FEED_S = 0.025
@@ -51,10 +51,10 @@ OUTPUTS = ("timestamp", "actual_q", "actual_qd", "speed_scaling", "target_speed_
 
 
 class URSession:
-    """Samples as they come, and the SDK, which only commands."""
+    """Samples as they come, and ``Control``, which only commands."""
 
-    def __init__(self, sdk: Sdk, samples: plain.Samples, config: URConfig, clock: Clock) -> None:
-        self.sdk = sdk
+    def __init__(self, control: Control, samples: plain.Samples, config: URConfig, clock: Clock) -> None:
+        self.control = control
         self.samples = samples
         self.sample: dict[str, Any] = {}
         self._config = config
@@ -70,6 +70,7 @@ class URSession:
         """Take a sample, if it is newer than the last one. A controller that stopped or paused our
         program is not written to again before the next arming: its operator unlocks it, and nothing
         may move because of that."""
+        self.control.take()
         if not self._advanced.take(sample["timestamp"], self._clock.now_ns()):
             return
         self.sample = sample
@@ -134,7 +135,7 @@ class URSession:
         and those are earned one by one."""
         due = self._clock.now_ns() - self._fed_ns >= round(FEED_S * NS)
         if due and self.controls and not self.servoing:
-            await self.sdk.kick()
+            await self.control.kick()
             self.was_fed()
 
     def observation(self) -> Observation:
@@ -167,16 +168,16 @@ class URWire(SessionWire[URSession]):
             host = self._config.host
         except ValueError as error:
             raise WireDown(f"open: {error}") from None
-        sdk = Sdk(host, self._config.rtde_hz)
+        control = open_control(self._config, self._clock)
         facts = await plain.handshake(host)
         samples = await plain.open_samples(host, OUTPUTS, self._config.samples_hz)
-        session = self.session_or_none = URSession(sdk, samples, self._config, self._clock)
+        session = self.session_or_none = URSession(control, samples, self._config, self._clock)
         try:
             session.take(await samples.first())
         except BaseException:
             self.close()
             raise
-        return {"address": host, "host": host, **facts}
+        return {"address": host, "host": host, "commanded_by": control.WAY, **facts}
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         """Take the samples as they come."""
@@ -195,16 +196,15 @@ class URWire(SessionWire[URSession]):
         if (await plain.ask_dashboard(self._config.host, "is in remote control"))[0].lower() == "false":
             raise WireDown("the controller is in local control. Switch it to remote on the pendant")
         await session.see_advance()
-        await session.sdk.connect()
-        permit.check()  # not before: a connection starts no program
+        await session.control.connect()
         await self._start_script(session, permit)
         session.lost, session.controls, session.servoing = "", True, False
         return session.observation()
 
     async def read(self) -> Observation:
         session = self.session
-        if session.sdk.spent:
-            raise ProcessSpent(session.sdk.spent)
+        if session.control.spent:
+            raise ProcessSpent(session.control.spent)
         await trio.lowlevel.checkpoint()
         session.check_alive()
         return session.observation()
@@ -218,7 +218,7 @@ class URWire(SessionWire[URSession]):
             raise PermitDenied(session.lost or "not armed")
         if session.is_still:
             raise PermitDenied("the controller's clock stands still")
-        session.servoing = await session.sdk.servo(values, permit.check)
+        session.servoing = await session.control.servo(values, permit.check)
         if not session.servoing:
             session.lose("the control script is not running")
 
@@ -229,14 +229,14 @@ class URWire(SessionWire[URSession]):
         ended = safe_state != SafeState.HOLD
         servoed = stands = False
         try:
-            servoed = session.controls and await self._stop_by_sdk(session, ended)
+            servoed = session.controls and await self._stop_by_control(session, ended)
             stands = (servoed or not ended) and await self._stands(session, ended)
-        except ProcessSpent:
-            pass  # the next read says so
+        except (ProcessSpent, WireDown):
+            pass  # the next read says so, and what follows needs no control
         if stands:
             rows = zip(JOINTS, IDS, session.sample["actual_q"], strict=True)
             return tuple(MotorReport(joint, at, servoed, servoed, True, target=rad) for joint, at, rad in rows)
-        session.lose("stopped without the SDK")
+        session.lose("stopped by the dashboard")
         return await stop(self._config)
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
@@ -244,9 +244,8 @@ class URWire(SessionWire[URSession]):
         return await stop(self._config)
 
     def close(self) -> None:
-        """Of the SDK nothing is closed: that takes it half a second with the lock held, or for ever.
-        What is open ends with this process, which cannot open another."""
         if self.session_or_none is not None:
+            self.session_or_none.control.close()
             self.session_or_none.samples.close()
         self.session_or_none = None
 
@@ -254,38 +253,36 @@ class URWire(SessionWire[URSession]):
 
     async def _start_script(self, session: URSession, permit: Permit) -> None:
         """Upload the control script, see it run, arm its watchdog. Raise ``WireDown``."""
-        sdk = session.sdk
-        if not await sdk.upload():
+        control = session.control
+        if not await control.upload(permit.check):  # not before: a connection starts no program
             raise WireDown("the controller does not take the control script. Try again")
         with trio.move_on_after(START_S):
-            while not (session.runtime_state == RuntimeState.PLAYING and sdk.script_runs()):
+            while not (session.runtime_state == RuntimeState.PLAYING and control.script_runs()):
                 await trio.sleep(CONTROL_S)
                 permit.check()
                 session.check_alive()
         permit.check()
         if session.runtime_state != RuntimeState.PLAYING:
             raise WireDown(f"the control script does not start within {START_S:g} s. Look at the pendant")
-        if not await sdk.set_watchdog(WATCHDOG_HZ):
+        if not await control.set_watchdog(WATCHDOG_HZ):
             raise WireDown("the control script does not arm its watchdog. Try again")
         session.was_fed()
 
-    async def _stop_by_sdk(self, session: URSession, ended: bool) -> bool:
-        """Do servoStop, and for a stop end the script. Return whether the controller did it; from
-        high speed its watchdog may end the program first, for nobody can feed it meanwhile. Raise
-        ``ProcessSpent``."""
+    async def _stop_by_control(self, session: URSession, ended: bool) -> bool:
+        """End servo motion, and for a stop end the script. Return whether the controller did it; from
+        high speed its watchdog may end the program first: nobody can feed ur-rtde's script meanwhile. Raise
+        ``ProcessSpent`` and ``WireDown``."""
         session.servoing = False
         if ended:
             session.controls = False
-        stopped = await session.sdk.servo_stop()
-        if ended:
-            await session.sdk.stop_script()
+        stopped = await session.control.halt(ended)
         session.was_fed()
         return stopped
 
     async def _stands(self, session: URSession, ended: bool) -> bool:
         """Return whether samples show that no joint moves, and for a stop that no program runs.
-        Raise ``ProcessSpent``."""
-        ordered_ns = self._clock.now_ns()  # and done, as far as the SDK answered
+        Raise ``ProcessSpent`` and ``WireDown``."""
+        ordered_ns = self._clock.now_ns()  # and done, as far as the control answered
         with trio.move_on_after(CONFIRM_S):
             while True:
                 await trio.sleep(CONTROL_S)

@@ -65,21 +65,25 @@ with Robot("so101") as arm:
     assert "a picture needs OpenGL and glfw. pip install 'strands-actors[pictures]'" in said
 
 
-def test_a_ur_names_the_line_that_installs_its_sdk_and_simulates_without_it(lean: Command) -> None:
+def test_a_ur_runs_without_its_sdk_and_where_it_is_asked_for_names_the_line_that_installs_it(lean: Command) -> None:
     said = script(
         lean,
         """
 from strands_actors import Robot
-arm = Robot("ur5e", mode="real", transport="twin")
+arm = Robot("ur5e", mode="real", transport="twin", control="ur-rtde")
 print(arm.connect_eagerly())
+arm.cleanup()
+arm = Robot("ur5e", mode="real", transport="twin")
+print(arm.connect_eagerly(), arm.get_status()["content"][0]["json"]["commanded_by"])
 arm.cleanup()
 with Robot("ur5e") as arm:
     print(arm.send_action({"shoulder_pan_joint": 0.1})["status"])
 """,
     )
-    refusal, status = said.splitlines()
+    refusal, connected, status = said.splitlines()
     assert "rtde_control cannot be used" in refusal
     assert "pip install 'strands-actors[ur]'" in refusal or "has no wheel for" in refusal
+    assert connected == "None script"
     assert status == "success"
 
 

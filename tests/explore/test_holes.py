@@ -32,7 +32,11 @@ FOUND: dict[tuple[Callable[[pytest.MonkeyPatch], None], str], tuple[int, str]] =
     (holes.a_stop_needs_the_connection_of_the_wire, "xarm7"): (43, "SAF-018 nothing stays energised"),
     (holes.legs_are_told_to_let_go_once, "unitree_go2"): (17, "SAF-005 what is confirmed is so"),
     (holes.the_root_has_not_found_the_legs, "unitree_go2"): (9, "SAF-015 a tree ends"),
-    (holes.nobody_waits_for_what_was_asked_before, "ur5e"): (63, "SAF-021 nothing takes effect after a stop"),
+    (holes.nobody_waits_for_what_was_asked_before, "ur5e"): (146, "SAF-021 nothing takes effect after a stop"),
+    (holes.nobody_waits_for_what_was_asked_before, "ur5e_script"): (
+        139,
+        "SAF-021 nothing takes effect after a stop",
+    ),
     (holes.nobody_waits_for_what_was_asked_before, "fake_queue"): (2, "SAF-021 nothing takes effect after a stop"),
     (holes.a_root_that_does_not_answer_has_stopped_the_robot, "so101"): (34, "SAF-023 a success is true"),
     (holes.a_hold_of_a_lost_robot_is_confirmed, "fake_base"): (91, "SAF-023 a success is true"),

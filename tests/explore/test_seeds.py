@@ -20,18 +20,20 @@ SEEDS = {
     "so101": 250,
     "xarm7": 250,
     "ur5e": 100,
+    "ur5e_script": 100,
     "fake_queue": 100,
     "unitree_go2": 10,
     "fake_base": 500,
     "fake_drone": 390,
     "fake_http": 500,
 }
-"""2 100, 150 s of one core, of which a run of legs takes ten times another's, and one of an SO-101 twice
+"""2 200, 160 s of one core, of which a run of legs takes ten times another's, and one of an SO-101 twice
 a fake's; a search for new ones takes as many as you give it."""
 QUICK = {
     "so101": 20,
     "xarm7": 20,
     "ur5e": 10,
+    "ur5e_script": 10,
     "fake_queue": 15,
     "unitree_go2": 3,
     "fake_base": 30,

@@ -20,10 +20,14 @@ from strands_actors.drivers.ur.sdk import install_line
 from .test_imports import MODULES, PACKAGE, ROOT
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-PYTHONS = ("3.11", "3.12", "3.13")
+PYTHONS = ("3.11", "3.12", "3.13", "3.14")
 MACHINES = ("x86_64", "aarch64")
 GLIBC = "manylinux_2_28"
 """At most: what Raspberry Pi OS 12 (2.36), JetPack 6 (2.35) and Debian 11 (2.31) take."""
+GLIBC_OF_TESTS = "manylinux_2_36"
+"""Some vendors' clients want a newer one: Debian 12 has it."""
+SOURCES = {"feetech-servo-sdk"}
+"""Of the extra ``test``, pure Python that has no wheel at all: pip builds it without a compiler."""
 
 RESOLVE_S = 240.0
 FOR_OTHERS = ("test", "bench", "lerobot", "newton")
@@ -39,12 +43,12 @@ def wanted(extras: Iterable[str]) -> list[str]:
     return [line for line in lines if Requirement(line).name != PROJECT["name"]]
 
 
-def resolve(python: str, machine: str, requirements: list[str]) -> set[str]:
+def resolve(python: str, machine: str, requirements: list[str], glibc: str = GLIBC) -> set[str]:
     """Return the names of what would be installed there. What has no wheel fails, with uv's own
     words: it decides markers for that machine, and takes a tenth of the time that pip does."""
     command = [sys.executable, "-m", "uv", "pip", "compile", "-", "--quiet", "--no-config", "--no-annotate"]
     command += ["--only-binary", ":all:", "--python", sys.executable, "--python-version", python]
-    command += ["--python-platform", f"{machine}-{GLIBC}", "--no-header"]
+    command += ["--python-platform", f"{machine}-{glibc}", "--no-header"]
     done = subprocess.run(
         command, input="\n".join(requirements), capture_output=True, text=True, timeout=RESOLVE_S, check=False
     )
@@ -59,7 +63,17 @@ def test_everything_that_a_robot_needs_has_a_wheel(python: str, machine: str) ->
     extras = [name for name in PROJECT["optional-dependencies"] if name not in FOR_OTHERS]
     names = resolve(python, machine, wanted(extras))
     assert {"trio", "eclipse-zenoh", "mujoco-core", "textual"} <= names
-    assert ("ur-rtde" in names) == (machine == "x86_64" and python != "3.13")
+    assert ("ur-rtde" in names) == (machine == "x86_64" and python in ("3.11", "3.12"))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("machine", MACHINES)
+@pytest.mark.parametrize("python", PYTHONS)
+def test_everything_that_the_tests_need_has_a_wheel_or_is_left_out(python: str, machine: str) -> None:
+    """Of the README's second command; without a wheel, a marker says so (``tests/machines.py``)."""
+    lines = [line for line in wanted(["all", "dataset", "reachy", "test"]) if Requirement(line).name not in SOURCES]
+    names = resolve(python, machine, lines, GLIBC_OF_TESTS)
+    assert {"pytest", "xarm-python-sdk", "booster-robotics-sdk-python"} <= names
 
 
 def test_a_package_without_a_wheel_is_found() -> None:

@@ -1,8 +1,8 @@
 """A caller that is cut off: it prints its run directory's tree, then calls one verb of a stopped
 robot as soon as a line comes.
 
-Arguments: robot, port, the verb (``resume``, ``connect_eagerly``, or the name of a service), then
-the services that come before it, after a resume.
+Arguments: robot, port, keywords of the robot in JSON, the verb (``resume``, ``connect_eagerly``, or the
+name of a service), then the services that come before it, after a resume.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ def succeed(call: Any, *arguments: Any) -> None:
         time.sleep(0.05)
 
 
-def main(name: str, port: str, verb: str, *before: str) -> None:
-    robot = Robot(name, mode="real", port=port)
+def main(name: str, port: str, keywords: str, verb: str, *before: str) -> None:
+    robot = Robot(name, mode="real", port=port, **json.loads(keywords))
     if verb != "connect_eagerly":
         succeed(robot.connect_eagerly)
         if verb == "resume":

@@ -53,6 +53,8 @@ class Row:
     before: tuple[str, ...] = ()
     options: Mapping[str, object] = field(default_factory=dict)
     """Of the twin."""
+    keywords: Mapping[str, object] = field(default_factory=dict)
+    """Of the robot."""
     energised: Callable[[Trial], bool] = lambda trial: trial.held_by_wire
     begun: Callable[[Trial], bool] | None = None
     """Whether the verb has done something. None: then the robot is energised."""
@@ -65,7 +67,7 @@ class Row:
     """Victims in the ordinary suite."""
 
     def __str__(self) -> str:
-        return "-".join((self.robot, self.verb, *self.options))
+        return "-".join((self.robot, self.verb, *self.options, *map(str, self.keywords.values())))
 
 
 ENERGISING = ("enable", "setpoint")
@@ -89,6 +91,7 @@ def few(robot: str, verb: str, **more: Any) -> Row:
 ROWS = [
     # The upload is still being loaded when a stop ends whatever runs: it starts behind the stop.
     Row("ur5e", "resume", options={"program_load_s": 0.5}, quick=("caller", "root and wire")),
+    few("ur5e", "resume", options={"program_load_s": 0.5}, keywords={"control": "script"}, quick=("wire",)),
     Row("ur5e", "resume"),
     Row("ur5e", "connect_eagerly"),
     few("so101", "resume"),
@@ -142,7 +145,8 @@ class Trial:
             self._order("late 0 0")
         if row.fresh:
             twin.power_cycle()
-        command = [sys.executable, "-m", "tests.kill.arming_caller", row.robot, twin.port, row.verb, *row.before]
+        command = [sys.executable, "-m", "tests.kill.arming_caller", row.robot, twin.port]
+        command += [json.dumps(row.keywords), row.verb, *row.before]
         with self._errors.open("w") as errors:
             self._caller = subprocess.Popen(
                 command,

@@ -210,6 +210,7 @@ console.log(JSON.stringify(seen))
 """
 
 
+@pytest.mark.needs("Node.js")
 def test_a_gamepad_counts_only_while_its_page_has_the_focus() -> None:
     """Elsewhere a browser may tell for ever how it was last: with the dead-man held."""
     held = {"a": 1, "b": 0}

@@ -94,6 +94,7 @@ console.log(before, opened)
 """
 
 
+@pytest.mark.needs("Node.js")
 def test_a_page_that_nobody_sees_wants_no_seat() -> None:
     """It would be silent, be turned out, and come again."""
     assert run_on_page(HIDDEN).split() == ["0", "1"]

@@ -55,8 +55,8 @@ class Controller:
         now_s: Callable[[], float] = time.monotonic,
         on_event: Callable[[str, str], None] = lambda kind, text: None,
     ) -> None:
-        """``on_event`` hears what the controller does by itself: ``watchdog``, ``error``; with what
-        its log says of it."""
+        """``on_event`` hears what the controller does by itself: ``watchdog``, ``error``, ``stopj`` of a
+        program that runs; with what its log says of it."""
         self.plant = Plant.from_table(model_table(arm))
         self.arm = arm
         self.kinematics = Kinematics(arm.dh_m, [(axis.low, axis.high) for axis in arm.axes])
@@ -197,6 +197,11 @@ class Controller:
         stands_there = self.is_steady() and not limp and off_rad < motion.ARRIVED_RAD
         self.move(motion.Hold(target if stands_there else None))
         return max(abs(rad_s) for rad_s in self.plant.velocity_rad_s) / motion.BRAKING_RAD_S2
+
+    def halt_by_program(self) -> None:
+        """As ``halt``, because the program that runs says so."""
+        self._on_event("stopj", "")
+        self.halt()
 
     def move(self, new: Motion) -> None:
         if new.limp != self.motion.limp:

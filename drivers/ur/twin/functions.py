@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from . import commands as c
-from .controller import Controller
+from .controller import TICK_HZ, Controller
 from .motion import Free, Servo, Speed, ToolSpeed, Unreachable
 from .pose import Frame, frame_of
 
@@ -72,7 +72,7 @@ class Functions:
         return self.sleep(t)
 
     def stopj(self, a: float = 2.0) -> Waits:
-        self._robot.halt()
+        self._robot.halt_by_program()
         return Waits(self._robot.is_steady)
 
     def stopl(self, a: float = 2.0, aRot: float = 0.0) -> Waits:
@@ -93,7 +93,7 @@ class Functions:
     # -- time
 
     def sleep(self, t: float) -> Waits:
-        until_s = self._robot.now_s() + _number(t)
+        until_s = self._robot.now_s() + _number(t) - 0.5 / TICK_HZ  # in whole ticks, as its controller counts
         return Waits(lambda: self._robot.now_s() >= until_s)
 
     def sync(self) -> Waits:

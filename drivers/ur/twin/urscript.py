@@ -180,6 +180,8 @@ class Script:
     ) -> None:
         self._controller = controller
         self._functions = Functions(controller, on_progress)
+        self._signatures: dict[str, inspect.Signature] = {}
+        """Of the functions that were called: a loop calls them again in each tick."""
         self._defined: dict[str, Statement] = {}
         self._globals: dict[str, Any] = {}
         self._run = self._block(statements, self._globals)
@@ -335,7 +337,9 @@ class Script:
         function = None if name.startswith("_") else getattr(self._functions, name, None)
         if function is None:
             raise ScriptError(f"{name} is not available on this controller")
-        bound = inspect.signature(function).bind(
+        if name not in self._signatures:
+            self._signatures[name] = inspect.signature(function)
+        bound = self._signatures[name].bind(
             *(self._value(argument, names) for argument in arguments),
             **{keyword.arg or "": self._value(keyword.value, names) for keyword in keywords},
         )

@@ -24,7 +24,7 @@ from strands_actors.contract.extras import missing
 from strands_actors.kernel.processes.interpreter import PYTHON
 
 OK, WEAK, BROKEN = "ok", "weak", "broken"
-PYTHONS = ((3, 11), (3, 13))
+PYTHONS = ((3, 11), (3, 14))
 """Oldest and newest that this version is tested with."""
 GL_S = 20.0
 """How long making a picture may take: a GL driver that hangs is as bad as none."""

@@ -98,6 +98,7 @@ WIRE_FAULTS: dict[str, dict[str, int]] = {
     "so101": {**BUS, **BUS_PEER},
     "xarm7": {**SESSION, **STREAM_PEER},
     "ur5e": {**SESSION, **STREAM_PEER},
+    "ur5e_script": {**SESSION, **STREAM_PEER},
     "unitree_go2": {**NETWORK, **NETWORK_PEER, **CONDITIONS},
     "fake_base": SERVICE,
     "fake_drone": {**SERVICE, **CONDITIONS},

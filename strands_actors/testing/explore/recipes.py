@@ -170,7 +170,7 @@ def groups_of(robot: str) -> tuple[tuple[Recipe, ...], ...]:
     match robot:
         case "so101":
             own, lost, peer = _BUS, "pull", BUS_PEER
-        case "xarm7" | "ur5e":
+        case "xarm7" | "ur5e" | "ur5e_script":
             own, lost, peer = _SESSION, "pull", STREAM_PEER
         case "unitree_go2":
             own, lost, peer = _NETWORK, "pull", NETWORK_PEER

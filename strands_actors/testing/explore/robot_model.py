@@ -50,6 +50,9 @@ class RobotModel(ABC):
     KEEPS_TORQUE_BY_RESUME: ClassVar[bool]
     """A motor that lost its torque gets it back by a resume only."""
 
+    OPTIONS: ClassVar[Mapping[str, Any]] = {}
+    """Of the driver."""
+
     driver: Driver
     driver_class: type[Driver]
     rest: Mapping[int, float]
@@ -76,7 +79,7 @@ class RobotModel(ABC):
             self.energised_log.append((self.world.now_s, now))
 
     def make_driver(self, driver_class: type[Driver]) -> Driver:
-        return driver_class(self.robot, self.PORT, driver_class.resolve(self.robot, {}))
+        return driver_class(self.robot, self.PORT, driver_class.resolve(self.robot, self.OPTIONS))
 
     @abstractmethod
     def actions(self) -> Actions: ...

@@ -5,6 +5,7 @@ from __future__ import annotations
 from .legs import LeggedRobot
 from .queued_robot import QueuedRobot
 from .robot_model import RobotModel
+from .script_arm import ScriptArm
 from .service_robot import Base, Drone, SlowArm
 from .servo_arm import ServoArm
 from .session_arm import SessionArm
@@ -14,6 +15,7 @@ MODELS: dict[str, type[RobotModel]] = {
     "so101": ServoArm,
     "xarm7": SessionArm,
     "ur5e": UploadArm,
+    "ur5e_script": ScriptArm,
     "unitree_go2": LeggedRobot,
     "fake_base": Base,
     "fake_drone": Drone,

@@ -121,7 +121,7 @@ class Run:
         args = {
             "robot": ROBOT,
             "driver": describe_driver(
-                model.driver_class, model.robot, model.PORT, model.driver_class.resolve(model.robot, {})
+                model.driver_class, model.robot, model.PORT, model.driver_class.resolve(model.robot, model.OPTIONS)
             ),
             "caller_pid": world.current.pid,
             "caller": caller,

@@ -90,7 +90,7 @@ class Script(Asker):
 
     async def _begin(self) -> None:
         model = self._model
-        options = model.driver_class.resolve(model.robot, {})
+        options = model.driver_class.resolve(model.robot, model.OPTIONS)
         plan = Plan(model.robot, ROBOT, model.driver_class, model.PORT, None, options)
         self._tree = RobotTree(self.node, self.nursery, Entrance("caller", ""), plan)
         self.nursery.start_soon(self._by_itself)

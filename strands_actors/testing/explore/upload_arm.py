@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import msgspec
 import outcome
@@ -80,6 +80,8 @@ class UploadArm(RobotModel):
     PORT = "192.0.2.5"
     SETTLE_S = 12.0  # a stop takes 1.2 s, and no confirmed one comes 3 s after an upload that was cut off
     KEEPS_TORQUE_BY_RESUME = True
+    PROGRAM: ClassVar[type] = ControlScript
+    """What runs on the controller while the arm is energised."""
 
     def __init__(self, world: World, robot: str) -> None:
         super().__init__(world, robot)
@@ -99,7 +101,7 @@ class UploadArm(RobotModel):
         self.network = TcpNetwork(world, self._accept)
         self.rng = world.rng("controller")
         self.kept: set[int] = set()  # processes that have opened the SDK
-        self.samples: list[_Samples] = []
+        self.samples: list[SampleClient] = []
         self._goals: Mapping[int, float] = self.positions()
         self._uploaded: Piece | None = None
         self._ticks = 0
@@ -179,7 +181,7 @@ class UploadArm(RobotModel):
             self._ticks += 1
             was = self.controller.program
             self.controller.tick()
-            if isinstance(self.controller.program, ControlScript) and self.controller.program is not was:
+            if isinstance(self.controller.program, self.PROGRAM) and self.controller.program is not was:
                 assert self._uploaded is not None
                 self.log("enable", "", self._uploaded)
             self._log_energised()
@@ -194,7 +196,7 @@ class UploadArm(RobotModel):
             case protocol.DASHBOARD_PORT:
                 return _Dashboard(self, stream)
             case protocol.RTDE_PORT:
-                return _Samples(self, stream)
+                return SampleClient(self, stream)
             case port if port == REGISTERS:
                 return _Registers(self)
         return _Script(self)
@@ -209,7 +211,7 @@ class UploadArm(RobotModel):
 
     @property
     def following(self) -> frozenset[int]:
-        return self._all if isinstance(self.controller.program, ControlScript) else frozenset()
+        return self._all if isinstance(self.controller.program, self.PROGRAM) else frozenset()
 
     def log(self, kind: str, safe_state: str, piece: Piece, goals: Mapping[int, float] | None = None) -> None:
         """Note what the controller has just obeyed."""
@@ -352,7 +354,7 @@ class _Registers:
         """Nothing is kept of it."""
 
 
-class _Samples:
+class SampleClient:
     """Of an RTDE client that only reads."""
 
     def __init__(self, arm: UploadArm, stream: SimStream) -> None:
@@ -369,9 +371,15 @@ class _Samples:
             self._stream.end_by_robot()
             return
         for packet in packets:
-            self._stream.send(protocol.frame(packet.kind, self._answer(packet)))
+            answer = self._answer(packet)
+            if answer is not None:
+                self._stream.send(protocol.frame(packet.kind, answer))
+            self._take(packet, piece)
 
-    def _answer(self, packet: Any) -> bytes:
+    def _take(self, packet: Any, piece: Piece) -> None:
+        """Do what a packet says beside its answer."""
+
+    def _answer(self, packet: Any) -> bytes | None:
         if packet.kind == protocol.Kind.OUTPUTS:
             names = packet.payload[8:].decode().split(",")
             types = [OUTPUTS[name][0] for name in names]

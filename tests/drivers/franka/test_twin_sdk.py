@@ -95,6 +95,7 @@ def run(twin: TwinProcess, text: str) -> dict[str, Any]:
 # -- FCI 5
 
 
+@pytest.mark.needs("panda-python")
 def test_panda_python_connects_reads_moves_and_loads_the_model(panda: TwinProcess) -> None:
     told = run(
         panda,
@@ -119,6 +120,7 @@ end(mode=str(first.robot_mode), moved=moved, reached=reached, started=started, p
     assert kinds.count("enable") == 2 and kinds.count("setpoint") > 1000
 
 
+@pytest.mark.needs("panda-python")
 def test_panda_python_runs_a_controller_of_its_own_and_stops_it(panda: TwinProcess) -> None:
     told = run(
         panda,
@@ -139,6 +141,7 @@ end(moved=moved, mode=str(panda.get_state().robot_mode))
     assert told["mode"] == "RobotMode.kIdle"
 
 
+@pytest.mark.needs("panda-python")
 def test_panda_python_sees_a_reflex_and_recovers(panda: TwinProcess) -> None:
     with program(
         panda,
@@ -162,6 +165,7 @@ end(reflex=reflex, errors=errors, after=str(panda.get_state().robot_mode), moved
     assert told["moved"]
 
 
+@pytest.mark.needs("panda-python")
 def test_panda_python_is_told_of_the_other_version(tmp_path: Path) -> None:
     with twin_of("panda", tmp_path, fci=10) as twin:
         told = run(
@@ -181,6 +185,7 @@ except Exception as error:
 # -- FCI 10
 
 
+@pytest.mark.needs("pylibfranka")
 def test_pylibfranka_connects_reads_and_loads_the_model(fr3: TwinProcess) -> None:
     told = run(
         fr3,
@@ -211,6 +216,7 @@ while elapsed < 1.0:
 """
 
 
+@pytest.mark.needs("pylibfranka")
 def test_pylibfranka_moves_at_1_khz(fr3: TwinProcess) -> None:
     told = run(
         fr3,
@@ -227,6 +233,7 @@ end(cycles=cycles, moved=[there - here for there, here in zip(state.q, start)], 
     assert told["mode"] == "RobotMode.Idle"
 
 
+@pytest.mark.needs("pylibfranka")
 def test_pylibfranka_is_stopped_by_a_guard_and_recovers(fr3: TwinProcess) -> None:
     """It jumps; the controller's guard ends the motion, names why, and is cleared."""
     told = run(
@@ -254,6 +261,7 @@ robot.automatic_error_recovery()
     assert told["cycles"] > 900
 
 
+@pytest.mark.needs("pylibfranka")
 def test_pylibfranka_is_told_of_the_other_version(tmp_path: Path) -> None:
     with twin_of("fr3", tmp_path, fci=5) as twin:
         told = run(
@@ -272,7 +280,13 @@ except Exception as error:
 # -- both
 
 
-@pytest.mark.parametrize(("robot", "text"), [("panda", PANDA), ("fr3", FR3)])
+@pytest.mark.parametrize(
+    ("robot", "text"),
+    [
+        pytest.param("panda", PANDA, marks=pytest.mark.needs("panda-python")),
+        pytest.param("fr3", FR3, marks=pytest.mark.needs("pylibfranka")),
+    ],
+)
 def test_saf_003_a_client_that_is_killed_leaves_an_arm_that_stands(robot: str, text: str, tmp_path: Path) -> None:
     """Its connection ends with it, and the controller ends the motion with the connection."""
     with twin_of(robot, tmp_path) as twin:

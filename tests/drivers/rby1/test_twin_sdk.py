@@ -16,6 +16,8 @@ from strands_actors.drivers.rby1.commands import Command
 from tests.answers import PATIENCE_S
 from tests.drivers.common.twin_process import TwinProcess
 
+pytestmark = pytest.mark.needs("rby1-sdk")
+
 PRELUDE = """
 import json, os, sys, time
 import numpy as np

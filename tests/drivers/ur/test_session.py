@@ -26,9 +26,16 @@ class Clock:
         return round(self.now_s * NS)
 
 
+class Commands:
+    """Commands nothing."""
+
+    def take(self) -> None:
+        pass
+
+
 def session_at(clock: Clock, rtde_hz: float | None = None) -> URSession:
     config = URConfig("ur5e", "192.0.2.10", 0.3, rtde_hz)
-    session = URSession(None, None, config, clock)  # type: ignore[arg-type]
+    session = URSession(Commands(), None, config, clock)  # type: ignore[arg-type]
     session.take(sample(1.0))
     return session
 

@@ -1,5 +1,9 @@
-"""A UR arm on the real tree: real processes, the unmodified ur-rtde, the twin. Judged by the twin's
-log."""
+"""A UR arm on the real tree: real processes, the twin, and both ways to command it: the unmodified
+ur-rtde, and our own control script. Judged by the twin's log.
+
+The ordinary suite runs the safety tests (SAF) by both ways, the others by ur-rtde; where that cannot be
+installed, all of them by the script.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,7 @@ import signal
 import socket
 import struct
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +27,7 @@ from strands_actors.drivers.ur.driver import UR
 from strands_actors.drivers.ur.gates import LEAD_S
 from strands_actors.drivers.ur.protocol import DASHBOARD_PORT
 from strands_actors.testing import Twin
+from strands_actors.testing.wirelog import Entry
 from tests import trees
 from tests.answers import json_of, pids, state, status, task_ended, until, why
 from tests.trees import Step, robot_on, run_for, safe_after_s, set_moving, shared_twin, slowest_status_s
@@ -30,6 +35,15 @@ from tests.trees import Step, robot_on, run_for, safe_after_s, set_moving, share
 PAN, LIFT, ELBOW = "shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint"
 SLACK_S = 1.0
 """On the published bounds, for a busy machine."""
+
+UR_RTDE = pytest.param("ur-rtde", marks=pytest.mark.needs("ur-rtde"))
+both_ways = pytest.mark.parametrize("way", [UR_RTDE, "script"], indirect=True)
+
+
+@pytest.fixture(params=[UR_RTDE, pytest.param("script", marks=pytest.mark.long_beside("ur-rtde"))])
+def way(request: pytest.FixtureRequest) -> str:
+    """How the arm is commanded."""
+    return str(request.param)
 
 
 @pytest.fixture(scope="module")
@@ -45,8 +59,8 @@ def twin(twin_process: Twin) -> Iterator[Twin]:
 
 
 @pytest.fixture
-def arm(twin: Twin, run_dir: Path) -> Iterator[RealRobot]:
-    with robot_on(twin.port, "ur5e") as connected:
+def arm(twin: Twin, run_dir: Path, way: str) -> Iterator[RealRobot]:
+    with robot_on(twin.port, "ur5e", control=way) as connected:
         yield connected
 
 
@@ -71,6 +85,7 @@ def comes_back(arm: RealRobot, twin: Twin) -> None:
 # -- the verbs
 
 
+@both_ways
 def test_connect_observe_act_stop_resume(arm: RealRobot, twin: Twin) -> None:
     seen = arm.get_observation()
     assert list(seen) == list(JOINTS)
@@ -95,8 +110,8 @@ def test_connect_observe_act_stop_resume(arm: RealRobot, twin: Twin) -> None:
     comes_back(arm, twin)
 
 
-def test_a_slower_exchange_with_the_controller(twin: Twin, run_dir: Path) -> None:
-    with Robot("ur5e", mode="real", port=twin.port, rtde_frequency=50.0) as arm:
+def test_a_slower_exchange_with_the_controller(twin: Twin, run_dir: Path, way: str) -> None:
+    with Robot("ur5e", mode="real", port=twin.port, rtde_frequency=50.0, control=way) as arm:
         asked = [entry.data for entry in twin.log.entries() if b"actual_TCP_force" in entry.data]
         assert asked and struct.pack(">d", 50.0) in asked[-1]
         json_of(nudge(arm))
@@ -113,6 +128,7 @@ def test_saf_014_refusals_name_the_joint_and_write_nothing(arm: RealRobot, twin:
     assert not twin.log.host("setpoint", began_ns)
 
 
+@both_ways
 def test_saf_014_targets_do_not_run_away_from_a_joint_that_is_held_back(arm: RealRobot, twin: Twin) -> None:
     """Let go, it would follow in a blow: servoJ has no speed."""
     twin.fault("stuck:1")
@@ -135,6 +151,7 @@ def test_saf_014_targets_do_not_run_away_from_a_joint_that_is_held_back(arm: Rea
     json_of(nudge(arm))
 
 
+@both_ways
 def test_a_policy_runs_at_125_hz_and_ends_in_a_hold(arm: RealRobot, twin: Twin) -> None:
     task = run_for(arm, wave, 2.0)
     assert task["steps"] > 60, "half of what a free machine does"
@@ -146,10 +163,7 @@ def test_a_policy_runs_at_125_hz_and_ends_in_a_hold(arm: RealRobot, twin: Twin) 
     json_of(nudge(arm))
 
 
-@pytest.mark.long
-def test_a_hold_from_high_speed_loses_the_program_to_the_watchdog_and_says_so(arm: RealRobot, twin: Twin) -> None:
-    """Nobody can feed it while servoStop brakes: the arm stands all the same, and nothing goes on
-    by itself."""
+def hold_from_high_speed(arm: RealRobot) -> None:
     start, fast = 0.0, False
 
     def is_fast() -> bool:
@@ -165,6 +179,14 @@ def test_a_hold_from_high_speed_loses_the_program_to_the_watchdog_and_says_so(ar
             break
     assert fast, json_of(arm.get_task_status())
     arm.stop_task()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("way", [UR_RTDE], indirect=True)
+def test_a_hold_from_high_speed_loses_the_program_to_the_watchdog_and_says_so(arm: RealRobot, twin: Twin) -> None:
+    """Nobody can feed it while servoStop brakes: the arm stands all the same, and nothing goes on
+    by itself."""
+    hold_from_high_speed(arm)
     until(lambda: [entry for entry in twin.log.entries() if entry.kind == "watchdog"], "the watchdog ends it")
     until(lambda: "control script is not running" in why(nudge(arm)), "it is refused by name")
     stood = arm.get_observation()[PAN]
@@ -175,6 +197,15 @@ def test_a_hold_from_high_speed_loses_the_program_to_the_watchdog_and_says_so(ar
     json_of(nudge(arm))
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("way", ["script"], indirect=True)
+def test_our_script_is_fed_while_it_brakes_and_takes_the_next_command(arm: RealRobot, twin: Twin) -> None:
+    hold_from_high_speed(arm)
+    until(lambda: state(arm) == "holding", "it holds")
+    until(lambda: nudge(arm)["status"] == "success", "it takes the next command")
+    assert not [entry for entry in twin.log.entries() if entry.kind == "watchdog"]
+
+
 def test_saf_013_status_names_the_firmware_watchdog(arm: RealRobot) -> None:
     told = status(arm)
     assert "rtde_set_watchdog, 10 Hz" in told["firmware_watchdog"]
@@ -182,6 +213,7 @@ def test_saf_013_status_names_the_firmware_watchdog(arm: RealRobot) -> None:
     assert told["remote_control"] == "true"
 
 
+@both_ways
 def test_saf_013_a_latched_command_feeds_the_watchdog_as_long_as_the_caller_lives(
     arm: RealRobot, twin: Twin
 ) -> None:
@@ -257,6 +289,7 @@ def protective_stop(twin: Twin) -> None:
     twin.order("safety PROTECTIVE_STOP")
 
 
+@both_ways
 @pytest.mark.parametrize("how", [end_program, pause_program, protective_stop])
 def test_saf_003_a_target_that_stands_ends_when_the_controller_ends_its_program(
     arm: RealRobot, twin: Twin, how: Callable[[Twin], None]
@@ -270,7 +303,7 @@ def test_saf_003_a_target_that_stands_ends_when_the_controller_ends_its_program(
     # which of the two the tree hears of first is chance
     causes = ("control script is not running", "control script was paused", "PROTECTIVE_STOP (3)")
     assert status(arm)["cause"].startswith(causes)
-    pressed = 1 if how is end_program else 0  # safe frames of the pendant's
+    pressed = 0 if how is protective_stop else 1  # safe frames of the pendant's
     until(lambda: len(twin.log.host("safe", ended_ns)) > pressed, "a safe frame of ours")
     ours_ns = twin.log.host("safe", ended_ns)[pressed].t_ns
     time.sleep(0.3)
@@ -332,10 +365,10 @@ def test_a_speed_slider_at_0_is_named(arm: RealRobot, twin: Twin) -> None:
         until(lambda: nudge(arm)["status"] == "success", "it moves again")
 
 
-def test_a_protective_stop_accepts_a_connection_and_is_named(twin: Twin, run_dir: Path) -> None:
+def test_a_protective_stop_accepts_a_connection_and_is_named(twin: Twin, run_dir: Path, way: str) -> None:
     twin.order("safety PROTECTIVE_STOP")
     time.sleep(0.1)
-    arm = Robot("ur5e", mode="real", port=twin.port)
+    arm = Robot("ur5e", mode="real", port=twin.port, control=way)
     try:
         until(lambda: "PROTECTIVE_STOP (3). look at the arm" in (arm.connect_eagerly() or ""), "it says so")
         assert not twin.log.host("enable")
@@ -345,10 +378,10 @@ def test_a_protective_stop_accepts_a_connection_and_is_named(twin: Twin, run_dir
         arm.cleanup()
 
 
-def test_local_control_is_named(twin: Twin, run_dir: Path) -> None:
+def test_local_control_is_named(twin: Twin, run_dir: Path, way: str) -> None:
     twin.order("remote no")
     time.sleep(0.1)
-    arm = Robot("ur5e", mode="real", port=twin.port)
+    arm = Robot("ur5e", mode="real", port=twin.port, control=way)
     try:
         until(lambda: "is in local control" in (arm.connect_eagerly() or ""), "it says so")
     finally:
@@ -358,8 +391,8 @@ def test_local_control_is_named(twin: Twin, run_dir: Path) -> None:
 # -- processes die and freeze
 
 
-@pytest.mark.quick_cases(1)
-@pytest.mark.parametrize("fault", [signal.SIGKILL, signal.SIGSTOP])
+@both_ways
+@pytest.mark.parametrize("fault", [signal.SIGKILL, pytest.param(signal.SIGSTOP, marks=pytest.mark.long)])
 def test_saf_003_the_wire_process_dies_or_freezes(moving: RealRobot, twin: Twin, fault: signal.Signals) -> None:
     """The root stops the arm by its own sockets, and starts the wire again."""
     victim = pids(moving)["wire"]
@@ -390,6 +423,7 @@ def test_saf_012_frozen_while_it_moves(moving: RealRobot, twin: Twin) -> None:
     comes_back(moving, twin)
 
 
+@both_ways
 def test_saf_005_stop_of_a_frozen_controller_is_an_error_that_names_every_joint(
     moving: RealRobot, twin: Twin
 ) -> None:
@@ -404,12 +438,14 @@ def test_saf_005_stop_of_a_frozen_controller_is_an_error_that_names_every_joint(
     comes_back(moving, twin)
 
 
-def test_saf_012_unplugged_while_it_moves(moving: RealRobot, twin: Twin) -> None:
+@both_ways
+def test_saf_012_unplugged_while_it_moves(moving: RealRobot, twin: Twin, way: str) -> None:
     pulled_ns = time.monotonic_ns()
     twin.unplug()
     until(lambda: not status(moving)["connected"], "it is noticed")
     until(lambda: "cannot connect" in (status(moving)["connect_error"] or ""), "it says why")
-    assert [entry for entry in twin.log.entries(pulled_ns) if entry.kind == "watchdog"], "the firmware stopped it"
+    by_itself = ("watchdog",) if way == "ur-rtde" else ("watchdog", "stopj")
+    until(lambda: [entry for entry in twin.log.entries(pulled_ns) if entry.kind in by_itself], "it stops by itself")
     assert why(moving.stop())
     twin.plug()
     comes_back(moving, twin)
@@ -426,6 +462,7 @@ def test_it_comes_back_however_often_it_is_unplugged(arm: RealRobot, twin: Twin)
     json_of(nudge(arm))
 
 
+@both_ways
 def test_a_clock_that_stands_still_is_no_link(moving: RealRobot, twin: Twin) -> None:
     """Samples go on, the socket is open, every call of the SDK succeeds."""
     twin.fault("stuck")
@@ -444,31 +481,61 @@ def test_power_cycled(moving: RealRobot, twin: Twin) -> None:
     json_of(nudge(moving))
 
 
-STAGES = {
+Stage = Callable[[Sequence[Entry]], bool]
+
+FIRST_STAGES: Mapping[str, Stage] = {
     "hello": lambda frames: len(frames) >= 1,
     "look": lambda frames: any(entry.data[:3] == b"\x00\x03S" for entry in frames),
-    "receive": lambda frames: sum(entry.data[:3] == b"\x00\x03S" for entry in frames) >= 2,
-    "control": lambda frames: sum(b"get serial" in entry.data for entry in frames) >= 2,
-    "inputs": lambda frames: any(entry.kind == "config" for entry in frames),
-    "upload": lambda frames: any(entry.kind == "enable" for entry in frames),
-    "watchdog": lambda frames: any(entry.kind == "config" and len(entry.data) == 16 for entry in frames),
+}
+QUICK_STAGES = {"ur-rtde": ("hello", "look"), "script": ("upload",)}
+STAGES: Mapping[str, Mapping[str, Stage]] = {
+    "ur-rtde": {
+        **FIRST_STAGES,
+        "receive": lambda frames: sum(entry.data[:3] == b"\x00\x03S" for entry in frames) >= 2,
+        "control": lambda frames: sum(b"get serial" in entry.data for entry in frames) >= 2,
+        "inputs": lambda frames: any(entry.kind == "config" for entry in frames),
+        "upload": lambda frames: any(entry.kind == "enable" for entry in frames),
+        "watchdog": lambda frames: any(entry.kind == "config" and len(entry.data) == 16 for entry in frames),
+    },
+    "script": {
+        **FIRST_STAGES,
+        "inputs": lambda frames: any(entry.kind == "config" for entry in frames),
+        "upload": lambda frames: any(entry.kind == "enable" for entry in frames),
+        "watchdog": lambda frames: sum(entry.kind == "keepalive" for entry in frames) >= 2,
+    },
 }
 """Points of connect, by what the controller has heard."""
+AT_A_STAGE = [
+    pytest.param(
+        way,
+        stage,
+        how,
+        id=f"{way}-{stage}-{how}",
+        marks=[
+            *([pytest.mark.needs("ur-rtde")] if way == "ur-rtde" else []),
+            *([] if stage in QUICK_STAGES[way] and how == "frozen" else [pytest.mark.long]),
+        ],
+    )
+    for way in STAGES
+    for stage in STAGES[way]
+    for how in ("frozen", "unplugged")
+]
 
 
-@pytest.mark.quick_cases(2)
-@pytest.mark.parametrize("how", ["frozen", "unplugged"])
-@pytest.mark.parametrize("stage", STAGES)
-def test_saf_012_the_controller_goes_while_connecting(twin: Twin, run_dir: Path, stage: str, how: str) -> None:
+@pytest.mark.parametrize(("way", "stage", "how"), AT_A_STAGE, indirect=["way"])
+def test_saf_012_the_controller_goes_while_connecting(
+    twin: Twin, run_dir: Path, way: str, stage: str, how: str
+) -> None:
     """The tree answers meanwhile, stop is bounded, and connecting works when the controller is
     back."""
     import threading
 
-    arm = Robot("ur5e", mode="real", port=twin.port)
+    arm = Robot("ur5e", mode="real", port=twin.port, control=way)
     connecting = threading.Thread(target=arm.connect_eagerly)
+    reached = STAGES[way][stage]
     try:
         connecting.start()
-        until(lambda: STAGES[stage]([entry for entry in twin.log.entries() if entry.sender == "host"]), stage)
+        until(lambda: reached([entry for entry in twin.log.entries() if entry.sender == "host"]), stage)
         if how == "frozen":
             twin.pause()
         else:

@@ -15,6 +15,8 @@ import pytest
 from strands_actors.testing import Twin
 from tests.answers import PATIENCE_S, until
 
+pytestmark = pytest.mark.needs("ur-rtde")
+
 PRELUDE = """
 import json, os, sys, time
 from rtde_control import RTDEControlInterface as Control

@@ -17,11 +17,11 @@ TICK_S = 0.002
 
 
 class World:
-    def __init__(self) -> None:
+    def __init__(self, robot: str = "ur5e") -> None:
         self.now_s = 100.0
         self.events: list[str] = []
         self.controller = Controller(
-            arm_of("ur5e"), now_s=lambda: self.now_s, on_event=lambda kind, text: self.events.append(kind)
+            arm_of(robot), now_s=lambda: self.now_s, on_event=lambda kind, text: self.events.append(kind)
         )
 
     def run(self, seconds: float, feed: bool = False) -> None:

@@ -1,0 +1,129 @@
+"""Command a UR by our own control script: uploaded to a script port, told what to do by RTDE
+registers. No SDK, no thread."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import ClassVar
+
+import trio
+
+from strands_actors.contract.wire import WireDown
+from strands_actors.drivers.common.tcp_port import TcpPort, open_tcp
+from strands_actors.kernel.clock import Clock
+
+from . import protocol as p
+from . import script as s
+from .arms import JOINTS
+from .config import Way
+from .gates import CONTROL_S
+from .plain import Registers, open_registers
+
+ANSWER_S = 0.5
+"""For the script to arm its watchdog, and to stop the arm: 0.3 s from top speed."""
+
+
+class ScriptControl:
+    WAY: ClassVar[Way] = "script"
+    spent = ""
+
+    def __init__(self, host: str, hz: float, clock: Clock) -> None:
+        """``hz``: how often the controller answers."""
+        self._host = host
+        self._hz = hz
+        self._clock = clock
+        self._registers: Registers | None = None
+        self._upload: TcpPort | None = None
+        self._token = self._sequence = 0
+        self._target = (0.0,) * len(JOINTS)
+
+    async def connect(self) -> None:
+        """Raise ``WireDown`` when another RTDE client writes these registers."""
+        if self._registers is None:
+            self._registers = await open_registers(self._host, s.INPUTS, s.ANSWERS, self._hz)
+
+    def take(self) -> None:
+        if self._registers is not None:
+            self._registers.take()
+
+    async def upload(self, check: Callable[[], None]) -> bool:
+        self._close_upload()
+        self._sequence, self._token = 0, self._clock.now_ns() // 1000 % s.LAST_NUMBER + 1
+        self._write(s.Order.KEEP)  # what an earlier script was told last does not stay there
+        self._upload = await open_tcp(self._host, p.SECONDARY_PORT)
+        check()
+        self._upload.write(s.control_script(self._token))
+        return True
+
+    def script_runs(self) -> bool:
+        if self._upload is not None:
+            # The port tells the controller's state. A connection that is closed with state unread is
+            # reset, and the script might be dropped.
+            self._upload.read_waiting()
+        return self._is_ours and self._answer(s.PHASE) != s.Phase.ENDED
+
+    @property
+    def _is_ours(self) -> bool:
+        """Return whether what answers is the script that was uploaded last."""
+        return self._answer(s.RUNS) == self._token
+
+    async def set_watchdog(self, min_hz: float) -> bool:
+        """The script arms it by itself, at its first packet."""
+        armed = await self._repeat(s.Order.KEEP, lambda: self._answer(s.PHASE) == s.Phase.READY)
+        self._close_upload()
+        return armed
+
+    async def kick(self) -> None:
+        self._write(s.Order.KEEP)
+
+    async def servo(self, radians: tuple[float, ...], check: Callable[[], None]) -> bool:
+        if not self.script_runs():
+            return False
+        check()
+        self._target = radians
+        self._write(s.Order.SERVO)
+        return True
+
+    async def halt(self, ends: bool) -> bool:
+        if ends:
+            return await self._repeat(s.Order.END, lambda: self._is_ours and self._answer(s.PHASE) == s.Phase.ENDED)
+        ordered = s.next_number(self._sequence)
+        return await self._repeat(s.Order.HOLD, lambda: s.has_reached(self._answer(s.HELD), ordered))
+
+    def close(self) -> None:
+        """What is still on its way is thrown away, but for a script whose upload has begun."""
+        self._close_upload()
+        if self._registers is not None:
+            self._registers.close()
+            self._registers = None
+
+    def _close_upload(self) -> None:
+        if self._upload is not None:
+            self._upload.close()
+            self._upload = None
+
+    def _answer(self, output: str) -> int:
+        """Return what an output register has now. 0: it is not known. Raise ``WireDown``."""
+        self.take()
+        return self._registers.answers.get(output, 0) if self._registers is not None else 0
+
+    def _write(self, order: s.Order) -> None:
+        """Write one packet at once. Raise ``WireDown``."""
+        if self._registers is None:
+            raise WireDown(f"{self._host}: the registers are not open. Reconnect")
+        self._sequence = s.next_number(self._sequence)
+        targets = dict(zip(s.TARGETS, self._target, strict=True))
+        self._registers.write({**targets, s.ORDER: order, s.SEQUENCE: self._sequence, s.TOKEN: self._token})
+
+    async def _repeat(self, order: s.Order, answered: Callable[[], bool]) -> bool:
+        """Write an order until the script has answered it, which also feeds its watchdog. The first
+        packet leaves before the first wait. Return whether the script has answered."""
+        with trio.move_on_after(ANSWER_S):
+            while True:
+                self._write(order)
+                await trio.sleep(CONTROL_S)
+                if answered():
+                    return True
+                if not self.script_runs():
+                    return False
+        return False

@@ -1,0 +1,101 @@
+"""What this machine cannot have is left out of a run by name, in one list at its end.
+
+``@pytest.mark.needs("ur-rtde")`` names a package of ``pyproject.toml`` or a program of ``PROGRAMS``. A
+test is left out only where the machine cannot have it: the package's marker says no for this Python or
+processor, or the program is not installed. A package that should be there and is not fails its test.
+
+``@pytest.mark.long_beside("ur-rtde")``: the test is long (``tests/long.py``) where that is to be had, for
+its quick form needs it. Elsewhere it is the quick form.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tomllib
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+
+PROGRAMS = {"Node.js": "node"}
+"""By name, the command."""
+LIST = "left_out"
+
+_left_out = pytest.StashKey[list[str]]()
+
+
+@cache
+def why_not(name: str) -> str:
+    """Return why this machine cannot have it. Empty: it can. Raise ``ValueError`` for a name that is
+    neither a package of ours nor a program."""
+    if name in PROGRAMS:
+        return "" if shutil.which(PROGRAMS[name]) else f"{name} is not installed"
+    markers = [requirement.marker for requirement in _requirements() if requirement.name == name]
+    if not markers:
+        raise ValueError(f"{name} is no package of pyproject.toml and no program. Use one of them")
+    if any(marker is None or marker.evaluate() for marker in markers):
+        return ""
+    return f"{name} is only for {' or '.join(map(str, markers))}"
+
+
+def _requirements() -> Iterator[Requirement]:
+    project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]
+    for lines in (project["dependencies"], *project["optional-dependencies"].values()):
+        yield from map(Requirement, lines)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Before ``-m`` selects among them."""
+    for item in items:
+        if any(not why_not(marker.args[0]) for marker in item.iter_markers("long_beside")):
+            item.add_marker(pytest.mark.long)
+
+
+class LeaveOut:
+    """Registered after ``-m`` and ``-k``: the list has only tests that would have run."""
+
+    @pytest.hookimpl(trylast=True)
+    def pytest_collection_modifyitems(self, config: pytest.Config, items: list[pytest.Item]) -> None:
+        kept, left_out = list[pytest.Item](), list[pytest.Item]()
+        told = config.stash[_left_out]
+        for item in items:
+            missing = [why for marker in item.iter_markers("needs") if (why := why_not(marker.args[0]))]
+            (left_out if missing else kept).append(item)
+            told += [f"{item.nodeid}: {why}" for why in missing[:1]]
+        if left_out:
+            config.hook.pytest_deselected(items=left_out)
+            items[:] = kept
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.stash[_left_out] = []
+    config.pluginmanager.register(LeaveOut())
+    if config.pluginmanager.hasplugin("xdist"):
+        config.pluginmanager.register(Workers())
+
+
+class Workers:
+    """With pytest-xdist, workers collect, and the process that prints does not."""
+
+    @pytest.hookimpl(optionalhook=True)
+    def pytest_testnodedown(self, node: object, error: object) -> None:
+        stash: pytest.Stash = node.config.stash  # type: ignore[attr-defined]
+        heard: list[str] = getattr(node, "workeroutput", {}).get(LIST, [])
+        stash[_left_out] += [line for line in heard if line not in stash[_left_out]]
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    if hasattr(session.config, "workeroutput"):
+        session.config.workeroutput[LIST] = session.config.stash[_left_out]
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    left_out = sorted(config.stash[_left_out])
+    if left_out:
+        terminalreporter.section(f"left out: {len(left_out)} tests of what this machine cannot have")
+        for line in left_out:
+            terminalreporter.line(line)
