@@ -124,10 +124,9 @@ def test_what_is_wrong_is_refused(keywords: dict[str, Any], error: type[Exceptio
         ("arm.xml", "<mujoco><worldbdy/></mujoco>", "MuJoCo does not take it"),
         ("arm.xml", MJCF, r"MuJoCo does not take it: .*hook\.stl"),
         ("arm.urdf", "<robot", "is no XML"),
-        ("arm.urdf", "<sdf/>", "is no URDF: it begins with <sdf>"),
-        ("arm.urdf", URDF, r"names the mesh 'package://lifter_description/meshes/arm\.stl', which is not there"),
-        ("arm.urdf", URDF.replace("arm.stl", "arm.dae").replace("<collision", "<c").replace("</collision", "</c"),
-         r"which MuJoCo does not read\. convert it to \.stl"),
+        ("arm.urdf", "<sdf/>", "is no URDF or MJCF: it begins with <sdf>"),
+        ("arm.urdf", URDF.replace("visual>", "collision>"),
+         r"link arm is 'package://lifter_description/meshes/arm\.stl': it is not there"),
         ("arm.xacro", URDF, "is a xacro. expand it first"),
     ],
 )  # fmt: skip
