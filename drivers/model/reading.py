@@ -17,6 +17,7 @@ from strands_actors.drivers.common.simulation_control.protocol import TIMESTEP_S
 from strands_actors.drivers.common.xml_text import Element, NotXml, parse
 
 from .files import pointer_among, pointer_reason, refuse_sizes
+from .floor import add_floor
 from .urdf import LeftOut, readable_urdf
 
 REFUSALS = (ValueError, RuntimeError, MemoryError, mujoco.FatalError)
@@ -59,6 +60,7 @@ def read_model(path: str | Path) -> Read:
         for name, qpos in keyframes.items()
         if len(qpos) == model.nq
     }
+    add_floor(spec, model)
     return Read(spec, joints, named, left_out)
 
 

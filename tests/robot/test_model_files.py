@@ -193,3 +193,24 @@ def test_a_scaled_general_actuator_reaches_what_was_asked(folder: Path) -> None:
     plant.aim(0, 0.5)
     plant.step(2000)
     assert plant.position_rad[0] == pytest.approx(0.5, abs=0.01)
+
+
+def planes(model: Any) -> list[float]:
+    kind = mujoco.mjtGeom.mjGEOM_PLANE
+    return [float(model.geom_pos[geom, 2]) for geom in range(model.ngeom) if model.geom_type[geom] == kind]
+
+
+def test_a_model_without_a_floor_gets_one_that_carries_objects_and_leaves_its_links_alone(folder: Path) -> None:
+    assert planes(read_model(written(folder, urdf(base=BOX.format("collision", 0.2)))).spec.compile()) == [-0.1]
+    own = "<mujoco><worldbody><geom type='plane' size='1 1 1'/><body><joint/><geom size='.1'/></body>"
+    own += "</worldbody></mujoco>"
+    assert planes(read_model(written(folder, own, "own.xml")).spec.compile()) == [0.0]
+    spec = read_model(written(folder, urdf(arm=BOX.format("collision", 0.02)))).spec
+    cube = spec.worldbody.add_body(name="cube", pos=[1, 0, 0.5])
+    cube.add_freejoint()
+    cube.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.05] * 3, contype=3, conaffinity=3)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.qpos[0] = 1.0  # the arm reaches below the floor
+    mujoco.mj_step(model, data, 1000)
+    assert data.body("cube").xpos[2] == pytest.approx(planes(model)[0] + 0.05, abs=0.005)

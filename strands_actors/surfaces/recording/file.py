@@ -70,14 +70,15 @@ class Recording(msgspec.Struct):
 
 
 class RecordingFile:
-    """Writes one. Raise ``OSError``; a file that is there already is not overwritten."""
+    """Writes one, for its owner alone: it has all that the robot was told. Raise ``OSError``; a file
+    that is there already is not overwritten."""
 
     def __init__(self, path: Path, info: Info) -> None:
         self.path = path
         self.counts: Counter[str] = Counter()
         self._robot = info.robot
         self._wall_ns = info.wall_ns
-        self._stream: IO[bytes] = path.open("xb")
+        self._stream: IO[bytes] = os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb")
         self._writer = Writer(self._stream, chunk_size=CHUNK_BYTES)
         self._writer.start(profile="", library=f"strands-actors {info.version}")
         self._writer.add_metadata(METADATA, {"info": msgspec.json.encode(info).decode()})
