@@ -38,7 +38,7 @@ CHUNK_BYTES = 64 * 1024
 """About a second: what a recorder that is killed has not written yet."""
 MAX_CHUNK_BYTES = 16 << 20
 """A chunk ends with the first message beyond ``CHUNK_BYTES``."""
-FLOOR_BYTES, MOST_COMPRESSED = 64 << 20, 100
+FLOOR_BYTES, MOST_COMPRESSED = 1 << 20, 100
 """What a whole file may become: so much, or so many times its size. Ours come to 10 to 20 times."""
 END = b"\x89MCAP0\r\n"
 
