@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Mapping
 from typing import Any, ClassVar, Literal
@@ -10,6 +11,8 @@ from strands_actors.contract.axis import Axis, Part, PartKind
 from strands_actors.contract.driver import Driver, Reason, Timing
 from strands_actors.contract.fallbacks import fallbacks_for
 from strands_actors.contract.safe_state import SafeState
+
+_log = logging.getLogger("strands_actors")
 
 CONTROL_HZ = 50.0
 """Of a policy, where it is not told otherwise."""
@@ -36,6 +39,12 @@ class ModelDriver(Driver):
         from .reading import read_model  # with MuJoCo, for who has a model
 
         read = read_model(options["model"])
+        if read.left_out:
+            _log.warning(
+                "%s: left out of the pictures, nothing else of it changes: %s",
+                options["model"],
+                "; ".join(map(str, read.left_out)),
+            )
         return {
             "model": str(options["model"]),
             "joints": [

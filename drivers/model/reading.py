@@ -14,8 +14,14 @@ from typing import Any, NamedTuple
 
 from strands_actors.drivers.common.lean_mujoco import mujoco
 from strands_actors.drivers.common.simulation_control.protocol import TIMESTEP_S
+from strands_actors.drivers.common.xml_text import Element, NotXml, parse
 
-from .urdf import readable_urdf
+from .files import pointer_among, pointer_reason, refuse_sizes
+from .floor import add_floor
+from .urdf import LeftOut, readable_urdf
+
+REFUSALS = (ValueError, RuntimeError, MemoryError, mujoco.FatalError)
+"""What MuJoCo raises for a model that it does not take."""
 
 
 class Joint(NamedTuple):
@@ -34,18 +40,19 @@ class Read(NamedTuple):
     spec: Any
     joints: tuple[Joint, ...]
     keyframes: dict[str, tuple[float, ...]]  # by name: the position of each joint
+    left_out: tuple[LeftOut, ...] = ()
 
 
 def read_model(path: str | Path) -> Read:
     """Raise ``ValueError`` that says what is wrong with the file."""
     place = Path(path).expanduser().resolve()
-    spec = _load(place)
+    spec, left_out = _load(place)
     try:
         keyframes = _keyframes(spec)
         joints = _drive(spec)
         model = spec.compile()
-    except (ValueError, mujoco.FatalError) as error:
-        raise ValueError(f"{place}: MuJoCo does not take it: {' '.join(str(error).split())}") from None
+    except REFUSALS as error:
+        raise _refused(place, error) from None
     if not joints:
         raise ValueError(f"{place} has no joint that can be driven. a hinge or a slide is needed")
     named = {
@@ -53,25 +60,90 @@ def read_model(path: str | Path) -> Read:
         for name, qpos in keyframes.items()
         if len(qpos) == model.nq
     }
-    return Read(spec, joints, named)
+    add_floor(spec, model)
+    return Read(spec, joints, named, left_out)
 
 
-def _load(place: Path) -> Any:
+def _load(place: Path) -> tuple[Any, tuple[LeftOut, ...]]:
+    """Return the model, compiled once, and what was left out of it."""
     if not place.is_file():
         raise ValueError(f"there is no model {place}. give an MJCF or a URDF file")
     if place.suffix.lower() == ".xacro":
         raise ValueError(f"{place} is a xacro. expand it first: xacro {place.name} > {place.stem}")
-    is_urdf = place.suffix.lower() == ".urdf" or "<robot" in place.read_text(errors="replace")[:4096]
+    if why := pointer_reason(place):
+        raise ValueError(why)
+    text = place.read_bytes().decode("utf-8-sig", "replace")
     try:
-        if is_urdf:
-            text, meshes = readable_urdf(place)
-            return mujoco.MjSpec.from_string(text, assets=meshes)
-        return mujoco.MjSpec.from_file(str(place))
-    except (ValueError, mujoco.FatalError) as error:
-        text = " ".join(str(error).split())
-        raise ValueError(
-            text if text.startswith(str(place)) else f"{place}: MuJoCo does not take it: {text}"
-        ) from None
+        root = parse(text)
+    except NotXml as error:
+        raise ValueError(f"{place} is no XML: {error}") from None
+    if root.tag.lower() == "robot":
+        return _load_urdf(place, text, root)
+    if root.tag.lower() != "mujoco":
+        raise ValueError(f"{place} is no URDF or MJCF: it begins with <{root.tag}>")
+    try:
+        refuse_sizes(root)
+        spec = mujoco.MjSpec.from_file(str(place))
+    except REFUSALS as error:
+        raise _refused(place, error) from None
+    try:
+        spec.copy().compile()
+    except REFUSALS as error:
+        raise ValueError(pointer_among(spec, place.parent) or _refused(place, error)) from None
+    return spec, ()
+
+
+def _load_urdf(place: Path, text: str, root: Element) -> tuple[Any, tuple[LeftOut, ...]]:
+    """As ``_load``. A visual mesh that MuJoCo refuses is left out: by itself it would not read it."""
+    unreadable: tuple[Path, ...] = ()
+    while True:
+        urdf = readable_urdf(place, text, root, unreadable)
+        try:
+            spec = mujoco.MjSpec.from_string(urdf.text)
+            exclude_neighbours_of_base(spec, spec.copy().compile())
+            return spec, urdf.left_out
+        except REFUSALS as error:
+            found = tuple(mesh for mesh in dict.fromkeys(urdf.visuals) if not _reads(mesh))
+            if not found or unreadable:
+                raise _refused(place, error) from None
+            unreadable = found
+
+
+def _reads(mesh: Path) -> bool:
+    """Return whether MuJoCo takes this mesh."""
+    spec = mujoco.MjSpec()
+    spec.add_mesh(name="mesh", file=str(mesh))
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="mesh", contype=0, conaffinity=0)
+    try:
+        spec.compile()
+    except REFUSALS:
+        return False
+    return True
+
+
+def exclude_neighbours_of_base(spec: Any, model: Any) -> None:
+    """Let the base of a URDF and what hangs on it pass through each other.
+
+    MuJoCo never lets a link collide with its parent, except where the parent stands still: a ball on
+    the ground must not fall through it. In a URDF what stands still is the robot's own base, whose
+    shapes overlap with the next link at the joint. Pairs that MuJoCo leaves out anyway stay as they
+    are.
+    """
+    shaped = [body for body in range(model.nbody) if model.body_geomnum[body]]
+    still = [body for body in shaped if model.body_weldid[body] == 0]
+    for body in shaped:
+        moves = int(model.body_weldid[body])
+        if moves and model.body_weldid[model.body_parentid[moves]] == 0:
+            for base in still:
+                spec.add_exclude(bodyname1=model.body(base).name, bodyname2=model.body(body).name)
+
+
+def _refused(place: Path, error: Exception) -> ValueError:
+    """Return MuJoCo's refusal with the user's file."""
+    if isinstance(error, MemoryError) or type(error) is RuntimeError:
+        return ValueError(f"{place}: MuJoCo cannot hold it: it is too large for this computer's memory")
+    text = " ".join(str(error).split())
+    return ValueError(text if text.startswith(str(place)) else f"{place}: MuJoCo does not take it: {text}")
 
 
 def _keyframes(spec: Any) -> dict[str, tuple[float, ...]]:
@@ -108,7 +180,7 @@ def _drive(spec: Any) -> tuple[Joint, ...]:
         if name not in driven:
             continue
         kp, kv, effort = driven[name]
-        limited = joint.range[0] < joint.range[1]
+        limited = joint.range[0] < joint.range[1] and joint.limited != mujoco.mjtLimited.mjLIMITED_FALSE
         low, high = (float(joint.range[0]), float(joint.range[1])) if limited else (-math.inf, math.inf)
         if spec.compiler.degree and joint.type == mujoco.mjtJoint.mjJNT_HINGE:
             low, high = math.radians(low), math.radians(high)
@@ -150,10 +222,13 @@ def _gains(actuator: Any, joint: Any) -> tuple[float, float, float]:
         return 0.0, 0.0, effort
     at_joint = actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT
     if at_joint and actuator.forcerange[0] < actuator.forcerange[1]:
-        effort = min(effort, float(actuator.forcerange[1]))
+        effort = min(effort, float(actuator.forcerange[1]) * (abs(float(actuator.gear[0])) or 1.0))
+    gear = abs(float(actuator.gear[0]))
+    # A force of ``gain * control + bias[0] + bias[1] * length + bias[2] * speed``: the stiffness at the
+    # joint is that of the bias. The gain only scales the control (0 to 255), which is exchanged.
     is_position = actuator.biastype == mujoco.mjtBias.mjBIAS_AFFINE and actuator.biasprm[1] < 0
-    if is_position and at_joint and actuator.gear[0] == 1.0:
-        return float(actuator.gainprm[0]), -float(actuator.biasprm[2]), effort
+    if is_position and at_joint and gear > 0:
+        return -float(actuator.biasprm[1]) * gear**2, -float(actuator.biasprm[2]) * gear**2, effort
     is_motor = actuator.biastype == mujoco.mjtBias.mjBIAS_NONE and actuator.ctrlrange[0] < actuator.ctrlrange[1]
     if is_motor and at_joint:
         effort = min(

@@ -1,80 +1,130 @@
-"""A URDF as text that MuJoCo reads, with its meshes beside it. Nothing is downloaded: a mesh is
-where the file says, or in a package folder above it."""
+"""A URDF as text that MuJoCo reads, with the places of its meshes in it.
+
+Nothing is downloaded. A mesh is where MuJoCo itself looks for it, or in a package folder above the
+file. MuJoCo by itself drops the visual shapes of a URDF. Here they are kept, for the pictures, and
+a visual whose mesh cannot be read is left out, as MuJoCo would.
+"""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from xml.etree import ElementTree
+from typing import NamedTuple
+from urllib.parse import unquote
+
+from strands_actors.drivers.common.xml_text import Edit, Element, edited, escaped
+
+from .files import pointer_reason
 
 READABLE = (".stl", ".obj", ".msh")
 """Meshes that MuJoCo reads."""
 
-PACKAGE = re.compile(r"^(?:package|model)://([^/]+)/(.*)$")
+_PACKAGE = re.compile(r"^(?:package|model)://([^/]+)/(.*)$")
+_YES = ("true", "1")
 
 
-def readable_urdf(path: Path) -> tuple[str, dict[str, bytes]]:
-    """Return the text and its meshes by the names in it. A visual whose mesh MuJoCo does not read
-    (Collada) is left out where the link has a collision shape. Raise ``ValueError``."""
-    try:
-        root = ElementTree.parse(path).getroot()
-    except ElementTree.ParseError as error:
-        raise ValueError(f"{path} is no XML: {error}") from None
-    if root.tag != "robot":
-        raise ValueError(f"{path} is no URDF: it begins with <{root.tag}>, not <robot>")
-    meshes: dict[str, bytes] = {}
-    for link in root.iter("link"):
-        for shape in [*link.findall("visual"), *link.findall("collision")]:
-            mesh = shape.find("geometry/mesh")
-            if mesh is None:
+class LeftOut(NamedTuple):
+    """A visual shape that is not in the model."""
+
+    link: str
+    mesh: str  # as the file names it
+    why: str
+
+    def __str__(self) -> str:
+        return f"{self.mesh} of link {self.link} ({self.why})"
+
+
+class Urdf(NamedTuple):
+    text: str
+    visuals: tuple[Path, ...]  # the meshes of its visual shapes
+    left_out: tuple[LeftOut, ...]
+
+
+def readable_urdf(path: Path, text: str, root: Element, unreadable: Iterable[Path] = ()) -> Urdf:
+    """Return the text with absolute places of its meshes, for MuJoCo.
+
+    Args:
+        path: The file.
+        text: What is in it.
+        root: The same, parsed.
+        unreadable: Meshes that MuJoCo has refused. A visual with one of them is left out.
+
+    Raises:
+        ValueError: A mesh of a collision shape is not there or cannot be read.
+    """
+    compiler = root.first("mujoco", "compiler")
+    drops_visuals = compiler is not None and compiler.get("discardvisual") in _YES
+    refused = dict.fromkeys(unreadable, "MuJoCo cannot read it")
+    edits = _compiler_edits(root, compiler)
+    visuals: list[Path] = []
+    left_out: list[LeftOut] = []
+    for link in root.all("link"):
+        for shape in [*link.all("visual"), *link.all("collision")]:
+            mesh = shape.first("geometry", "mesh")
+            is_visual = shape.tag == "visual"
+            if mesh is None or "filename" not in mesh.attributes or (is_visual and drops_visuals):
                 continue
-            told = mesh.get("filename", "")
-            if Path(told).suffix.lower() not in READABLE:
-                _leave_out(path, link, shape, told)
-                continue
-            found = _find(path, told)
-            name = f"mesh{len(meshes)}{found.suffix.lower()}"
-            meshes[name] = found.read_bytes()
-            mesh.set("filename", name)
-    _set_compiler(root)
-    return ElementTree.tostring(root, encoding="unicode"), meshes
+            name, start, end = mesh.attributes["filename"]
+            found, why = _find(path, name, compiler)
+            why = why or refused.get(found, "")
+            if not why:
+                edits.append(Edit(start, end, f'filename="{escaped(str(found))}"'))
+                visuals += [found] if is_visual else []
+            elif is_visual:
+                edits.append(Edit(shape.start, shape.end, ""))
+                left_out.append(LeftOut(link.get("name"), name, why))
+            else:
+                raise ValueError(f"{path}: the collision shape of link {link.get('name')} is {name!r}: {why}")
+    return Urdf(edited(text, edits), tuple(visuals), tuple(left_out))
 
 
-def _leave_out(path: Path, link: ElementTree.Element, shape: ElementTree.Element, told: str) -> None:
-    if shape.tag == "visual" and link.find("collision") is not None:
-        link.remove(shape)
-        return
-    raise ValueError(
-        f"{path}: link {link.get('name')} has the mesh {told!r}, which MuJoCo does not read. "
-        f"convert it to {', '.join(READABLE)}"
-    )
+def _find(path: Path, name: str, compiler: Element | None) -> tuple[Path, str]:
+    """Return the mesh's file, and why it cannot be used; empty: it can."""
+    places = _places(path, name, compiler)
+    found = next((place for place in places if place.is_file()), places[0])
+    if found.suffix.lower() not in READABLE:
+        return found, f"MuJoCo reads no {found.suffix or 'mesh without a suffix'}. convert it to .stl or .obj"
+    if not found.is_file():
+        return found, f"it is not there. it was looked for as {found}"
+    return found, pointer_reason(found)
 
 
-def _find(path: Path, told: str) -> Path:
-    """The mesh's file. Raise ``ValueError`` that says where it was looked for."""
-    package = PACKAGE.match(told)
+def _places(path: Path, name: str, compiler: Element | None) -> list[Path]:
+    """Return where a mesh may be, MuJoCo's own place first."""
+    package = _PACKAGE.match(name)
+    plain = unquote(name.removeprefix("file://")) if name.startswith("file://") else name
+    places = []
+    if compiler is not None or package is None:
+        folder = "" if compiler is None else compiler.get("meshdir") or compiler.get("assetdir")
+        strips = compiler is not None and compiler.get("strippath") in _YES
+        places.append(path.parent / folder / (Path(plain).name if strips else plain))
     if package is not None:
-        name, rest = package.groups()
-        places = [above / rest for above in path.parents if above.name == name]
-        places += [above / name / rest for above in path.parents] + [above / rest for above in path.parents]
-    else:
-        plain = told.removeprefix("file://")
-        places = [path.parent / plain]
-    for place in places:
-        if place.is_file():
-            return place
-    raise ValueError(f"{path} names the mesh {told!r}, which is not there. it was looked for as {places[0]}")
+        owner, rest = package.groups()
+        ours = [above / rest for above in path.parents if above.name == owner]
+        ours += [above / owner / rest for above in path.parents] + [above / rest for above in path.parents]
+        places = [*ours[:1], *places, *ours[1:]]
+    return places
 
 
-def _set_compiler(root: ElementTree.Element) -> None:
-    """MuJoCo's own part of a URDF: keep what is seen, and every link and name."""
-    extension = root.find("mujoco")
+def _compiler_edits(root: Element, compiler: Element | None) -> list[Edit]:
+    """Have MuJoCo keep what is seen, and every link by its name, unless the file says otherwise. The
+    meshes have absolute places, which must not be stripped."""
+    words = {"discardvisual": "false", "fusestatic": "false"}
+    if compiler is not None:
+        words = {key: value for key, value in words.items() if key not in compiler.attributes}
+        own = compiler.attributes.get("strippath")
+        edits = [] if own is None else [Edit(own.start, own.end, "")]
+        return [*edits, Edit(compiler.inside, compiler.inside, _written({**words, "strippath": "false"}))]
+    new = f"<compiler{_written({**words, 'strippath': 'false'})}/>"
+    extension = root.first("mujoco")
     if extension is None:
-        extension = ElementTree.SubElement(root, "mujoco")
-    compiler = extension.find("compiler")
-    if compiler is None:
-        compiler = ElementTree.SubElement(extension, "compiler")
-    for key, value in (("discardvisual", "false"), ("strippath", "false"), ("fusestatic", "false")):
-        compiler.set(key, compiler.get(key, value))
-    compiler.set("strippath", "false")  # the names are ours
-    compiler.attrib.pop("meshdir", None)
+        first = root.children[0].start if root.children else root.end
+        return [Edit(first, first, f"<mujoco>{new}</mujoco>")]
+    if extension.children:
+        return [Edit(extension.children[0].start, extension.children[0].start, new)]
+    return [Edit(extension.start, extension.end, f"<mujoco>{new}</mujoco>")]
+
+
+def _written(words: Mapping[str, str]) -> str:
+    return "".join(f' {key}="{value}"' for key, value in words.items())

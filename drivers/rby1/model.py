@@ -5,11 +5,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from xml.etree import ElementTree
 
 import msgspec
 
 from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.xml_text import Element, NotXml, parse
 
 MAX_CHARACTERS = 500_000
 _DECLARES = ("<!DOCTYPE", "<!ENTITY")
@@ -28,18 +28,19 @@ def limits_of(urdf: str, joints: Sequence[str]) -> Limits:
     if len(urdf) > MAX_CHARACTERS or any(word in urdf for word in _DECLARES):
         raise MalformedFrame("the robot's model is no plain URDF")
     try:
-        root = ElementTree.fromstring(urdf)
-    except (ElementTree.ParseError, ValueError) as error:
+        root = parse(urdf)
+    except NotXml as error:
         raise MalformedFrame(f"the robot's model is no URDF ({error})") from None
-    told = {joint.get("name"): joint.find("limit") for joint in root.iter("joint")}
-    rows = [_row(told.get(name)) for name in joints]
+    # Only the robot's own joints: a transmission names them again, without limits.
+    found = {joint.get("name"): joint.first("limit") for joint in root.all("joint")}
+    rows = [_row(found.get(name)) for name in joints]
     if missing := [name for name, row in zip(joints, rows, strict=True) if row is None]:
         raise MalformedFrame(f"the robot's model has no limits of {', '.join(missing)}")
     low, high, speed = zip(*(row for row in rows if row is not None), strict=True)
     return Limits(low, high, speed)
 
 
-def _row(limit: ElementTree.Element | None) -> tuple[float, float, float] | None:
+def _row(limit: Element | None) -> tuple[float, float, float] | None:
     """Return low, high and speed; None when one is missing or cannot be."""
     if limit is None:
         return None

@@ -1,8 +1,10 @@
-"""Any robot in simulation: its own driver's names, units and table of fallbacks, no gates, and its
-twin's simulation control for a wire.
+"""Any robot in simulation: its own driver's names, units, ranges and table of fallbacks, and its twin's
+simulation control for a wire.
 
-What is still refused: names that are none of its joints, numbers that are not finite, and a joint
-that the simulation does not hold, since a command to it would have no effect.
+What is refused: names that are none of its joints, numbers that are not finite or that physics cannot
+be computed with, targets past the range of their joint (``gated`` False lifts that), and a joint that
+the simulation does not hold, since a command to it would have no effect. Speed, freshness and the
+state of motors are gated by the real driver alone.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ from typing import Any, ClassVar, Literal
 
 import msgspec
 
+from strands_actors.contract.axis_gates import past_range
 from strands_actors.contract.driver import HOLDING_REASONS, Candidate, Driver, GateState, Service
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import Observation
@@ -20,10 +23,13 @@ from strands_actors.drivers.common.simulation_control.protocol import MOST_STEPS
 from strands_actors.kernel.messages import Refused
 
 from .config import SimConfig
-from .gates import held
+from .gates import computable, held
 
 OF_THE_ROBOT = ("ROLLOUTS", "TASKS", "TOOL_VERBS", "GUARDED", "TOPICS")
 """What is declared of the robot, whatever it is made of."""
+
+RANGE_ROUNDING = 1e-6
+"""What a target at the end of its joint may lose on the way from one unit to another."""
 
 TICK_S = 0.01
 """A robot whose tree looks more often than that is simulated by the clocks of the others."""
@@ -33,8 +39,8 @@ KEEPALIVE_S = 1.0
 
 
 class SimDriver(Driver):
-    """``options``: ``class`` (``module:name``) and ``options`` of the robot's own driver; ``port``:
-    path of the simulation control."""
+    """``options``: ``class`` (``module:name``) and ``options`` of the robot's own driver; ``gated``:
+    whether the range of a joint is; ``port``: path of the simulation control."""
 
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = ()
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
@@ -54,7 +60,7 @@ class SimDriver(Driver):
             in_motion=True,
         ),
         "reset": Service(
-            "put everything back to where it began, limp: after a stop, before a resume",
+            "put everything back to where it began, and hold it there: after a stop, before a resume",
             within_s=STEP_S,
         ),
     }
@@ -91,7 +97,8 @@ class SimDriver(Driver):
             energised=frozenset(str(state) for state in SafeState if self.energised(state)),
             rows=real.SIMULATED_ROWS,
         )
-        self.gates = (held(self.axes),)
+        ranges = (past_range(self.table, rounding=RANGE_ROUNDING),) if options.get("gated", True) else ()
+        self.gates = (*ranges, computable(self.table, self.config.units), held(self.axes))
         vars(self).update({name: getattr(real, name) for name in OF_THE_ROBOT})
         vars(self)["SERVICES"] = self.services(options)
 

@@ -1,16 +1,40 @@
-"""The one thing that is refused in simulation beyond what an action says: a command that would have
-no effect."""
+"""What is refused in simulation: a command that would have no effect, a target past the range of its
+joint (unless that is lifted), and a number with which the physics cannot be computed."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
+from strands_actors.contract.axis import Axis
+from strands_actors.contract.axis_gates import show, unit_of
 from strands_actors.contract.driver import Candidate, GateCheck, GateState
 from strands_actors.kernel.messages import Refused
 
 HELD_BY_WIRE = "held by the robot on its wire"
 LET_GO = "limp"
 """Why a joint does not follow the simulation, as ``Observation.faults`` says it."""
+
+
+FARTHEST = 1e4
+"""Radians, metres, or the like per second, of the model. MuJoCo drops all controls of a step when one
+of them is 1e10 or more, and the other joints would run to zero."""
+
+
+def computable(axes: Sequence[Axis], units: Sequence[tuple[float, float]]) -> GateCheck:
+    """Refuse a target that is farther than ``FARTHEST``, also where no range says so."""
+
+    def computable(candidate: Candidate, state: GateState) -> Refused | None:
+        for at in candidate.named:
+            axis, (zero, scale) = axes[at], units[at]
+            value = candidate.values[at]
+            if not abs(value - zero) <= FARTHEST * abs(scale):
+                most = show(FARTHEST * abs(scale), axis.unit)
+                offered = show(value, axis.unit)
+                why = f"move: {axis.key} {offered}{unit_of(axis)} is farther than physics can be computed"
+                return Refused("past_travel", why, f"stay within {most} of its zero", offered, most)
+        return None
+
+    return computable
 
 
 def held(axes: Sequence[str]) -> GateCheck:

@@ -39,6 +39,7 @@ def Robot(  # a factory named as on the drivers page
     position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None,
     keyframe: str | int | None = None,
+    gated: bool = True,
     arm: bool = True,
     approve: Approve | None = None,
     guarded: tuple[str, ...] = (),
@@ -64,7 +65,8 @@ def Robot(  # a factory named as on the drivers page
     process of a named policy may use (``memory_mb``, ``cpu_s``, ``processors``, ``user``). Of a
     simulation: ``urdf_path``, an MJCF or URDF file that is simulated under this name; ``position``
     (metres) and ``orientation`` (quaternion w, x, y, z) of its base, and the ``keyframe`` of its
-    model in which it begins; ``backend``, ``"mujoco"``, ``"newton"`` or ``"isaac"``. ``arm=False``:
+    model in which it begins and holds; ``gated=False`` lets a target be past the range of its joint;
+    ``backend``, ``"mujoco"``, ``"newton"`` or ``"isaac"``. ``arm=False``:
     connecting energises nothing, and until ``resume()`` the robot may be moved by hand and read.
     ``options`` are the driver's own. Raise ``ValueError`` or ``TypeError`` with what would be accepted.
     """
@@ -88,6 +90,7 @@ def Robot(  # a factory named as on the drivers page
         position=position,
         orientation=orientation,
         keyframe=keyframe,
+        gated=gated,
         **options,
     )
     approval = approval_of(wanted.driver_class, guarded, approve, approve_within_s)

@@ -106,7 +106,7 @@ def _simulation(
             f"Robot: a simulation of {wanted.name} would ignore {', '.join(f'{key}=' for key in ignored)}. "
             "add mode='real', or leave it out"
         )
-    options = {"class": place_of(driver_class), "options": resolved}
+    options = {"class": place_of(driver_class), "options": resolved, "gated": wanted.scene.gated}
     simulation = load(SIMULATION)
     cameras = _cameras(wanted, simulation, options)
     twin_process = TwinProcess(

@@ -835,7 +835,7 @@ def Robot(
     at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
     arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0, control_frequency: float = 125.0, rtde_frequency: float | None = None,
-    model: str | None = None,
+    control: Literal["ur-rtde", "script"] | None = None, model: str | None = None,
 ) -> RealRobot: ...
 @overload
 def Robot(
@@ -893,7 +893,7 @@ def Robot(
     mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> SimulatedCrazyflie: ...
 @overload
@@ -903,7 +903,7 @@ def Robot(
     mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> SimulatedEarthRover: ...
 @overload
@@ -913,7 +913,7 @@ def Robot(
     mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> SimulatedGo2: ...
 @overload
@@ -923,7 +923,7 @@ def Robot(
     mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> SimulatedMicroduck: ...
 @overload
@@ -933,7 +933,7 @@ def Robot(
     mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> SimulatedReachy: ...
 @overload
@@ -943,7 +943,7 @@ def Robot(
     mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> SimulatedRobotiq: ...
 @overload
@@ -953,7 +953,7 @@ def Robot(
     mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> SimulatedSpot: ...
 @overload
@@ -963,7 +963,7 @@ def Robot(
     mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> SimulatedStretch: ...
 @overload
@@ -974,7 +974,7 @@ def Robot(
     mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> SimulatedYahboomM3Pro: ...
 @overload
@@ -984,7 +984,7 @@ def Robot(
     mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> SimRobot: ...
 
@@ -1172,7 +1172,7 @@ def open_robot(
     at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
     arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
     approve_within_s: float = 30.0, control_frequency: float = 125.0, rtde_frequency: float | None = None,
-    model: str | None = None,
+    control: Literal["ur-rtde", "script"] | None = None, model: str | None = None,
 ) -> AbstractAsyncContextManager[AsyncRobot]: ...
 @overload
 def open_robot(
@@ -1230,7 +1230,7 @@ def open_robot(
     mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedCrazyflie]: ...
 @overload
@@ -1240,7 +1240,7 @@ def open_robot(
     mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedEarthRover]: ...
 @overload
@@ -1250,7 +1250,7 @@ def open_robot(
     mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedGo2]: ...
 @overload
@@ -1260,7 +1260,7 @@ def open_robot(
     mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedMicroduck]: ...
 @overload
@@ -1270,7 +1270,7 @@ def open_robot(
     mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedReachy]: ...
 @overload
@@ -1280,7 +1280,7 @@ def open_robot(
     mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedRobotiq]: ...
 @overload
@@ -1290,7 +1290,7 @@ def open_robot(
     mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedSpot]: ...
 @overload
@@ -1300,7 +1300,7 @@ def open_robot(
     mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedStretch]: ...
 @overload
@@ -1311,7 +1311,7 @@ def open_robot(
     mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedYahboomM3Pro]: ...
 @overload
@@ -1321,6 +1321,6 @@ def open_robot(
     mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, arm: bool = True, approve: Approve | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulation]: ...

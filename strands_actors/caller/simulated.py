@@ -35,11 +35,13 @@ class Scene:
     position: Any = None
     orientation: Any = None
     keyframe: str | int | None = None
+    gated: bool = True
 
     def given(self) -> dict[str, Any]:
         """Return those that only a simulation has a use for."""
         own = {name: getattr(self, name) for name in ("urdf_path", "position", "orientation", "keyframe")}
         own["backend"] = self.other_backend or None
+        own["gated"] = None if self.gated else False
         return {name: value for name, value in own.items() if value is not None}
 
     def model(self, robot: str) -> str | None:

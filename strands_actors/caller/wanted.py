@@ -91,6 +91,7 @@ def read(
     position: Sequence[float] | None = None,
     orientation: Sequence[float] | None = None,
     keyframe: str | int | None = None,
+    gated: bool = True,
     **options: Any,
 ) -> tuple[Wanted, type[Any]]:
     """Return them with the driver's class. Raise ``ValueError`` for names, values and unknown keywords,
@@ -99,7 +100,9 @@ def read(
     if chosen_mode not in MODES:
         raise ValueError(f"Robot: mode is {mode!r}. use {', '.join(map(repr, MODES))} (upper or lower case)")
     robot = canonical_name(name)
-    scene = Scene(backend, urdf_path, position, orientation, keyframe)
+    scene = Scene(backend, urdf_path, position, orientation, keyframe, gated)
+    if not isinstance(gated, bool):
+        raise TypeError(f"Robot: gated is {shown(gated)}. give True, or False to lift the ranges of joints")
     check_backend(backend)
     driver_class = _driver_class(name, robot, driver, scene.model(robot) is not None and chosen_mode != "real")
     chosen = robot if tool_name is None else tool_name

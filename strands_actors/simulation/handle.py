@@ -58,7 +58,7 @@ class World:
         return numpy.frombuffer(picture.rgb, numpy.uint8).reshape(height, width, 3).copy()
 
     async def reset(self) -> None:
-        """Every joint back to where it began, limp."""
+        """Every joint back to where it began, held there."""
         await self._ask("reset", _RESET)
 
     async def change(self, verb: str, *args: Any) -> None:

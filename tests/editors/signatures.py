@@ -36,7 +36,7 @@ FILE = Path(factory.__file__).with_name("robot.pyi")
 WIDTH = 116
 
 OF_HARDWARE = ("port", "transport", "sim", "require_drill", "at", "lifetime")
-OF_SIMULATIONS = ("backend", "urdf_path", "position", "orientation", "keyframe")
+OF_SIMULATIONS = ("backend", "urdf_path", "position", "orientation", "keyframe", "gated")
 """Keywords of ``Robot`` that only one of the two takes; the others are of both."""
 NONE: Mapping[str, ToolVerb] = {}
 WITH_ACTION = ("step",)

@@ -190,6 +190,18 @@ def test_what_is_read_back_is_replayed(run: Path) -> None:
     assert outcome.steps > 300
 
 
+def test_a_recording_is_readable_by_its_owner_alone(run: Path) -> None:
+    assert run.stat().st_mode & 0o777 == 0o600
+
+
+def test_a_small_file_is_not_read_for_long(tmp_path: Path) -> None:
+    """Its chunks are as long as ours may be, and hold hundreds of thousands of tiny messages."""
+    size = bomb(tmp_path / "many.mcap", 4 << 20, 2)
+    assert size < 32_000
+    with pytest.raises(RecordingError, match="would become more than any recording of that size"):
+        read(tmp_path / "many.mcap")
+
+
 def test_a_file_that_is_there_is_not_overwritten(tmp_path: Path) -> None:
     path = tmp_path / "mine.txt"
     path.write_text("mine")

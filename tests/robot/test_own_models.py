@@ -16,6 +16,11 @@ from tests.answers import json_of, task_ended, until, why
 
 from .own_models import MJCF, URDF, write_mjcf, write_urdf
 
+HANGING = """<mujoco><compiler angle="radian"/><worldbody><body><joint name="lift" axis="0 1 0" range="-2 2"/>
+  <geom type="capsule" fromto="0 0 0 .3 0 0" size=".02" mass=".5"/></body></worldbody>
+  <actuator><position joint="lift" kp="400" kv="20"/></actuator>
+  <keyframe><key name="home" qpos=".3"/></keyframe></mujoco>"""
+
 New = Callable[..., SimRobot]
 
 
@@ -98,6 +103,16 @@ def test_where_it_stands_is_seen(new: New, robot: str) -> None:
     assert np.abs(home - turned).mean() > 0.5
 
 
+def test_it_begins_at_its_keyframe_and_holds(new: New, tmp_path: Path) -> None:
+    """It neither falls before its first command, nor after a reset."""
+    (tmp_path / "arm.xml").write_text(HANGING)
+    sim = new("arm", urdf_path=tmp_path / "arm.xml", keyframe="home", arm=False)
+    assert sim.get_observation()["lift"] == pytest.approx(0.3, abs=0.02)
+    assert after(sim, 1000)["lift"] == pytest.approx(0.3, abs=0.02)
+    assert json_of(sim.reset())["position"]["lift"] == pytest.approx(0.3, abs=0.02)
+    assert "stay within -2.0000..2.0000" in why(sim.send_action({"lift": 1e300}))
+
+
 WRONG: list[tuple[dict[str, Any], type[Exception], str]] = [
     ({"urdf_path": "no-such.xml"}, ValueError, "there is no model"),
     ({"position": [1.0, 2.0]}, ValueError, r"position is \[1.0, 2.0\]. give 3 numbers"),
@@ -124,10 +139,9 @@ def test_what_is_wrong_is_refused(keywords: dict[str, Any], error: type[Exceptio
         ("arm.xml", "<mujoco><worldbdy/></mujoco>", "MuJoCo does not take it"),
         ("arm.xml", MJCF, r"MuJoCo does not take it: .*hook\.stl"),
         ("arm.urdf", "<robot", "is no XML"),
-        ("arm.urdf", "<sdf/>", "is no URDF: it begins with <sdf>"),
-        ("arm.urdf", URDF, r"names the mesh 'package://lifter_description/meshes/arm\.stl', which is not there"),
-        ("arm.urdf", URDF.replace("arm.stl", "arm.dae").replace("<collision", "<c").replace("</collision", "</c"),
-         r"which MuJoCo does not read\. convert it to \.stl"),
+        ("arm.urdf", "<sdf/>", "is no URDF or MJCF: it begins with <sdf>"),
+        ("arm.urdf", URDF.replace("visual>", "collision>"),
+         r"link arm is 'package://lifter_description/meshes/arm\.stl': it is not there"),
         ("arm.xacro", URDF, "is a xacro. expand it first"),
     ],
 )  # fmt: skip

@@ -105,8 +105,28 @@ def test_a_robot_is_simulated_from_its_first_verb_on(new_sim: NewSim, robot: str
     assert state(sim) == "armed"
 
 
-def test_nothing_is_gated_but_names_and_numbers(new_sim: NewSim) -> None:
+def test_a_target_is_gated_by_its_joints_range(new_sim: NewSim) -> None:
     sim = new_sim()
+    json_of(sim.send_action({"shoulder_lift": 30.0}))
+    json_of(sim.step(1000))
+    assert why(sim.send_action({"shoulder_pan": 400.0})).startswith(
+        "move: shoulder_pan 400.0 deg is past 110.1. stay within -110.0..110.1"
+    )
+    for huge in (1e300, 1e11, -1e9):
+        assert "move: shoulder_pan" in why(sim.send_action({"shoulder_pan": huge}))
+    assert json_of(sim.step(1000))["position"]["shoulder_lift"] == pytest.approx(30.0, abs=3.0)
+
+
+def test_it_holds_where_it_begins_before_it_is_commanded(new_sim: NewSim) -> None:
+    sim = new_sim(arm=False)
+    assert sim.connect_eagerly() is None
+    began = sim.get_observation()
+    assert json_of(sim.step(2000))["position"] == pytest.approx(began, abs=3.0), "not let go of"
+
+
+def test_nothing_is_gated_for_who_asks(new_sim: NewSim) -> None:
+    sim = new_sim(gated=False)
+    assert "farther than physics can be computed" in why(sim.send_action({"shoulder_pan": 1e11}))
     json_of(sim.send_action({"shoulder_pan": 400.0}))  # the joint's own end stops it
     until(lambda: sim.get_observation()["shoulder_pan"] > 100.0, "it goes as far as it can")
     policy = iter(range(-50, 1000, 25))  # steps that no servo can follow

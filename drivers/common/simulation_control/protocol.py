@@ -60,7 +60,7 @@ class Read(Frame, frozen=True):
 
 
 class Reset(Frame, frozen=True):
-    """Back to where it began, limp. ``Sample``, or ``No`` while the wire holds a joint."""
+    """Back to where it began, held there. ``Sample``, or ``No`` while the wire holds a joint."""
 
 
 class Step(Frame, frozen=True):

@@ -55,6 +55,7 @@ class SimulationControl:
         if scenery is not None:
             scenery.changed = lambda: self._renderer.exchange(body.spec.copy())
         self._taker: object = None
+        self._holds_at_first = False
         self._listener = socket.socket(socket.AF_UNIX)
         self._listener.setblocking(False)
         with contextlib.suppress(FileNotFoundError):
@@ -62,6 +63,11 @@ class SimulationControl:
         self._listener.bind(path)
         os.chmod(path, 0o600)
         self._listener.listen(BACKLOG)
+
+    def hold_at_first(self) -> None:
+        """Hold the robot where it begins, now and after each reset, until it is let go of."""
+        self._holds_at_first = True
+        self._body.take(True)
 
     async def serve(self) -> None:
         """Until cancelled."""
@@ -133,6 +139,8 @@ class SimulationControl:
                     return p.No(number, "the robot on the wire is energised. stop it first")
                 self._note("reset", request)
                 body.reset()
+                if self._holds_at_first:
+                    body.take(True)
             case p.Load():
                 if Hand.WIRE in body.hands:
                     return p.No(number, "the robot on the wire is energised. stop it first")

@@ -129,7 +129,7 @@ async def _main(
     opened: Control | None = None
     try:
         if control is not None:
-            opened = _open_control(control, server, wire_log, place)
+            opened = _open_control(control, server, wire_log, place, holds=not on_wire)
             if pictures:
                 await opened.get_ready()
         if fault:
@@ -161,7 +161,8 @@ async def _main(
                 os.unlink(port_file)
 
 
-def _open_control(path: str, server: Served, log: WireLog, place: Mapping[str, Any] | None) -> Control:
+def _open_control(path: str, server: Served, log: WireLog, place: Mapping[str, Any] | None, holds: bool) -> Control:
+    """``holds``: the simulation holds the robot where it begins, until somebody lets go of it."""
     # here: they bring MuJoCo, which not every twin has loaded
     from strands_actors.drivers.common.simulation_control.scenery import scenery_of
     from strands_actors.drivers.common.simulation_control.server import SimulationControl
@@ -170,6 +171,8 @@ def _open_control(path: str, server: Served, log: WireLog, place: Mapping[str, A
     control = SimulationControl(path, body, log)
     if place is not None:
         scenery_of(body).place(place["position"], place["orientation"])
+    if holds:
+        control.hold_at_first()
     return control
 
 

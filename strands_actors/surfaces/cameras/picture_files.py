@@ -1,7 +1,8 @@
 """Where the pictures of this user's cameras lie: in memory, one file a camera.
 
 ``/dev/shm/strands-actors-<uid>-<mark>``, where the mark is that of the run directory; without
-``/dev/shm`` the run directory itself. For the user alone.
+``/dev/shm``, or where another user has taken that name, the run directory itself. For the user
+alone.
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ SUFFIX = ".pictures"
 
 
 def pictures_dir(make: bool = False) -> Path:
-    """``make``: it need not be there yet. Raise ``OSError`` when it is not ours alone, or not
-    there."""
+    """``make``: it need not be there yet. Raise ``OSError`` when it is ours but open to others, or
+    not there."""
     own = run_dir()
     if not os.access(SHARED, os.W_OK):
         return own
@@ -28,7 +29,9 @@ def pictures_dir(make: bool = False) -> Path:
     if make:
         path.mkdir(mode=0o700, exist_ok=True)
     status = path.lstat()
-    if status.st_uid != os.getuid() or status.st_mode & 0o077 or not path.is_dir() or path.is_symlink():
+    if status.st_uid != os.getuid():
+        return own  # anybody may take a name in there: the owner decides, and every process sees the same
+    if status.st_mode & 0o077 or not path.is_dir() or path.is_symlink():
         raise PermissionError(f"{path} is open to others, or no directory: remove it")
     return path
 

@@ -38,7 +38,7 @@ CHUNK_BYTES = 64 * 1024
 """About a second: what a recorder that is killed has not written yet."""
 MAX_CHUNK_BYTES = 16 << 20
 """A chunk ends with the first message beyond ``CHUNK_BYTES``."""
-FLOOR_BYTES, MOST_COMPRESSED = 64 << 20, 100
+FLOOR_BYTES, MOST_COMPRESSED = 1 << 20, 100
 """What a whole file may become: so much, or so many times its size. Ours come to 10 to 20 times."""
 END = b"\x89MCAP0\r\n"
 
@@ -70,14 +70,15 @@ class Recording(msgspec.Struct):
 
 
 class RecordingFile:
-    """Writes one. Raise ``OSError``; a file that is there already is not overwritten."""
+    """Writes one, for its owner alone: it has all that the robot was told. Raise ``OSError``; a file
+    that is there already is not overwritten."""
 
     def __init__(self, path: Path, info: Info) -> None:
         self.path = path
         self.counts: Counter[str] = Counter()
         self._robot = info.robot
         self._wall_ns = info.wall_ns
-        self._stream: IO[bytes] = path.open("xb")
+        self._stream: IO[bytes] = os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb")
         self._writer = Writer(self._stream, chunk_size=CHUNK_BYTES)
         self._writer.start(profile="", library=f"strands-actors {info.version}")
         self._writer.add_metadata(METADATA, {"info": msgspec.json.encode(info).decode()})

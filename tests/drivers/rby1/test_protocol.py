@@ -27,7 +27,7 @@ from strands_actors.drivers.rby1.commands import (
     encode_duration,
     split,
 )
-from strands_actors.drivers.rby1.model import limits_of
+from strands_actors.drivers.rby1.model import Limits, limits_of
 from strands_actors.drivers.rby1.protocol import Manager, ManagerState, RobotInfo
 from strands_actors.drivers.rby1.robots import TABLES
 from strands_actors.drivers.rby1.states import RobotState
@@ -137,6 +137,13 @@ def test_limits_are_read_from_the_robots_own_model() -> None:
     limits = limits_of(urdf_of(table), joints)
     assert list(zip(limits.low, limits.high, strict=True)) == [tuple(j["range_rad"]) for j in table["joints"]]
     assert list(limits.speed) == [j["speed_rad_s"] for j in table["joints"]]
+
+
+def test_limits_are_read_past_prefixes_and_transmissions() -> None:
+    """As MuJoCo reads it: a prefix needs no declaration, and a transmission is no joint."""
+    joint = '<joint name="a"><limit lower="-1" upper="1" velocity="2"/></joint>'
+    more = '<drake:x/><gazebo><plugin:y/></gazebo><transmission><joint name="a"/></transmission>'
+    assert limits_of(f"<robot>{joint}{more}</robot>", ["a"]) == Limits((-1.0,), (1.0,), (2.0,))
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,45 @@
+"""What is looked at in a user's model file before MuJoCo reads it: git-lfs pointers, and sizes that
+fill the memory. MuJoCo says nothing useful of either."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from strands_actors.drivers.common.xml_text import Element
+
+MOST_CELLS = 1 << 26
+"""Of a height field or a texture, 8192 x 8192. MuJoCo takes several copies of each."""
+
+_POINTER = b"version https://git-lfs.github.com/spec/"
+
+
+def pointer_reason(file: Path) -> str:
+    """Return why this is not the file itself but git-lfs's pointer to it; empty: it is the file."""
+    with file.open("rb") as opened:
+        is_pointer = opened.read(len(_POINTER)) == _POINTER
+    return f"{file} is a git-lfs pointer, not the file itself. run: git lfs pull" if is_pointer else ""
+
+
+def pointer_among(spec: Any, folder: Path) -> str:
+    """Return the same of the first file of a model's assets that is a pointer."""
+    assets = [(spec.meshdir, asset) for asset in (*spec.meshes, *spec.hfields)]
+    assets += [(spec.texturedir, asset) for asset in spec.textures]
+    for directory, asset in assets:
+        file = folder / directory / asset.file
+        if asset.file and file.is_file() and (why := pointer_reason(file)):
+            return why
+    return ""
+
+
+def refuse_sizes(root: Element) -> None:
+    """Raise ``ValueError`` for a height field or a texture that is larger than ``MOST_CELLS``. MuJoCo
+    reserves its memory as soon as it reads the sizes."""
+    for tag, across, down in (("hfield", "ncol", "nrow"), ("texture", "width", "height")):
+        for element in root.iterate(tag):
+            sizes = [element.get(across), element.get(down)]
+            if all(size.strip().isdecimal() for size in sizes) and int(sizes[0]) * int(sizes[1]) > MOST_CELLS:
+                raise ValueError(
+                    f"{tag} {element.get('name')!r} has {sizes[0]} x {sizes[1]} cells. "
+                    f"give at most {MOST_CELLS} of them"
+                )
