@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from . import rigs_grpc, rigs_radio, rigs_serial, rigs_tcp, rigs_web
+from . import rigs_grpc, rigs_json, rigs_radio, rigs_serial, rigs_tcp, rigs_web
 from .bench import Rig
 
 RIGS: Mapping[str, Rig] = {
@@ -16,4 +16,5 @@ RIGS: Mapping[str, Rig] = {
     **rigs_serial.RIGS,
     **rigs_radio.RIGS,
     **rigs_web.RIGS,
+    **rigs_json.RIGS,
 }

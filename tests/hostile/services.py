@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-from collections import deque
 from collections.abc import AsyncIterator, Callable, Sequence
 from functools import partial
 from typing import Any
@@ -11,12 +10,10 @@ from typing import Any
 import msgspec
 import trio
 
-from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.http_port import HttpPort
 from strands_actors.drivers.common.tcp_port import OrderlyStream
 from strands_actors.drivers.common.twin.http import HttpSession
 from strands_actors.drivers.common.twin.http import serving as serving_http
-from strands_actors.drivers.common.twin.server import Frost
 from strands_actors.drivers.common.twin.tcp import ClientGone, Handler
 from strands_actors.drivers.common.twin.websocket import serving_both, serving_websocket
 from strands_actors.drivers.common.websocket import begin_websocket, open_websocket
@@ -37,88 +34,10 @@ from strands_actors.drivers.yahboom.twin import M3ProTwin
 from strands_actors.drivers.yahboom.twin.bridge import serving as serving_bridge
 from strands_actors.drivers.yahboom.wire import YahboomWire
 
+from tests.drivers.common.memory_stream import MemoryConnection, MemoryStream, Pipe
+
 from .bench import Bench, Log
 from .peer import HostilePeer, HostileStream
-
-
-class _Pipe:
-    """One direction of a connection."""
-
-    def __init__(self) -> None:
-        self._pieces: deque[bytes] = deque()
-        self._news = trio.Event()
-        self.closed = False
-
-    def put(self, data: bytes) -> None:
-        self._pieces.append(data)
-        self._news.set()
-
-    def close(self) -> None:
-        self.closed = True
-        self._news.set()
-
-    def waiting(self) -> bytes | None:
-        return self._pieces.popleft() if self._pieces else None
-
-    async def get(self) -> bytes:
-        """Return nothing at the end."""
-        await trio.lowlevel.checkpoint()
-        while not self._pieces and not self.closed:
-            self._news = trio.Event()
-            await self._news.wait()
-        return self._pieces.popleft() if self._pieces else b""
-
-
-class _Stream:
-    """The host's end."""
-
-    def __init__(self, said: _Pipe, heard: _Pipe) -> None:
-        self._said, self._heard = said, heard
-
-    def write(self, data: bytes) -> None:
-        if self._said.closed:
-            raise WireDown("the connection is closed")
-        self._said.put(data)
-
-    async def read(self) -> bytes:
-        data = await self._heard.get()
-        if not data:
-            raise WireDown("the robot closed it")
-        return data
-
-    def read_waiting(self) -> bytes | None:
-        return self._heard.waiting()
-
-    def close(self) -> None:
-        self._said.close()
-        self._heard.close()
-
-    close_in_order = close
-
-
-class _Connection:
-    """The robot's end, as a ``Connection`` of the twin's server."""
-
-    def __init__(self, heard: _Pipe, said: _Pipe, log: Any) -> None:
-        self._heard, self._said = heard, said
-        self.log = log
-        self.frost = Frost()
-
-    def bits_per_s(self) -> None:
-        return None
-
-    def quiet_for(self, seconds: float) -> bool:
-        return False
-
-    async def receive(self) -> tuple[int, bytes]:
-        data = await self._heard.get()
-        if not data:
-            raise ClientGone
-        return 0, data
-
-    def send(self, data: bytes) -> None:
-        if not self._said.closed:
-            self._said.put(data)
 
 
 class _Log:
@@ -152,18 +71,17 @@ class Service:
     async def open_stream(self, host: str, port: int) -> OrderlyStream:
         await trio.lowlevel.checkpoint()
         assert self._nursery is not None
-        to_robot, to_host = _Pipe(), _Pipe()
-        self._nursery.start_soon(self._serve, _Connection(to_robot, to_host, self.log), to_robot, to_host)
-        return HostileStream(self._peer, _Stream(to_robot, to_host))
+        to_robot, to_host = Pipe(), Pipe()
+        self._nursery.start_soon(self._serve, MemoryConnection(to_robot, to_host, self.log))
+        return HostileStream(self._peer, MemoryStream(to_robot, to_host))
 
-    async def _serve(self, connection: Any, *pipes: _Pipe) -> None:
+    async def _serve(self, connection: MemoryConnection) -> None:
         try:
             await self._handler(connection)
         except* ClientGone:
             pass
         finally:
-            for pipe in pipes:
-                pipe.close()
+            connection.abort()
 
 
 class _RoverConfig(EarthRoverConfig, frozen=True):
