@@ -33,7 +33,6 @@ from strands_actors.drivers.yahboom.stop import StopLink, YahboomStopChannel
 from strands_actors.drivers.yahboom.twin import M3ProTwin
 from strands_actors.drivers.yahboom.twin.bridge import serving as serving_bridge
 from strands_actors.drivers.yahboom.wire import YahboomWire
-
 from tests.drivers.common.memory_stream import MemoryConnection, MemoryStream, Pipe
 
 from .bench import Bench, Log

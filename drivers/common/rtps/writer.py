@@ -102,6 +102,10 @@ class Writer:
 
     # -- who hears it
 
+    def has_room(self, guid: bytes, most: int) -> bool:
+        """Return whether this reader is matched, or would be one of ``most``."""
+        return guid in self._readers or len(self._readers) < most
+
     def match(self, data: EndpointData, address: Address) -> None:
         """``data`` is of this topic and fits. Told again, it may have moved."""
         known = self._readers.get(data.guid)
