@@ -26,6 +26,8 @@ FIND_S = 4.0
 """For both sides to find each other, and the first state."""
 
 MAX_PENDING = 32
+TICK_WRAP = 1 << 32
+
 LOST_NS = 30 * NS
 """A service answers in the order in which it is asked [assumed]: one that answers what was asked so
 long after an order has never got that order."""
@@ -101,9 +103,12 @@ class Link:
         self.model = model
         self.state: State | None = None
         self.state_ns = 0
-        """When the newest came whose tick had changed; 0: none yet. One that repeats its tick, from a
-        loop that is stuck, tells nothing new, and the first may be one of these."""
-        self._ticks = None if config.simulator else Stamps()  # a simulator need not count any
+        """When the newest came whose tick had gone on; 0: none yet. One that repeats its tick, from a
+        loop that is stuck, tells nothing new, and the first may be one of these. Nor does one whose tick
+        is older, which a network or a proxy has kept. A robot that has restarted is another participant,
+        and counts anew."""
+        self._ticks = None if config.simulator else Stamps(TICK_WRAP)  # a simulator need not count any
+        self._writer = b""  # of the newest state
         self.discarded: Counter[str] = Counter()
         """States that were not taken, by why not, since the link was opened."""
         self._codec = CommandCodec(model)
@@ -151,6 +156,10 @@ class Link:
         """Whether it left, and for the robot."""
         return self.commands.write(payload) > 0
 
+    def send_stop(self, payload: bytes) -> bool:
+        """As ``send``, to a robot that says that it has gone, too."""
+        return self.commands.write_stop(payload) > 0
+
     def safe_frame(self, damp: bool) -> bytes:
         """No joint is pulled anywhere: braked, or not even that."""
         return CDR + self._codec.encode(self._machine, self._damp if damp else self._limp)
@@ -169,12 +178,14 @@ class Link:
         except MalformedFrame as malformed:
             self.discarded[f"that cannot be read ({malformed})"] += 1
         else:
-            self._take(state, t_ns)
+            self._take(state, bytes(writer), t_ns)
 
-    def _take(self, state: State, t_ns: int) -> None:
-        ticks = self._ticks
+    def _take(self, state: State, writer: bytes, t_ns: int) -> None:
+        if self._ticks is not None and writer != self._writer:
+            self._ticks = Stamps(TICK_WRAP)
+        self._writer, ticks = writer, self._ticks
         if ticks is not None and not ticks.take(state.tick, t_ns):
-            self.discarded["that repeat their tick"] += 1
+            self.discarded["whose tick does not go on"] += 1
             return
         self.state = state
         if ticks is None or ticks.goes_on:

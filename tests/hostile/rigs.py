@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from . import rigs_grpc, rigs_json, rigs_radio, rigs_serial, rigs_tcp, rigs_web
+from . import rigs_dds, rigs_grpc, rigs_json, rigs_radio, rigs_serial, rigs_tcp, rigs_web
 from .bench import Rig
 
 RIGS: Mapping[str, Rig] = {
@@ -17,4 +17,5 @@ RIGS: Mapping[str, Rig] = {
     **rigs_radio.RIGS,
     **rigs_web.RIGS,
     **rigs_json.RIGS,
+    **rigs_dds.RIGS,
 }

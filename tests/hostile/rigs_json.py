@@ -53,6 +53,6 @@ RIGS: Mapping[str, Rig] = {
             "empty lines": b"\n",
         },
         bombs={"a line without an end": b'{"jsonrpc":"2.0","result":"', "nested lists": b"[" * 60_000},
-        wrong_ids=lambda data: data.replace(b'"id":', b'"id":9'),
+        wrong_ids={"id": lambda data: data.replace(b'"id":', b'"id":9')},
     ),
 }

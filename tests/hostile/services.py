@@ -39,7 +39,7 @@ from .bench import Bench, Log
 from .peer import HostilePeer, HostileStream
 
 
-class _Log:
+class EntryLog:
     """The wire log, in virtual time."""
 
     def __init__(self) -> None:
@@ -59,7 +59,7 @@ class Service:
         self._peer = peer
         self._handler = handler
         self._nursery: trio.Nursery | None = None
-        self.log = _Log()
+        self.log = EntryLog()
 
     @contextlib.asynccontextmanager
     async def living(self) -> AsyncIterator[None]:

@@ -7,8 +7,9 @@ meets one kind of hostile peer (SAF-022, SAF-025).
 from __future__ import annotations
 
 import contextlib
+import itertools
 import tracemalloc
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import pytest
@@ -32,7 +33,7 @@ from strands_actors.testing import InlineTree, open_inline_tree
 from tests.tree.writer import Writer
 
 from .bench import Bench, Rig
-from .peer import HostilePeer, Steps
+from .peer import Change, Flood, HostilePeer, Steps
 from .rigs import RIGS
 
 MOST_MEMORY = 32 << 20
@@ -61,20 +62,24 @@ class Fault(NamedTuple):
     @property
     def may_confirm(self) -> bool:
         """Whether the robot's own words come through, so that a stop can be understood."""
-        return self.kind == "flood"
+        return self.kind == "flood" or (self.kind == "wrong ids" and self.detail in self.rig.understood)
 
     def begin(self, peer: HostilePeer) -> None:
         match self.kind:
             case "flood":
                 peer.begin("flood", self.rig.floods[self.detail])
             case "bomb":
-                bomb = self.rig.bombs[self.detail]
-                peer.begin("changed", change=lambda data: bomb + bytes((1,)) * (1 << 16))
+                peer.begin("changed", change=exploding(self.rig.bombs[self.detail]))
             case "wrong ids":
-                assert self.rig.wrong_ids is not None
-                peer.begin("changed", change=self.rig.wrong_ids)
+                peer.begin("changed", change=self.rig.wrong_ids[self.detail])
             case kind:
                 peer.begin(kind, deaf=kind == "garbled both ways")
+
+
+def exploding(bomb: Flood) -> Change:
+    """Return what puts a bomb in the place of each answer."""
+    numbers = itertools.count()
+    return lambda data: bomb + bytes((1,)) * (1 << 16) if isinstance(bomb, bytes) else bomb(next(numbers))
 
 
 GENERAL = ("garbled", "garbled both ways", "half a frame", "one byte a second", "older answers")
@@ -85,8 +90,16 @@ def faults() -> list[Fault]:
     for robot, rig in RIGS.items():
         found += [Fault(robot, "flood", name) for name in rig.floods]
         found += [Fault(robot, "bomb", name) for name in rig.bombs]
-        found += [Fault(robot, "wrong ids")] if rig.wrong_ids is not None else []
+        found += [Fault(robot, "wrong ids", name) for name in rig.wrong_ids]
     return found
+
+
+class Asked(NamedTuple):
+    """When a stop was asked for, and how much was in the wire's log by then: what was written in the
+    same instant before it is not after it."""
+
+    t_s: float
+    entries: int
 
 
 class Trial(NamedTuple):
@@ -98,8 +111,11 @@ class Trial(NamedTuple):
     rig: Rig
     writer: Writer
 
-    def first(self, kind: str, since_s: float) -> float | None:
-        return next((t_s for t_s, what in self.bench.log() if what == kind and t_s >= since_s), None)
+    def first(self, kind: str, entries: int = 0) -> float | None:
+        return next((t_s for t_s, what in self.bench.log()[entries:] if what == kind), None)
+
+    def ask(self) -> Asked:
+        return Asked(trio.current_time(), len(self.bench.log()))
 
     async def beat(self) -> None:
         """Live, as the process of a caller does."""
@@ -137,7 +153,7 @@ async def moving(peer: HostilePeer, rig: Rig) -> AsyncIterator[Trial]:
             await ready(trial)
             nursery.start_soon(trial.move)
             with trio.fail_after(5):
-                while trial.first("setpoint", 0.0) is None:  # noqa: ASYNC110  # the tree's doing
+                while trial.first("setpoint") is None:  # noqa: ASYNC110  # the tree's doing
                     await trio.sleep(0.01)
             yield trial
             nursery.cancel_scope.cancel()
@@ -177,16 +193,16 @@ async def heal(trial: Trial) -> None:
                 await stopped(trial, Reason.STOP)
 
 
-def is_safe(trial: Trial, fault: Fault, asked_s: float, report: StopReport | None) -> None:
+def is_safe(trial: Trial, fault: Fault, asked: Asked, report: StopReport | None) -> None:
     """Hold the wire's log of a stop against what every stop must show."""
     if trial.peer.deaf:
         assert trial.peer.writes, "nothing was written"
     else:
-        safe_s = trial.first("safe", asked_s)
+        safe_s = trial.first("safe", asked.entries)
         assert safe_s is not None, "no safe frame"
-        took_s = safe_s - asked_s
+        took_s = safe_s - asked.t_s
         assert took_s <= fault.rig.bound_s, f"safe after {took_s * 1e3:.0f} ms"
-    assert trial.first("setpoint", asked_s) is None, "a setpoint after the stop"
+    assert trial.first("setpoint", asked.entries) is None, "a setpoint after the stop"
     if report is not None and report.confirmed:
         assert fault.may_confirm, "confirmed by words that cannot be understood"
 
@@ -199,9 +215,11 @@ def _long(faults: Sequence[Fault], quick: Callable[[Fault], bool]) -> list[Any]:
 
 
 def is_quick(fault: Fault) -> bool:
-    """Whether a cell belongs to the ordinary run: those that ``Rig.quick`` names, of floods and bombs the
-    first one."""
-    first = next(iter({"flood": fault.rig.floods, "bomb": fault.rig.bombs}.get(fault.kind, {})), "")
+    """Whether a cell belongs to the ordinary run: those that ``Rig.quick`` names, of floods, bombs and ids
+    the first one."""
+    rig = fault.rig
+    named: Mapping[str, Iterable[str]] = {"flood": rig.floods, "bomb": rig.bombs, "wrong ids": rig.wrong_ids}
+    first = next(iter(named.get(fault.kind, ())), "")
     return fault.kind in fault.rig.quick and fault.detail == first
 
 
@@ -218,16 +236,16 @@ def test_saf_022_025_a_hostile_peer_keeps_no_stop_back(fault: Fault) -> None:
             try:
                 fault.begin(peer)
                 await trio.sleep(BEFORE_S)
-                asked_s = trio.current_time()
+                asked = trial.ask()
                 report = await stopped(trial, Reason.STOP)
                 _, most = tracemalloc.get_traced_memory()  # 0 when nothing was traced
             finally:
                 tracemalloc.stop()
             assert most <= MOST_MEMORY, f"it grew by {most >> 20} MB"
-            is_safe(trial, fault, asked_s, report)
+            is_safe(trial, fault, asked, report)
             peer.end()
             await heal(trial)
-            assert trial.first("setpoint", asked_s) is None, "a setpoint after the stop"
+            assert trial.first("setpoint", asked.entries) is None, "a setpoint after the stop"
 
     run(test)
 
@@ -240,8 +258,8 @@ def test_saf_022_025_the_caller_ends_behind_a_hostile_peer(fault: Fault) -> None
         async with moving(peer, fault.rig) as trial:
             fault.begin(peer)
             await trio.sleep(BEFORE_S)
-            asked_s = trio.current_time()
-            is_safe(trial, fault, asked_s, await stopped(trial, Reason.CALLER))
+            asked = trial.ask()
+            is_safe(trial, fault, asked, await stopped(trial, Reason.CALLER))
 
     run(test)
 
@@ -262,7 +280,7 @@ def test_saf_022_a_connection_that_is_reset_at_a_byte_of_its_handshake(robot: st
                 peer.reset_after = number
                 peer.reset()
                 await trio.sleep(0.05)
-                asked_s = trio.current_time()
-                is_safe(trial, fault, asked_s, await stopped(trial, Reason.STOP))
+                asked = trial.ask()
+                is_safe(trial, fault, asked, await stopped(trial, Reason.STOP))
 
     run(test)

@@ -295,8 +295,9 @@ class Engine:
     def _on_participant(self, sample: Sample, sender: Address) -> None:
         prefix = sample.writer[:PREFIX_SIZE]
         if sample.disposed:
-            if discovery.gone(sample.payload, sample.key, parameters.PARTICIPANT_GUID) == prefix + PARTICIPANT:
-                self._leave(prefix)
+            gone = discovery.gone(sample.payload, sample.key, parameters.PARTICIPANT_GUID)
+            if gone == prefix + PARTICIPANT and prefix in self._peers and self._may_change():
+                self._part(prefix)
             return
         data = discovery.decode_participant(sample.payload)
         if data.prefix != prefix:
@@ -307,7 +308,9 @@ class Engine:
         if self._only is not None and not self._only.has(data, sender):
             self.counters.strangers += 1
             return
-        if known and not self._leave(prefix):
+        if known:
+            if self._may_change():
+                self._move(prefix, data)
             return
         room = MAX_PEERS if sender[0] in self._given else MAX_PEERS - RESERVED
         if len(self._peers) >= room:
@@ -326,15 +329,20 @@ class Engine:
         join.join_writer(self._heard_publications, _builtin(prefix, PUBLICATIONS_WRITER), address)
         join.join_writer(self._heard_subscriptions, _builtin(prefix, SUBSCRIPTIONS_WRITER), address)
 
-    def _leave(self, prefix: bytes) -> bool:
-        """Let a peer go that says so, or is another one now. Return whether it may."""
-        if prefix in self._peers:
-            self._changes += 1
-            if self._changes > MOST_CHANGES:
-                self.counters.refused += 1
-                return False
-            self._part(prefix)
-        return True
+    def _move(self, prefix: bytes, data: ParticipantData) -> None:
+        """A peer is reached elsewhere now, or lives longer. What it writes and reads stays: a stop may
+        not wait until it has said that again."""
+        known = self._peers[prefix]
+        peer = self._peers[prefix] = _Peer(data, known.host, self._host, self._only)
+        peer.heard_ns = known.heard_ns
+        self._meet(prefix, peer.discovery)
+        self._matching.relocate(prefix)
+
+    def _may_change(self) -> bool:
+        self._changes += 1
+        if self._changes > MOST_CHANGES:
+            self.counters.refused += 1
+        return self._changes <= MOST_CHANGES
 
     def _part(self, prefix: bytes) -> None:
         if self._peers.pop(prefix, None):

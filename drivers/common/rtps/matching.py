@@ -75,6 +75,15 @@ class Matching:
             self._try_reader(writer, remote)
         return True
 
+    def relocate(self, prefix: bytes) -> None:
+        """Reach a participant's endpoints where it is now."""
+        for guid, remote in self._remote_writers.items():
+            if guid.startswith(prefix):
+                self.learn_writer(remote)
+        for guid, remote in self._remote_readers.items():
+            if guid.startswith(prefix):
+                self.learn_reader(remote)
+
     def forget_writer(self, guid: bytes) -> None:
         self._remote_writers.pop(guid, None)
         readers = self.hearing.pop(guid, ())

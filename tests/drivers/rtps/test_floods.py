@@ -17,7 +17,7 @@ from strands_actors.drivers.common.rtps.participant import Participant
 from strands_actors.drivers.common.rtps.wire_types import PUBLICATIONS_WRITER, SUBSCRIPTIONS_WRITER, Address
 from strands_actors.kernel.clock import MonotonicClock
 
-from .pair import A, B, Pair
+from .pair import A, B, Log, Pair, payloads
 
 PARTS = 200
 """Of a datagram."""
@@ -80,9 +80,6 @@ def test_saf_025_what_is_left_out_of_a_datagram_has_cost_something_all_the_same(
 def test_saf_025_a_peer_is_met_anew_a_few_times_between_two_ticks(says: str) -> None:
     pair = settled()
     data = pair.a.data
-    guid = data.prefix + wire_types.PARTICIPANT
-    key = discovery.encode_gone(guid, parameters.PARTICIPANT_GUID)
-    bye = messages.disposal(wire_types.SPDP_READER, wire_types.SPDP_WRITER, 2, guid, key)
     here = [
         messages.data(
             wire_types.SPDP_READER,
@@ -92,7 +89,7 @@ def test_saf_025_a_peer_is_met_anew_a_few_times_between_two_ticks(says: str) -> 
         )
         for at in range(2)
     ]
-    parts = here if says == "it is another one" else [bye, here[0]]
+    parts = here if says == "it is another one" else [goodbye(pair), here[0]]
     for _ in range(10):
         told(pair, *parts[::-1], *parts[::-1])
     handshakes = sum(b"\x01\x00\xc2" in datagram for datagram, _ in pair.network.sent)
@@ -141,6 +138,48 @@ def test_saf_025_an_endpoint_is_matched_with_so_many_of_a_peer_and_no_more(reads
         assert ours.matched == len(pair.network.sent) == MAX_MATCHED
     else:
         assert heard.matched == MAX_MATCHED
+
+
+def goodbye(pair: Pair) -> bytes:
+    guid = pair.a.data.prefix + wire_types.PARTICIPANT
+    key = discovery.encode_gone(guid, parameters.PARTICIPANT_GUID)
+    return messages.disposal(wire_types.SPDP_READER, wire_types.SPDP_WRITER, 2, guid, key)
+
+
+def test_saf_022_a_stop_is_sent_to_where_the_last_reader_was() -> None:
+    """Who says that it has gone may be there all the same. Nothing else is sent there."""
+    pair = settled(reliable=False)
+    log = Log()
+    ours = pair.b.writer("rt/back", "T_", False, False, 1)
+    assert not ours.has_parted and ours.write_stop(b"\0\1\0\0") == 0, "nobody has ever read it"
+    pair.a.reader("rt/back", "T_", False, False, log)
+    pair.network.run(0.5)
+    assert ours.matched == 1 and ours.write(payloads(1)[0]) == 1
+    pair.network.run(0.01)
+    told(pair, goodbye(pair))
+    assert ours.matched == 0 and ours.has_parted
+    assert ours.write(payloads(2)[0]) == 0
+    assert ours.write_stop(payloads(3)[0]) == 1
+    pair.network.run(0.01)
+    assert log.payloads == payloads(1, 3)
+    pair.network.run(2.0)
+    assert ours.matched == 1 and not ours.has_parted
+
+
+def test_saf_022_a_peer_that_is_another_one_is_still_told_a_stop() -> None:
+    """It is reached where it is now, without having said again what it reads."""
+    pair = settled(reliable=False)
+    log = Log()
+    ours = pair.b.writer("rt/back", "T_", False, False, 1)
+    pair.a.reader("rt/back", "T_", False, False, log)
+    pair.network.run(0.5)
+    moved = pair.a.data._replace(lease_s=20.0, discovery=((A, 7420),), user=((A, 7421),))
+    told(
+        pair,
+        messages.data(wire_types.SPDP_READER, wire_types.SPDP_WRITER, 1, discovery.encode_participant(moved)),
+    )
+    assert ours.matched == 1 and ours.write(payloads(1)[0]) == 1
+    assert pair.b.address_of(pair.a.data.prefix) == (A, 7421)
 
 
 class _Socket:
