@@ -42,6 +42,8 @@ class Rig(NamedTuple):
     """Kinds of peers that the ordinary run meets, too."""
     first: tuple[str, ...] = ()
     """Services that get the robot to where it takes a target."""
+    handshake: int = 120
+    """Bytes within which a new connection is reset; of datagrams, how many of them."""
     login: str = ""
     """Why nothing can be written on a connection that is reset before it has answered."""
     bound_s: float = 0.05

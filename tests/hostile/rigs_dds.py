@@ -33,6 +33,8 @@ from .datagrams import PAYLOAD_AT, PREFIX, ROBOT, SEQUENCE_AT, WRITER_AT, Networ
 from .peer import Change, Flood, HostilePeer
 from .services import EntryLog
 
+HANDSHAKE = 40
+"""Datagrams by which a participant of ours knows the robot."""
 STATES, ANSWERS = writer_id(1), writer_id(3)
 """Of the Go2's writers: they are made first, and after the reader of commands."""
 
@@ -180,6 +182,7 @@ RIGS: Mapping[str, Rig] = {
         bombs=_BOMBS,
         wrong_ids=_wrong_ids(0, ANSWERS),
         understood=("answer",),  # a stop is confirmed by states
+        handshake=HANDSHAKE,
         bound_s=0.01,
     ),
     "booster_t1": Rig(
@@ -189,6 +192,7 @@ RIGS: Mapping[str, Rig] = {
         floods=_floods(booster_protocol.topic("joint_ctrl", ""), booster_protocol.COMMAND_TYPE),
         bombs=_BOMBS,
         wrong_ids=_wrong_ids(4, writer_id(5)),
+        handshake=HANDSHAKE,
         first=("enable_upper_body",),
     ),
 }

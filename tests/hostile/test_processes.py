@@ -3,14 +3,15 @@ SAF-025). Order and counts alone: the bounds are asserted in virtual time."""
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
 
@@ -28,6 +29,8 @@ FLOODED_S = 0.7
 
 
 class Cell(NamedTuple):
+    """``flood``: one of the floods, or of the bombs, of its rig."""
+
     robot: str
     kind: str
     flood: str = ""
@@ -42,6 +45,18 @@ CELLS = [
     Cell("rby1", "flood", "pings"),
     Cell("rby1", "flood", "settings"),
     Cell("xarm7", "flood", "unasked answers", XARM),
+    Cell("yahboom_m3pro", "garbled"),
+    Cell("reachy_mini", "flood", "pings"),
+    Cell("earthrover", "flood", "endless chunks"),
+    Cell("yahboom_m3pro", "flood", "pings"),
+    Cell("yahboom_m3pro", "flood", "empty messages"),
+    Cell("yahboom_m3pro", "flood", "fragments"),
+    Cell("yahboom_m3pro", "half"),
+    Cell("earthrover", "garbled"),
+    Cell("earthrover", "half"),
+    Cell("reachy_mini", "garbled"),
+    Cell("reachy_mini", "half"),
+    Cell("reachy_mini", "flood", "interim answers"),
     Cell("rby1", "flood", "empty data"),
     Cell("rby1", "garbled"),
     Cell("rby1", "half"),
@@ -58,19 +73,32 @@ JOINTS = {
     "kinova_gen3": "joint_1",
     "robotiq_2f85": "gripper",
 }
+"""What is moved by a little, of robots that are told positions."""
+ACTIONS: Mapping[str, Mapping[str, float]] = {
+    "yahboom_m3pro": {"linear.x": 0.1},
+    "earthrover": {"linear": 0.1},
+    "reachy_mini": {"head_yaw": 5.0},
+}
+"""What the others are sent."""
+SCHEMES = {"yahboom_m3pro": "ws://", "earthrover": "http://", "reachy_mini": "http://"}
 
 CALLER = """
-import sys, time
+import json, sys, time
 from strands_actors import Robot
-robot, port, joint = sys.argv[1:]
+robot, port, joint, action = sys.argv[1:]
 arm = Robot(robot, mode="real", port=port)
 arm.connect_eagerly()
-at = arm.get_observation()[joint]
+action = json.loads(action) or {joint: arm.get_observation()[joint] + 0.002}
 print("ready", flush=True)
 while True:
-    arm.send_action({joint: at + 0.002})
+    arm.send_action(action)
     time.sleep(0.05)
 """
+
+
+def address(cell: Cell, relay: Relay) -> str:
+    """Return the relay's, as a user of this robot writes it."""
+    return SCHEMES.get(cell.robot, "") + relay.port
 
 
 def _memory(pid: int, key: str) -> int:
@@ -110,14 +138,24 @@ def relay(cell: Cell, twin: Twin) -> Iterator[Relay]:
 
 
 def begin(cell: Cell, relay: Relay) -> None:
-    relay.begin(cell.kind, RIGS[cell.robot].floods[cell.flood] if cell.flood else b"")
+    rig = RIGS[cell.robot]
+    words = {"": b"", **rig.floods, **rig.bombs}[cell.flood]
+    assert isinstance(words, bytes)
+    relay.begin(cell.kind, words)
     time.sleep(FLOODED_S)
 
 
-def moving(arm: RealRobot, twin: Twin, joint: str) -> None:
+def move(arm: RealRobot, robot: str) -> Mapping[str, Any]:
+    if robot in ACTIONS:
+        answer: Mapping[str, Any] = arm.send_action(dict(ACTIONS[robot]))
+        return answer
+    return nudge(arm, JOINTS[robot], 0.002)
+
+
+def moving(arm: RealRobot, twin: Twin, robot: str) -> None:
     armed(arm)
     began_ns = time.monotonic_ns()
-    until(lambda: nudge(arm, joint, 0.002)["status"] == "success", "a target is taken")
+    until(lambda: move(arm, robot)["status"] == "success", "a target is taken")
     until(lambda: twin.log.host("setpoint", began_ns), "a setpoint")
 
 
@@ -125,8 +163,8 @@ def moving(arm: RealRobot, twin: Twin, joint: str) -> None:
 @pytest.mark.real_time
 @pytest.mark.parametrize("cell", CELLS, indirect=True, ids=str)
 def test_saf_022_025_a_stop_behind_a_hostile_peer(cell: Cell, twin: Twin, relay: Relay) -> None:
-    with robot_on(relay.port, cell.robot) as arm:
-        moving(arm, twin, JOINTS[cell.robot])
+    with robot_on(address(cell, relay), cell.robot) as arm:
+        moving(arm, twin, cell.robot)
         memory = Memory(pids(arm))
         begin(cell, relay)
         asked_ns = time.monotonic_ns()
@@ -145,7 +183,8 @@ def test_saf_022_025_a_stop_behind_a_hostile_peer(cell: Cell, twin: Twin, relay:
 @pytest.mark.real_time
 @pytest.mark.parametrize("cell", CELLS, indirect=True, ids=str)
 def test_saf_022_025_the_caller_is_killed_behind_a_hostile_peer(cell: Cell, twin: Twin, relay: Relay) -> None:
-    arguments = [sys.executable, "-c", CALLER, cell.robot, relay.port, JOINTS[cell.robot]]
+    told = [JOINTS.get(cell.robot, ""), json.dumps(ACTIONS.get(cell.robot, {}))]
+    arguments = [sys.executable, "-c", CALLER, cell.robot, address(cell, relay), *told]
     with subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True) as caller:
         assert caller.stdout is not None
         try:
