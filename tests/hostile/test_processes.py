@@ -24,12 +24,14 @@ from .relay import Relay
 from .rigs import RIGS
 
 MOST_MEMORY = 32 << 20
+MOST_FLOOD = 1200
+"""Bytes of a bomb's body that are said again and again."""
 FLOODED_S = 0.7
 """From the beginning of the fault to the stop."""
 
 
 class Cell(NamedTuple):
-    """``flood``: one of the floods, or of the bombs, of its rig."""
+    """``flood``: one of the floods of its rig, or of the bombs, whose head is said once."""
 
     robot: str
     kind: str
@@ -141,7 +143,8 @@ def begin(cell: Cell, relay: Relay) -> None:
     rig = RIGS[cell.robot]
     words = {"": b"", **rig.floods, **rig.bombs}[cell.flood]
     assert isinstance(words, bytes)
-    relay.begin(cell.kind, words)
+    head, end, body = words.partition(b"\r\n\r\n") if cell.flood in rig.bombs else (b"", b"", words)
+    relay.begin(cell.kind, body[:MOST_FLOOD], head + end)
     time.sleep(FLOODED_S)
 
 
