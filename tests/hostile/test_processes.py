@@ -45,9 +45,9 @@ class Cell(NamedTuple):
 XARM = (30001, 30002, 30003)
 CELLS = [
     Cell("rby1", "flood", "pings"),
-    Cell("rby1", "flood", "settings"),
     Cell("xarm7", "flood", "unasked answers", XARM),
     Cell("yahboom_m3pro", "garbled"),
+    Cell("rby1", "flood", "settings"),
     Cell("reachy_mini", "flood", "pings"),
     Cell("earthrover", "flood", "endless chunks"),
     Cell("yahboom_m3pro", "flood", "pings"),
