@@ -27,6 +27,8 @@ LOOK_S = 0.002
 
 STATES_SIZE = 256 * 1024
 """Bytes of one turn: 64 states."""
+CONNECT = 0
+"""Number of the greeting."""
 MOST_KEPT = 64
 """Replies that nobody has taken yet; the oldest make room."""
 
@@ -43,27 +45,52 @@ class Fci:
         self._budget = ReceiveBudget(tcp.name)
         self._states = ReceiveBudget(tcp.name, size=STATES_SIZE)
         self._decoder = p.Decoder(p.LARGEST_REPLY)
-        self._id = 0
+        self._id = -1
+        self._asked: dict[int, int] = {}  # command by number, of the last requests
         self._waiting: list[p.Message] = []
 
     def send(self, name: str, payload: bytes = b"") -> int:
         """Send a request now; its number."""
+        number = self._number(name)
+        self._tcp.write(self.dialect.request(name, number, payload))
+        return number
+
+    def greet(self) -> None:
+        """Say who we are: the first request of a connection."""
+        self._tcp.write(self._greeting())
+
+    def greet_and_stop(self) -> int:
+        """Say who we are, and tell the arm to stop, in one write: the stop waits for no answer. The
+        controller does what it is asked in the order in which it came [assumed]. Return the number of
+        the stop."""
+        greeting, stop = self._greeting(), self._number("stop")
+        self._tcp.write(greeting + self.dialect.request("stop", stop))
+        return stop
+
+    def _greeting(self) -> bytes:
+        return self.dialect.connect(self._number("connect"), self.udp.getsockname()[1])
+
+    def _number(self, name: str) -> int:
         self._id += 1
-        self._tcp.write(self.dialect.request(name, self._id, payload))
+        self._asked[self._id] = self.dialect.commands.index(name)
+        if len(self._asked) > MOST_KEPT:
+            del self._asked[next(iter(self._asked))]
         return self._id
 
     def start_motion(self) -> int:
         """Ask for a motion by joint positions; the number of the request. It is answered twice."""
-        self._id += 1
-        self._tcp.write(self.dialect.start_joint_motion(self._id))
-        return self._id
+        number = self._number("move")
+        self._tcp.write(self.dialect.start_joint_motion(number))
+        return number
 
     def replies(self) -> list[p.Message]:
         """Return what has arrived and nobody has taken. Never waits."""
         for data in self._budget.turn(self._tcp.read_waiting):
             try:
-                asked = (message for message in self._decoder.feed(data) if message.id <= self._id)
-                self._waiting.extend(asked)  # to what was never asked nobody knows the question
+                # An answer names its question twice, by the number and by the command.
+                self._waiting.extend(
+                    message for message in self._decoder.feed(data) if self._asked.get(message.id) == message.code
+                )
             except MalformedFrame as error:
                 raise WireDown(f"{self._tcp.name}: {error}. Is this a Franka controller?") from None
         taken, self._waiting = self._waiting, []
@@ -82,9 +109,8 @@ class Fci:
         raise WireDown(f"{self._tcp.name}: no answer to {name} within {ANSWER_S:g} s. Is the controller alive?")
 
     async def handshake(self, robot: str) -> p.State:
-        """Say who we are, and wait for the first state. Raise ``WireDown``."""
-        self._tcp.write(self.dialect.connect(self._id, self.udp.getsockname()[1]))
-        reply = await self.answer(self._id, "connect")
+        """Wait for the answer to the greeting, and for the first state. Raise ``WireDown``."""
+        reply = await self.answer(CONNECT, "connect")
         try:
             status, version = p.connect_reply(reply)
         except MalformedFrame as error:
@@ -143,8 +169,8 @@ class Fci:
         self.udp.close()
 
 
-async def connect(host: str, fci: int, robot: str) -> tuple[Fci, p.State]:
-    """Return a client that has heard a state. Raise ``WireDown``."""
+async def open_client(host: str, fci: int) -> Fci:
+    """Return a client that has said nothing yet. Raise ``WireDown``."""
     tcp = await open_tcp(host, p.PORT)
     try:
         udp = socket.socket(type=socket.SOCK_DGRAM)
@@ -156,9 +182,21 @@ async def connect(host: str, fci: int, robot: str) -> tuple[Fci, p.State]:
     try:
         udp.setblocking(False)
         udp.bind((tcp.own_host, 0))
-        return client, await client.handshake(robot)
+        return client
     except BaseException as error:
         client.close()
         if isinstance(error, OSError):
             raise WireDown(f"{host}: no UDP port for its states ({error.strerror})") from None
+        raise
+
+
+async def connect(host: str, fci: int, robot: str) -> Fci:
+    """Return a client that has heard a state. Raise ``WireDown``."""
+    client = await open_client(host, fci)
+    try:
+        client.greet()
+        await client.handshake(robot)
+        return client
+    except BaseException:
+        client.close()
         raise

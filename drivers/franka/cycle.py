@@ -22,7 +22,7 @@ import socket
 import struct
 import sys
 import time
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import msgspec
 
@@ -52,12 +52,21 @@ SAME_RAD = 3e-7
 LARGEST_GAP_RAD = 0.1
 """Nobody goes so far by himself in the 20 ms after which a controller ends a motion."""
 
-MOST_STATES, MOST_ORDERS = 256, 64
-"""Taken at once: a flood does not keep this process from looking at who else is there."""
+MOST_STATES, MOST_ORDERS = 64, 64
+"""Taken at once: a flood does not keep this process from looking at who else is there. The system
+keeps fewer states for a socket."""
 
 _ORDER = struct.Struct("<Q7d")
 _REPORT = struct.Struct("<BQQQ")
 LARGEST = _REPORT.size + 4096
+
+
+class Ends(Protocol):
+    """What is used of a socket for datagrams. Both raise ``OSError``."""
+
+    def recv(self, size: int, /) -> bytes: ...
+
+    def send(self, data: bytes, /) -> int: ...
 
 
 class Phase(enum.IntEnum):
@@ -154,8 +163,10 @@ class Cycle:
         if not (self.dialect.is_plausible(data) and self.dialect.tells_joints(data)):
             return False
         (heard,) = self.dialect.get(data, "message_id")
-        before, self._heard = self._heard, heard
-        return heard != before
+        if self._heard and not 0 < heard - self._heard <= JUMP_TICKS:
+            return False  # an old one
+        self._heard = heard
+        return True
 
     def answer(self, state: bytes, now_ns: int) -> bytes | None:
         """Return the command that answers a state; None: nothing is to be sent."""
@@ -276,27 +287,33 @@ def run(
     arrived = select.poll()
     arrived.register(udp, select.POLLIN)
     while True:
-        state = _newest(udp) if arrived.poll(SILENT_MS) else b""
-        now_ns = time.monotonic_ns()
-        for _ in range(MOST_ORDERS):
-            if (order := _receive(wire)) is None:
-                break
-            cycle.obey(order)
-        if not cycle.is_news(state):
-            if _is_gone(parent):
-                return
-            continue
-        heartbeat.beat(now_ns)
-        command = cycle.answer(state, now_ns)
-        if command is not None:
-            _send(udp, command)
-        if reporter.is_due(state, cycle.phase):
-            if _is_gone(parent):
-                return
-            _send(wire, Report(cycle.phase, cycle.reached, cycle.missed, now_ns, state).pack())
+        state = newest(udp) if arrived.poll(SILENT_MS) else b""
+        if turn(cycle, reporter, state, udp, wire, heartbeat, time.monotonic_ns()) and _is_gone(parent):
+            return
 
 
-def _newest(udp: socket.socket) -> bytes:
+def turn(
+    cycle: Cycle, reporter: Reporter, state: bytes, udp: Ends, wire: Ends, heartbeat: Heartbeat, now_ns: int
+) -> bool:
+    """Answer a state, and report it. Return whether it is time to look for the wire process: it was
+    reported, or nothing new came."""
+    for _ in range(MOST_ORDERS):
+        if (order := _receive(wire)) is None:
+            break
+        cycle.obey(order)
+    if not cycle.is_news(state):
+        return True
+    heartbeat.beat(now_ns)
+    command = cycle.answer(state, now_ns)
+    if command is not None:
+        _send(udp, command)
+    if not reporter.is_due(state, cycle.phase):
+        return False
+    _send(wire, Report(cycle.phase, cycle.reached, cycle.missed, now_ns, state).pack())
+    return True
+
+
+def newest(udp: Ends) -> bytes:
     """Return the newest state of those that wait; empty when there is none."""
     state = b""
     with contextlib.suppress(OSError):  # no more, or a command met a closed port
@@ -305,14 +322,14 @@ def _newest(udp: socket.socket) -> bytes:
     return state
 
 
-def _receive(wire: socket.socket) -> bytes | None:
+def _receive(wire: Ends) -> bytes | None:
     try:
         return wire.recv(_ORDER.size + 1)
     except OSError:  # nothing there, or nobody any more
         return None
 
 
-def _send(there: socket.socket, data: bytes) -> None:
+def _send(there: Ends, data: bytes) -> None:
     """Send a datagram now or not at all: one that waits would be late. Who reads nothing is judged
     by others."""
     with contextlib.suppress(OSError):

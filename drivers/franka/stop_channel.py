@@ -10,12 +10,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import ClassVar
 
-from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import WatchedFirmware
 from strands_actors.contract.wire import MotorReport, WireDown
 
 from . import protocol as p
-from .client import LOOK_S, Fci, connect
+from .client import LOOK_S, Fci, open_client
 from .config import FrankaConfig
 
 STANDING_RAD_S = 0.02
@@ -24,20 +23,16 @@ CONFIRM_S = 0.6
 
 
 class StopWatch:
-    """A connection by which the arm is told to stop, and seen to. ``first``: the state that it
-    began with."""
+    """A connection by which the arm was told to stop, and is seen to. ``first``: the state that it
+    began with. ``stop``: number of the request."""
 
-    def __init__(self, config: FrankaConfig, client: Fci, first: p.State) -> None:
+    def __init__(self, config: FrankaConfig, client: Fci, first: p.State, stop: int) -> None:
         self._config = config
         self._client = client
         self._first = first
-        self._stop: int | None = None  # number of the request
+        self._stop = stop
         self._acknowledged = False
         self._state: p.State | None = None
-
-    def order(self) -> None:
-        """Raise ``WireDown``."""
-        self._stop = self._client.send("stop")
 
     def look(self) -> tuple[MotorReport, ...]:
         self._acknowledged = self._acknowledged or any(reply.id == self._stop for reply in self._client.replies())
@@ -47,33 +42,39 @@ class StopWatch:
         return self.reports("" if self._state is not None else "the controller's time stamp stands still")
 
     def reports(self, trouble: str) -> tuple[MotorReport, ...]:
-        return reports(self._config, self._stop is not None, self._acknowledged, self._state, trouble)
+        return reports(self._config, True, self._acknowledged, self._state, trouble)
 
     def close(self) -> None:
-        self._client.close()
+        self._client.close_in_order()
 
 
 class FrankaStopChannel(WatchedFirmware[FrankaConfig, StopWatch]):
     CONFIRM_S: ClassVar[float] = CONFIRM_S
     LOOK_S: ClassVar[float] = LOOK_S
+    _told = False  # the last connection took the stop
 
     @property
     def hosts(self) -> Sequence[str]:
         return (self.config.host,)
 
     async def connect(self) -> StopWatch:
-        config = self.config
+        """The stop leaves before the controller has answered anything."""
+        config, self._told = self.config, False
         try:
             host = config.host
         except ValueError as error:
             raise WireDown(str(error)) from None
-        return StopWatch(config, *await connect(host, config.arm.fci, config.robot))
-
-    def order(self, watch: StopWatch, safe_state: SafeState) -> None:
-        watch.order()
+        client = await open_client(host, config.arm.fci)
+        try:
+            stop = client.greet_and_stop()
+            self._told = True
+            return StopWatch(config, client, await client.handshake(config.robot), stop)
+        except BaseException:
+            client.close_in_order()  # a controller that is frozen finds the stop when it goes on
+            raise
 
     def failed(self, why: str, watch: StopWatch | None = None) -> tuple[MotorReport, ...]:
-        return reports(self.config, False, False, None, why) if watch is None else watch.reports(why)
+        return reports(self.config, self._told, False, None, why) if watch is None else watch.reports(why)
 
 
 def moving(state: p.State) -> list[int]:

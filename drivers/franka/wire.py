@@ -161,7 +161,7 @@ class FrankaWire(SessionWire[FrankaSession]):
             host = config.host
         except ValueError as error:
             raise WireDown(f"open: {error}") from None
-        client, _ = await connect(host, config.arm.fci, config.robot)
+        client = await connect(host, config.arm.fci, config.robot)
         try:
             session = FrankaSession(config, client, self._clock)
         except OSError as error:

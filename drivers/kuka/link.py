@@ -8,22 +8,35 @@ is gone.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Iterator, Sequence
 
 import trio
 
 from strands_actors.contract.wire import MotorReport, WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.receive_budget import ReceiveBudget
 from strands_actors.drivers.common.udp_port import UdpListener
 from strands_actors.kernel.clock import NS, Clock
 
-from .protocol import Drive, Monitoring, State, decode_monitoring, encode_command, has_reached, name_of
+from .protocol import (
+    COUNTER,
+    LARGEST,
+    Command,
+    Drive,
+    Monitoring,
+    State,
+    decode_monitoring,
+    encode_command,
+    name_of,
+)
 from .robots import Arm
-from .session import FriSession
+from .session import LATE, RUN, FriSession, follow_each_other
 
 MOST_WAITING = 256
-"""Datagrams that are taken at once; a flood does not keep an answer waiting for longer. The system
+"""Datagrams that are taken at once: a flood does not keep an answer waiting for longer. The system
 keeps no more for a socket."""
+MOST_READ = 64
+"""Of those, the newest that are decoded: a message takes 0.1 ms."""
 STANDING_RAD_S = 0.02
 STAND_S = 0.03
 """Positions so far apart tell whether the arm stands."""
@@ -44,22 +57,29 @@ class Link:
     def __init__(self, port: UdpListener, arm: Arm, clock: Clock, said: Monitoring) -> None:
         self.port = port
         self.session = FriSession(arm.speed_rad_s)
+        self.session.hear(said)
         self.said = said
-        self.heard_ns = clock.now_ns()
+        self.heard_ns = self._written_ns = clock.now_ns()
         self.answers = 0
         self.news = trio.Event()  # set, and replaced, with each message that was understood
         self._clock = clock
         self._arm = arm
         self._seen: deque[tuple[int, tuple[float, ...]]] = deque()  # positions of ALONE_STAND_S, and one before
+        self._inbox = Inbox(port)
 
     async def hear(self) -> Monitoring:
-        """Return the newest message, once there is one that is understood. Raise ``WireDown``."""
-        while (said := newest(self.port, await self.port.read())) is None:
-            pass  # noise is no message: silence is judged by when one was understood
-        self._take(said)
-        return said
+        """Return the newest message, once there is one that is understood, and news. Raise
+        ``WireDown``."""
+        while True:
+            # Noise and what was said before are no message: silence is judged by the last that was one.
+            news = [said for said in self._inbox.messages(await self.port.read()) if self.session.hear(said)]
+            if news:
+                self._take(news[-1])
+                return news[-1]
 
     def _take(self, said: Monitoring) -> None:
+        if (said.sequence - self.said.sequence) & COUNTER > LATE:
+            self._seen.clear()  # a stand is seen in messages that follow each other
         self.said, self.heard_ns = said, self._clock.now_ns()
         self._seen.append((self.heard_ns, said.position))
         while len(self._seen) > 2 and self.heard_ns - self._seen[1][0] >= ALONE_STAND_S * NS:
@@ -70,8 +90,12 @@ class Link:
     def answer(self, said: Monitoring) -> None:
         """Answer a message, if it is one that wants it. Raise ``WireDown``."""
         if self.session.is_due(said):
-            self.port.write(encode_command(self.session.answer(said)))
+            self._write(self.session.answer(said))
             self.answers += 1
+
+    def _write(self, command: Command) -> None:
+        self.port.write(encode_command(command))
+        self._written_ns = self._clock.now_ns()
 
     @property
     def state(self) -> str:
@@ -89,20 +113,26 @@ class Link:
         hold it, until the controller has taken one of them, too. ``cycle`` returns when the next
         message has been answered; it raises ``WireDown``. Never raises."""
         first, hold, failure = self.answers, self.session.next_number(self.said), ""
+        quiet_s = QUIET_CYCLES * cycle_s(self.said)
+        written = False
         self._seen.clear()
         try:
-            written = self.silent_s() > QUIET_CYCLES * cycle_s(self.said) and self.hold_unasked()
             with trio.move_on_after(CONFIRM_S):
                 while not self._is_held(first, hold):
-                    await cycle()
+                    # Nothing wants an answer: a controller that is not heard may hear. One datagram
+                    # may be lost, so it is told again and again.
+                    if self._clock.now_ns() - self._written_ns >= round(quiet_s * NS):
+                        written = self.hold_unasked()
+                    with trio.move_on_after(quiet_s):
+                        await cycle()
         except WireDown as down:
-            written, failure = False, str(down)
+            failure = str(down)
         written = written or self.answers > first
         return self.reports(written, self._is_taken(hold), self._is_held(first, hold), failure or detail)
 
     def hold_unasked(self) -> bool:
         """Hold in answer to an old message: who is not heard may hear. True. Raise ``WireDown``."""
-        self.port.write(encode_command(self.session.again(self.said)))
+        self._write(self.session.again(self.said))
         return True
 
     @property
@@ -120,7 +150,7 @@ class Link:
 
     def _is_taken(self, hold: int) -> bool:
         """Tell whether the controller says that it has an answer that holds."""
-        return has_reached(self.said.reflected, hold)
+        return self.session.has_taken(self.said, hold)
 
     def _stands(self) -> bool:
         """Tell whether the measured positions of the newest messages are alike. In no state of the
@@ -209,25 +239,36 @@ def _reports(
 
 
 async def first_message(port: UdpListener) -> Monitoring:
-    """Return the newest that the first controller which speaks has said. Raise ``WireDown``."""
-    heard: list[bytes] = []
+    """Return the newest message of the first controller that speaks. Raise ``WireDown``."""
+    met: list[bytes] = []
 
     def is_controller(data: bytes) -> bool:
-        heard.append(data)
+        met[:] = [data]
         return understood(data) is not None
 
     await port.meet(is_controller)
-    said = newest(port, heard[-1])
-    assert said is not None  # the one that it was met by
-    return said
+    inbox, data = Inbox(port), met[-1]
+    run: list[Monitoring] = []
+    while True:
+        for said in inbox.messages(data):
+            run = [*run, said] if follow_each_other(run, said) else [said]
+        if run and (run[-1].state < State.COMMANDING_WAIT or len(run) >= RUN):
+            return run[-1]
+        data = await port.read()
 
 
-def newest(port: UdpListener, first: bytes) -> Monitoring | None:
-    """Return the newest message that is understood, of ``first`` and what waits behind it."""
-    waiting = [first]
-    while len(waiting) < MOST_WAITING and (data := port.read_waiting()) is not None:
-        waiting.append(data)
-    return next(filter(None, map(understood, reversed(waiting))), None)
+class Inbox:
+    """What waits at a port."""
+
+    def __init__(self, port: UdpListener) -> None:
+        self._port = port
+        self._budget = ReceiveBudget("the FRI session", MOST_WAITING, MOST_WAITING * LARGEST)
+
+    def messages(self, first: bytes) -> Iterator[Monitoring]:
+        """Return ``first`` and what waits behind it, as far as it is understood. Raise ``WireDown``
+        for a peer that cannot be followed."""
+        waiting = [first, *self._budget.turn(self._port.read_waiting)]
+        return filter(None, map(understood, waiting[-MOST_READ:]))
 
 
 def understood(data: bytes) -> Monitoring | None:

@@ -1,5 +1,9 @@
 """What a client of FRI answers, cycle by cycle. Pure: no clock, no socket.
 
+A message is believed as far as our own answers go: it is news when its number goes on, and what the
+controller has taken is looked up in what we sent, by the number that it names. So a message that is
+repeated, late or forged neither moves a hold nor confirms one (SAF-022).
+
 In every cycle one answer: without positions while the controller only monitors, its own
 interpolated position while it waits for that, and from then on the last commanded position, or a
 step from it towards the goal. Holding is repeating the answer. While a setpoint lives no two
@@ -8,15 +12,27 @@ answers are alike, by ``LIVE_RAD`` at least: so a hold can be told from a setpoi
 
 from __future__ import annotations
 
-from .protocol import COUNTER, Command, Monitoring, State
+from collections.abc import Sequence
+
+from .protocol import COUNTER, Command, Monitoring, State, has_reached
 
 LIVE_RAD = 1e-12
 """A millionth of what an encoder can tell."""
 LATE = 10
-"""A message that is so few numbers behind was overtaken on the way; a larger step back is a new
-session."""
+"""A message that is so few numbers behind was overtaken on the way. A larger step back is a new
+session, which begins by monitoring: one that commands has been answered for seconds."""
+RUN, GAP = 3, 2
+"""Where numbers do not go on from the last one, so many messages are believed that follow each other,
+by ``GAP`` at most. One alone may be an old one: the arm has left the position that it tells."""
+MOST_SENT = 256
+"""Answers that are remembered. A controller drops the session after a few that it has not taken."""
 
 Row = tuple[float, ...]
+
+
+def follow_each_other(run: Sequence[Monitoring], said: Monitoring) -> bool:
+    """Tell whether a message goes on from the last one of a run."""
+    return bool(run) and 0 < (said.sequence - run[-1].sequence) & COUNTER <= GAP
 
 
 class FriSession:
@@ -25,7 +41,11 @@ class FriSession:
     def __init__(self, speed_rad_s: Row) -> None:
         self._speed_rad_s = speed_rad_s
         self._answered: int | None = None  # sequence of the message that was answered last
+        self._heard: int | None = None  # sequence of the newest message
+        self._unconnected: list[Monitoring] = []  # that follow each other, and not the newest
+        self._sent: dict[int, Row] = {}  # positions by number, from the one that was taken last
         self._sequence = 0
+        self._sent_by_then = 0  # sequence of the last answer when that message came
         self._commanded: Row = ()  # what the last answer commanded; empty: nothing
         self._goal: Row = ()
         self._span_s = 0.0
@@ -51,6 +71,25 @@ class FriSession:
         """Repeat the last commanded position from the next cycle on."""
         self._goal = self._per_cycle = ()
 
+    def hear(self, said: Monitoring) -> bool:
+        """Note a message. Return whether it is news: its number goes on, or a session begins that
+        does."""
+        if self._heard is not None:
+            ahead = (said.sequence - self._heard) & COUNTER
+            if not ahead or ahead > COUNTER - LATE:
+                return False
+            if ahead > LATE and not self._goes_on(said):
+                return False
+            if ahead > COUNTER // 2 and said.state >= State.COMMANDING_WAIT:
+                return False
+        self._heard, self._sent_by_then = said.sequence, self._sequence
+        return True
+
+    def _goes_on(self, said: Monitoring) -> bool:
+        follows = follow_each_other(self._unconnected, said)
+        self._unconnected = [*self._unconnected, said][-RUN:] if follows else [said]
+        return len(self._unconnected) == RUN
+
     def is_due(self, said: Monitoring) -> bool:
         """Tell whether a message wants an answer: with a receive multiplier only every so many do,
         and one that came twice or late does not."""
@@ -58,6 +97,11 @@ class FriSession:
             return True
         ahead = (said.sequence - self._answered) & COUNTER
         return said.multiplier <= ahead <= COUNTER - LATE
+
+    def has_taken(self, said: Monitoring, number: int) -> bool:
+        """Tell whether the newest message says that the controller has an answer, or a later one that
+        had been sent by then."""
+        return has_reached(said.reflected, number) and has_reached(self._sent_by_then, said.reflected)
 
     def next_number(self, said: Monitoring) -> int:
         """Return the number of the next answer. Own numbers go on from what the controller has
@@ -67,24 +111,40 @@ class FriSession:
     def answer(self, said: Monitoring) -> Command:
         """Answer a message that is due."""
         number = self.next_number(said)
+        if self._answered is None:
+            self._sent[said.reflected] = said.commanded  # by whoever answered before
         missed = (said.reflected + 1) & COUNTER != number
         position = self._next(said, missed)
-        self._commanded = position
         self._answered = said.sequence
-        self._sequence = number
-        return Command(self._sequence, said.sequence, position)
+        return self._send(number, said, position)
 
     def again(self, said: Monitoring) -> Command:
         """Hold, in answer to a message that was answered already: when no newer one comes."""
         self.hold()
-        self._sequence = (self._sequence + 1) & COUNTER
-        return Command(self._sequence, said.sequence, self._commanded)
+        return self._send((self._sequence + 1) & COUNTER, said, self._commanded)
+
+    def _send(self, number: int, said: Monitoring, position: Row) -> Command:
+        self._commanded = self._sent[number] = position
+        self._sequence = number
+        if len(self._sent) > MOST_SENT:
+            del self._sent[next(iter(self._sent))]
+        return Command(number, said.sequence, position)
+
+    def _taken(self, said: Monitoring) -> Row:
+        """Return the position of the answer that the controller has, as it was sent; where it names
+        none of ours, of the last one."""
+        if said.reflected not in self._sent:
+            return self._commanded
+        while next(iter(self._sent)) != said.reflected:
+            del self._sent[next(iter(self._sent))]  # the controller does not go back to those
+        return self._sent[said.reflected] or self._commanded
 
     def _next(self, said: Monitoring, missed: bool) -> Row:
         if said.state == State.COMMANDING_ACTIVE:
             # After an answer that did not arrive go on from what the controller has: two steps at
             # once are a jump.
-            before = said.commanded if missed or not self._commanded else self._commanded
+            before = self._taken(said) if missed else self._commanded
+            before = before or said.commanded
             return self._step(before, said) if self._goal else before
         self.hold()  # a goal does not outlive the session that it was given in
         if said.state == State.COMMANDING_WAIT:

@@ -5,12 +5,14 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import AsyncIterator, Iterator, Sequence
+from itertools import chain
 from typing import Any
 
 import trio
 
 from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.common.receive_budget import ReceiveBudget
 from strands_actors.drivers.common.tcp_port import TcpPort, open_tcp
 
 from . import protocol as p
@@ -81,6 +83,7 @@ class Samples:
     def __init__(self, stream: TcpPort) -> None:
         self._stream = stream
         self._decoder = p.Decoder()
+        self._budget = ReceiveBudget(stream.name)
         self._packets: Iterator[p.Packet] = iter(())  # that came with one asked for
         self._recipe: p.Recipe
 
@@ -94,9 +97,16 @@ class Samples:
             await self._request(p.frame(p.Kind.START), p.Kind.START)
 
     async def next(self) -> dict[str, Any]:
-        """Raise ``WireDown`` when none comes, or one that cannot be read."""
+        """Return the newest that has come. Raise ``WireDown`` when none comes, or one that cannot be
+        read, or when the controller sends more than can be read."""
         with self._understood():
-            return self._recipe.unpack(await self._packet(p.Kind.DATA))
+            newest = await self._packet(p.Kind.DATA)
+            pieces = self._budget.turn(self._stream.read_waiting)
+            behind = (packet for data in pieces for packet in self._decoder.feed(data))
+            for packet in chain(self._packets, behind):
+                if packet.kind == p.Kind.DATA:
+                    newest = packet.payload
+            return self._recipe.unpack(newest)
 
     async def first(self) -> dict[str, Any]:
         """Return the first that shows the controller's clock advance. Raise ``WireDown`` when it

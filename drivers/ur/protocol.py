@@ -102,7 +102,10 @@ class Recipe:
         """Raise ``MalformedFrame`` when the payload is not of this recipe."""
         if len(payload) != self._struct.size:
             raise MalformedFrame(f"{len(payload)} bytes of data, the recipe has {self._struct.size}")
-        flat = iter(self._struct.unpack(payload)[1:])
+        number, *values = self._struct.unpack(payload)
+        if number != self.number:
+            raise MalformedFrame(f"data of recipe {number}, {self.number} was agreed")
+        flat = iter(values)
         rows = zip(self.names, self._counts, strict=True)
         return {name: next(flat) if count == 1 else tuple(islice(flat, count)) for name, count in rows}
 

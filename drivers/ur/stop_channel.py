@@ -96,7 +96,7 @@ class _Stop:
                 while self.playing or self.moving or not self.ordered:
                     sample = await samples.next()
                     time_s, before_s = sample["timestamp"], time_s
-                    if before_s in (-1.0, time_s):
+                    if not 0.0 <= before_s < time_s:
                         continue
                     self.playing = sample["runtime_state"] != p.RuntimeState.STOPPED
                     self.moving = {

@@ -32,6 +32,10 @@ would take it up late."""
 
 CONFIRM_S = 0.4
 
+CLOCK_S = 1e9
+"""The controller's clock counts seconds from its start, and never so many: a sample that is behind
+the newest is an old one. After a restart the connection is another."""
+
 SENSORS: Mapping[str, str] = {
     "current_a": "actual_current",
     "temperature_c": "joint_temperatures",
@@ -55,7 +59,7 @@ class URSession:
         self.sample: dict[str, Any] = {}
         self._config = config
         self._clock = clock
-        self._advanced = Stamps()  # by the controller's clock
+        self._advanced = Stamps(CLOCK_S)  # by the controller's clock
         self._still_s = max(SILENT_S, 2 / config.samples_hz)
         self._fed_ns = 0
         self.controls = False  # the control script is ours, runs, and its watchdog is armed
@@ -63,10 +67,12 @@ class URSession:
         self.lost = ""  # why control was lost since the robot was armed
 
     def take(self, sample: dict[str, Any]) -> None:
-        """Take the newest sample. A controller that stopped or paused our program is not written to
-        again before the next arming: its operator unlocks it, and nothing may move because of that."""
+        """Take a sample, if it is newer than the last one. A controller that stopped or paused our
+        program is not written to again before the next arming: its operator unlocks it, and nothing
+        may move because of that."""
+        if not self._advanced.take(sample["timestamp"], self._clock.now_ns()):
+            return
         self.sample = sample
-        self._advanced.take(sample["timestamp"], self._clock.now_ns())
         if self.controls:
             refusal = self.refuse_modes()
             if refusal is not None:

@@ -38,7 +38,8 @@ def feature(**fields: Any) -> bytes:
         (b"[" * 100_000, "is damaged"),
         (b"\xff\xfe", "is damaged"),
         (b"[]", "version None"),
-        (changed(codebase_version="v2.1"), "version v2.1"),
+        (changed(codebase_version="v1.6"), "version 'v1.6'"),
+        (changed(features=None), "features"),
         (changed(fps=0), "fps"),
         (changed(fps="30"), "fps"),
         (changed(features=None), "features"),
@@ -63,7 +64,7 @@ def test_what_cannot_be_is_refused_by_name(data: bytes, text: str) -> None:
 def test_what_another_program_leaves_out_is_not_missed() -> None:
     said = {key: value for key, value in INFO.items() if key != "total_episodes"}
     found = decode_info(json.dumps(said).encode(), "info.json")
-    assert (found["total_episodes"], found["total_frames"]) == (0, 0)
+    assert (found.total_episodes, found.total_frames, found.total_tasks) == (None, None, None)
 
 
 @pytest.mark.parametrize(

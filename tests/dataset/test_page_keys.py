@@ -17,7 +17,7 @@ from websockets.sync.client import ClientConnection
 from strands_actors import Robot, Teleoperator
 from strands_actors.supervisors.instrument import Entry, Kind, encode
 from strands_actors.supervisors.root.messages import EpisodeKey, Operate
-from strands_actors.surfaces.dataset.dataset import Index
+from strands_actors.surfaces.dataset.index import Index
 from strands_actors.surfaces.dataset.run import Onlooker
 from strands_actors.surfaces.dataset.session import Event, Progress
 from strands_actors.surfaces.recording.views import decode_entries, keys_pressed

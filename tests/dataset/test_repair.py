@@ -16,8 +16,9 @@ import pytest
 
 from strands_actors.surfaces.cli import dataset as commands
 from strands_actors.surfaces.dataset.compact import compact
-from strands_actors.surfaces.dataset.dataset import Dataset, Index
-from strands_actors.surfaces.dataset.errors import DatasetError
+from strands_actors.surfaces.dataset.dataset import Dataset
+from strands_actors.surfaces.dataset.errors import DamagedError, DatasetError
+from strands_actors.surfaces.dataset.index import Index
 from strands_actors.surfaces.dataset.repair import repair
 from strands_actors.surfaces.dataset.run import Summary
 from strands_actors.surfaces.dataset.show import show
@@ -158,7 +159,7 @@ def test_a_file_is_not_larger_than_lerobot_makes_it(
         add_episode(dataset, 12)
     dataset.close()
     size = (root / "videos/observation.images.front/chunk-000/file-000.mp4").stat().st_size
-    monkeypatch.setattr("strands_actors.surfaces.dataset.compact.VIDEO_MB", 2.5 * size / 1e6)
+    monkeypatch.setattr("strands_actors.surfaces.dataset.copying.VIDEO_MB", 2.5 * size / 1e6)
     compact(root, tmp_path / "copy")
     assert len(list((tmp_path / "copy/videos/observation.images.front").glob("*/*.mp4"))) == 2
     assert check(tmp_path / "copy") == 3
@@ -202,12 +203,21 @@ def test_a_copy_that_cannot_be_made_leaves_nothing(root: Path, tmp_path: Path) -
     dataset = Dataset(root)
     for _ in range(2):
         add_episode(dataset, 3)
-    copy = tmp_path / "copy"
-    compact(root, copy)
+    (root / "videos/observation.images.front/chunk-000/file-001.mp4").unlink()
     before = sorted(tmp_path.rglob("*"))
-    with pytest.raises(DatasetError, match="it is compact already"):
-        compact(copy, tmp_path / "again")
+    with pytest.raises(DamagedError, match=r"episode 1 is damaged: .*file-001.mp4 is missing"):
+        compact(root, tmp_path / "copy")
     assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_copy_can_be_copied(root: Path, tmp_path: Path) -> None:
+    """As LeRobot's own datasets: several episodes share a file."""
+    dataset = Dataset(root)
+    for frames in (33, 7, 20):
+        add_episode(dataset, frames)
+    compact(root, tmp_path / "copy")
+    again = compact(tmp_path / "copy", tmp_path / "again")
+    assert (again.episodes, again.frames) == (3, 60) and check(tmp_path / "again") == 3
 
 
 # -- SIGKILL

@@ -12,7 +12,7 @@ import pytest
 
 from strands_actors import Robot, Teleoperator, record_dataset
 from strands_actors.surfaces.dataset import DatasetError, DatasetRecording
-from strands_actors.surfaces.dataset.dataset import Index
+from strands_actors.surfaces.dataset.index import Index
 from strands_actors.surfaces.dataset.repair import repair
 from tests.answers import json_of, until
 from tests.teleop.test_page import operator

@@ -23,7 +23,8 @@ from strands_actors import Robot, record_dataset, register_native_driver, regist
 from strands_actors.surfaces import cli
 from strands_actors.surfaces.cli.dataset import is_achieved
 from strands_actors.surfaces.dataset import DatasetError
-from strands_actors.surfaces.dataset.dataset import Dataset, Index
+from strands_actors.surfaces.dataset.dataset import Dataset
+from strands_actors.surfaces.dataset.index import Index
 from strands_actors.surfaces.dataset.repair import repair
 from strands_actors.surfaces.dataset.run import EpisodeSummary, Summary
 from strands_actors.surfaces.dataset.session import Order
@@ -33,6 +34,7 @@ from strands_actors.testing import Twin
 from tests.cli.command import Command, refusal_code
 from tests.cli.terminal import Terminal
 
+from .foreign import create
 from .made import add_episode, check, decoded, info_of
 from .pan import Pan
 
@@ -247,6 +249,7 @@ def test_the_command_records_by_itself_and_tells_in_json(
         return json.loads(told.out)
 
     root = tmp_path / "set"
+    create(root, [f"{axis}.pos" for axis in AXES], {})  # as LeRobot does, and nothing was recorded yet
     said = run("record", "so101", "--dataset", str(root), "--task", "w", "--episodes", "2", "--seconds", "0.5")
     assert said["total_episodes"] == 2 and len(said["episodes"]) == 2 and said["left"] == ""
     assert check(root) == 2

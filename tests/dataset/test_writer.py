@@ -13,8 +13,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from strands_actors.surfaces.dataset.dataset import ASIDE, Dataset, Index
+from strands_actors.surfaces.dataset.dataset import ASIDE, Dataset
 from strands_actors.surfaces.dataset.errors import DatasetError
+from strands_actors.surfaces.dataset.index import Index
 from strands_actors.surfaces.dataset.layout import CameraShape, Layout
 from strands_actors.surfaces.dataset.show import show
 from strands_actors.surfaces.dataset.staging import FINISHED, Row, StagedEpisode
@@ -433,11 +434,14 @@ def test_a_dataset_without_units_goes_on_and_has_them_from_then_on(root: Path) -
     assert check(root) == 2
 
 
+OLDER = '{"codebase_version": "v2.1", "fps": 30, "features": {}}'
+
+
 @pytest.mark.parametrize(
     ("damage", "told"),
     [
         (lambda root: (root / "meta/info.json").write_bytes(b"{"), "damaged"),
-        (lambda root: (root / "meta/info.json").write_text('{"codebase_version": "v2.1"}'), "version v2.1"),
+        (lambda root: (root / "meta/info.json").write_text(OLDER), "version v2.1.*dataset convert"),
         (lambda root: (root / "data/chunk-000/file-000.parquet").unlink(), "is missing"),
         (lambda root: (root / "meta/episodes/chunk-000/file-000.parquet").unlink(), "the index has 0"),
         (lambda root: (root / "meta/tasks.parquet").write_bytes(b"PAR1"), "cannot be read"),

@@ -46,6 +46,8 @@ class Rig(NamedTuple):
     """Bytes within which a new connection is reset; of datagrams, how many of them."""
     login: str = ""
     """Why nothing can be written on a connection that is reset before it has answered."""
+    streams: bool = False
+    """Whether a process of its own writes setpoints until the stop has left."""
     bound_s: float = 0.05
     """From a stop to the safe frame, behind a peer that is hostile. More than the published bound
     only for what the fault itself takes: a login, a bus that must be quiet."""

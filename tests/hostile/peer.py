@@ -60,6 +60,7 @@ class HostilePeer:
         self.kind = ""
         self.flood: Flood = b""  # repeated without an end
         self.chunk = CHUNK  # bytes of it that come at once; 0: it is one datagram
+        self.word: Flood = b""  # one datagram of it
         self.change: Change = bytes
         self.deaf = False  # what the host writes is garbled, too
         self.reset_after = math.inf  # bytes that a new connection says before it is reset
@@ -74,12 +75,13 @@ class HostilePeer:
 
     def begin(self, kind: str, flood: Flood = b"", change: Change = bytes, deaf: bool = False) -> None:
         self.kind, self.deaf, self.change, self.writes = kind, deaf, change, 0
+        self.word = flood
         self.flood = flood * max(1, self.chunk // len(flood)) if isinstance(flood, bytes) and flood else flood
         self._wake()
 
     def end(self) -> None:
         """Let it be an honest robot again. Its old connections are of no more use: they are reset."""
-        self.kind, self.flood, self.change, self.deaf = "", b"", bytes, False
+        self.kind, self.flood, self.word, self.change, self.deaf = "", b"", b"", bytes, False
         self.reset_after = math.inf
         self.reset()
 
@@ -92,6 +94,11 @@ class HostilePeer:
 
     def garble(self, data: bytes) -> bytes:
         return self.rng.randbytes(len(data))
+
+    @property
+    def step(self) -> int:
+        """Return the number of the task step that runs."""
+        return self._steps.count
 
     def count(self, size: int) -> None:
         """Note a read that did not wait. Raise ``Endless``."""

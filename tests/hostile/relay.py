@@ -1,14 +1,19 @@
-"""A process between a robot's program and its twin, on TCP, which can turn hostile.
+"""A process between a robot's program and its twin, on TCP and datagrams, which can turn hostile.
 
 It listens on an address of its own, at the ports of the twin, and hands on what either side says.
 From the line ``begin KIND FIRST HEX`` on its standard input on, what the twin says is changed, on
 every connection: ``garbled`` (random bytes in its place), ``half`` (nothing more), ``flood``
 (``FIRST`` once, if any, then ``HEX`` again and again, as fast as it is taken, and the twin's own words
 among it). ``begin ok`` ends that, and every connection.
+
+Datagrams go both ways at one port, of both ends and of the relay: the host is at ``HOST``, the twin
+wherever it speaks from.
 """
 
 from __future__ import annotations
 
+import contextlib
+import enum
 import os
 import subprocess
 import sys
@@ -21,18 +26,32 @@ from strands_actors.drivers.common.twin.tcp import own_host
 CHUNK = 1 << 16
 LONGEST_LINE = 4096
 """Of its standard input: it is read in one piece."""
+HOST = "127.0.0.1"
+GREETING = 16
+"""Bytes of the first message of a Franka's host."""
+FLOODED = 20
+"""Datagrams of a flood for each of the twin's."""
+
+
+class Datagrams(enum.StrEnum):
+    NONE = "none"
+    SAME_PORT = "same port"  # of the same number
+    GREETING = "greeting"  # the port that the last two bytes of the first message on TCP name
 
 
 class Relay:
-    """The process, from outside: ``with Relay(twin.port, extra_ports) as relay``."""
+    """The process, from outside: ``with Relay(twin.port, extra_ports) as relay``. ``host``: its address."""
 
-    def __init__(self, target: str, ports: tuple[int, ...] = ()) -> None:
+    def __init__(
+        self, target: str, ports: tuple[int, ...] = (), datagrams: Datagrams = Datagrams.NONE, host: str = ""
+    ) -> None:
         self._host, _, port = target.rpartition(":")
         self._ports = tuple(dict.fromkeys((int(port), *ports)))
+        self._datagrams = datagrams
+        self.host = host or own_host()
 
     def __enter__(self) -> Relay:
-        self.host = own_host()
-        arguments = [sys.executable, "-m", __name__, self.host, self._host, *map(str, self._ports)]
+        arguments = [sys.executable, "-m", __name__, self.host, self._host, self._datagrams, *map(str, self._ports)]
         self._process = subprocess.Popen(arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         assert self._process.stdout is not None
         assert self._process.stdout.readline() == "ready\n"
@@ -59,27 +78,72 @@ class _Hostility:
     def __init__(self) -> None:
         self.kind = "ok"
         self.first = self.flood = b""
+        self.word = b""  # one datagram of it
         self.connections: set[trio.CancelScope] = set()
 
 
-async def _serve(own: str, target: str, ports: list[int]) -> None:
+async def _serve(own: str, target: str, datagrams: str, ports: list[int]) -> None:
     hostile = _Hostility()
     async with trio.open_nursery() as nursery:
         for port in ports:
+            if datagrams == Datagrams.SAME_PORT:
+                await nursery.start(_relay_datagrams, own, target, port, hostile)
+                continue
             listeners = await trio.open_tcp_listeners(port, host=own)
-            nursery.start_soon(_accept, listeners[0], target, port, hostile)
+            names_port = datagrams == Datagrams.GREETING
+            nursery.start_soon(_accept, listeners[0], own, target, port, hostile, names_port)
         print("ready", flush=True)
         async with trio.lowlevel.FdStream(os.dup(0)) as lines:
             async for data in lines:
                 _, hostile.kind, *texts = data.decode().split()
-                hostile.first, flood = (b"" if text == "-" else bytes.fromhex(text) for text in texts)
+                hostile.first, hostile.word = (b"" if text == "-" else bytes.fromhex(text) for text in texts)
+                flood = hostile.word
                 hostile.flood = flood * max(1, CHUNK // max(1, len(flood)))
                 for scope in hostile.connections if hostile.kind == "ok" else ():
                     scope.cancel()
         nursery.cancel_scope.cancel()
 
 
-async def _accept(listener: trio.SocketListener, target: str, port: int, hostile: _Hostility) -> None:
+async def _relay_datagrams(
+    own: str,
+    target: str,
+    port: int,
+    hostile: _Hostility,
+    task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED,
+) -> None:
+    """Until cancelled."""
+    twin = target, port
+    with trio.socket.socket(type=trio.socket.SOCK_DGRAM) as sock:
+        await sock.bind((own, port))
+        task_status.started()
+        while True:
+            data, sender = await sock.recvfrom(CHUNK)
+            if sender[0] != target:
+                await _send(sock, data, twin)
+                continue
+            twin = sender
+            told = [data]
+            match hostile.kind:
+                case "garbled":
+                    told = [os.urandom(len(data))]
+                case "half":
+                    told = []
+                case "flood":
+                    told = [*[hostile.word] * FLOODED, data]
+            for piece in told:
+                await _send(sock, piece, (HOST, port))
+
+
+async def _send(sock: trio.socket.SocketType, data: bytes, to: tuple[str, int]) -> None:
+    with contextlib.suppress(OSError):  # nobody is there
+        await sock.sendto(data, to)
+
+
+async def _accept(
+    listener: trio.SocketListener, own: str, target: str, port: int, hostile: _Hostility, names_port: bool
+) -> None:
+    """``names_port``: whether the host names the port for its datagrams first."""
+
     async def attend(host: trio.SocketStream) -> None:
         scope = trio.CancelScope()
         hostile.connections.add(scope)
@@ -91,10 +155,15 @@ async def _accept(listener: trio.SocketListener, target: str, port: int, hostile
 
     async def relay(host: trio.SocketStream) -> None:
         try:
-            twin = await trio.open_tcp_stream(target, port)
+            twin = await trio.open_tcp_stream(target, port, local_address=own)
             async with host, twin, trio.open_nursery() as nursery:
                 nursery.start_soon(_tell, twin, host, hostile)
+                greeted = not names_port
                 async for data in host:
+                    if not greeted:
+                        greeted = True
+                        udp_port = int.from_bytes(data[GREETING - 2 : GREETING], "little")
+                        await nursery.start(_relay_datagrams, own, target, udp_port, hostile)
                     await twin.send_all(data)
                 nursery.cancel_scope.cancel()
         except* (OSError, trio.BrokenResourceError, trio.ClosedResourceError):
@@ -127,4 +196,4 @@ async def _tell(twin: trio.SocketStream, host: trio.SocketStream, hostile: _Host
 
 
 if __name__ == "__main__":
-    trio.run(_serve, sys.argv[1], sys.argv[2], [int(port) for port in sys.argv[3:]])
+    trio.run(_serve, *sys.argv[1:4], [int(port) for port in sys.argv[4:]])

@@ -29,7 +29,7 @@ from strands_actors.drivers.unitree.robots import model_of
 from strands_actors.drivers.unitree.twin import UnitreeServer, UnitreeTwinOptions
 
 from .bench import Bench, Rig, first_joint
-from .datagrams import PAYLOAD_AT, PREFIX, ROBOT, SEQUENCE_AT, WRITER_AT, Network, in_samples, replaced, said
+from .dds_network import PAYLOAD_AT, PREFIX, ROBOT, SEQUENCE_AT, WRITER_AT, Network, in_samples, replaced, said
 from .peer import Change, Flood, HostilePeer
 from .services import EntryLog
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -49,13 +49,17 @@ class EntryLog:
         self, t_ns: int, sender: str, frames: Sequence[tuple[str, bytes]], safe_state: str | None = None
     ) -> None:
         if sender == "host":
-            self.entries += [(trio.current_time(), kind) for kind, _ in frames]
+            for kind, _ in frames:
+                self.note(kind)
+
+    def note(self, kind: str) -> None:
+        self.entries.append((trio.current_time(), kind))
 
 
 class Service:
-    """One robot behind one port, whose words ``peer`` changes."""
+    """One robot whose words ``peer`` changes. ``handler``: of its one port, or of each by number."""
 
-    def __init__(self, peer: HostilePeer, handler: Handler) -> None:
+    def __init__(self, peer: HostilePeer, handler: Handler | Mapping[int, Handler]) -> None:
         self._peer = peer
         self._handler = handler
         self._nursery: trio.Nursery | None = None
@@ -71,12 +75,13 @@ class Service:
         await trio.lowlevel.checkpoint()
         assert self._nursery is not None
         to_robot, to_host = Pipe(), Pipe()
-        self._nursery.start_soon(self._serve, MemoryConnection(to_robot, to_host, self.log))
+        handler = self._handler[port] if isinstance(self._handler, Mapping) else self._handler
+        self._nursery.start_soon(self._serve, handler, MemoryConnection(to_robot, to_host, self.log))
         return HostileStream(self._peer, MemoryStream(to_robot, to_host))
 
-    async def _serve(self, connection: MemoryConnection) -> None:
+    async def _serve(self, handler: Handler, connection: MemoryConnection) -> None:
         try:
-            await self._handler(connection)
+            await handler(connection)
         except* ClientGone:
             pass
         finally:

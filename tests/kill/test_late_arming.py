@@ -108,6 +108,9 @@ ROWS = [
     few("crazyflie", "takeoff", queue_s=0.05),
     few("microduck", "enable", energised=told_last, begun=wrote("other")),
     few("panda", "connect_eagerly", energised=told_last, begun=wrote("config")),
+    # Answers energise nothing. They bring the session to where it commands, and the arm holds there.
+    few("kuka_iiwa", "resume", energised=told_last, begun=wrote("safe")),
+    few("kuka_iiwa", "connect_eagerly", energised=told_last, begun=wrote("safe")),
     few("stretch3", "resume", energised=told_last, begun=wrote("safe")),
     few("yahboom_m3pro", "resume", energised=told_last, begun=wrote("safe")),
     few("earthrover", "resume", energised=told_last, begun=wrote("safe")),

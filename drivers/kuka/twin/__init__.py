@@ -26,7 +26,6 @@ import trio
 from msgspec.structs import replace
 
 from strands_actors.contract.options import option
-from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.twin import (
     Fault,
     Faults,
@@ -40,10 +39,11 @@ from strands_actors.drivers.common.twin import (
     run_server,
 )
 from strands_actors.drivers.common.twin.server import Frost
-from strands_actors.drivers.kuka.protocol import FRI_PORT, JOINTS, LARGEST, decode_command, encode_monitoring
+from strands_actors.drivers.kuka.protocol import FRI_PORT, JOINTS, LARGEST, encode_monitoring
 from strands_actors.drivers.kuka.robots import Arm, arm_of
 from strands_actors.kernel.clock import NS, MonotonicClock
 
+from .answers import Answers
 from .body import KukaBody
 from .controller import Controller
 
@@ -94,7 +94,7 @@ class KukaServer:
         host, port = self._find_place(options)
         self._place = host, port if options.from_port is None else options.from_port
         self._peer = self._client, port
-        self._last: tuple[float, ...] = ()  # positions of the answer before
+        self._answers = Answers(self.controller)
         self._readings: Mapping[str, tuple[float, ...]] = {}  # of one that is stuck
         self._late: deque[tuple[int, bytes]] = deque()
 
@@ -165,19 +165,8 @@ class KukaServer:
     # -- what it hears and says
 
     def _take(self, t_ns: int, data: bytes) -> None:
-        try:
-            command = decode_command(data)
-        except MalformedFrame:
-            self._log.write(t_ns, "host", [("garbled", data)])
-            return
-        position = command.position
-        moves = bool(position) and position != self._last and not self.controller.mirrors(command)
-        self._last = position or self._last
-        if moves:
-            self._log.write(t_ns, "host", [("setpoint", data)])
-        else:
-            self._log.write(t_ns, "host", [("safe", data)], "hold")
-        self.controller.hear(command)
+        kind = self._answers.take(data)
+        self._log.write(t_ns, "host", [(kind, data)], "hold" if kind == "safe" else None)
 
     def _say(self, now_ns: int) -> None:
         said = self.controller.cycle()

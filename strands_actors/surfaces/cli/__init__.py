@@ -367,6 +367,18 @@ def compact_dataset(
     raise typer.Exit(run(root, out, as_json=json))
 
 
+@datasets.command("convert")
+def convert_dataset(
+    root: DatasetDirectory,
+    out: Annotated[Path, typer.Option("-o", "--out", help="Where the copy goes.")],
+    json: Json = False,
+) -> None:
+    """Copy a dataset of LeRobot's version 2.0 or 2.1 as version 3."""
+    from .dataset import convert as run
+
+    raise typer.Exit(run(root, out, as_json=json))
+
+
 @app.command()
 def replay(
     recording: Annotated[Path, typer.Argument(help="A file that `record` wrote.")],

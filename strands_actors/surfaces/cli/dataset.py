@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -12,9 +13,14 @@ import msgspec
 import trio
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
+from strands_actors.contract.shown import harmless
 from strands_actors.surfaces.dataset.compact import compact as make_compact
+from strands_actors.surfaces.dataset.compact import convert as do_convert
+from strands_actors.surfaces.dataset.copying import Copied
 from strands_actors.surfaces.dataset.dataset import ASIDE
+from strands_actors.surfaces.dataset.errors import DamagedError
 from strands_actors.surfaces.dataset.keys import HELP, STDIN, read_keys, read_words, single_keys
 from strands_actors.surfaces.dataset.layout import STAGING
 from strands_actors.surfaces.dataset.page import serve_keys
@@ -160,7 +166,7 @@ def show(root: Path, as_json: bool) -> int:
     try:
         shown = look_at(root)
     except RecordingError as problem:
-        raise Problem(f"dataset show: {problem}") from problem
+        raise Problem(f"dataset show: {harmless(str(problem))}") from problem
     if as_json:
         print(json.dumps(msgspec.to_builtins(shown)))
     else:
@@ -170,13 +176,22 @@ def show(root: Path, as_json: bool) -> int:
 
 def _print(shown: Shown) -> None:
     cameras = ", ".join(f"{name} {what}" for name, what in shown.cameras.items()) or "no cameras"
-    print(f"{shown.dataset}: {shown.robot_type}, {shown.fps} fps, {len(shown.joints)} joints, {cameras}")
-    print(f"{shown.total_episodes} episodes, {shown.total_frames} frames, {shown.bytes / 1e6:.1f} MB")
+    robot = harmless(shown.robot_type) or "no robot named"
+    print(f"{shown.dataset}: {robot}, {shown.fps} fps, {len(shown.joints)} joints, {harmless(cameras)}")
+    print(
+        f"{shown.total_episodes} episodes, {shown.total_frames} frames, {shown.bytes / 1e6:.1f} MB, {shown.version}"
+    )
     if shown.episodes:
         table = Table("episode", "task", "frames", "seconds", "wrong with it", box=None, pad_edge=False)
         for one in shown.episodes:
-            table.add_row(str(one.episode), one.task, str(one.frames), f"{one.seconds:.1f}", one.marks)
+            wrong = ". ".join(filter(None, (one.damaged and f"DAMAGED: {one.damaged}", one.marks)))
+            cells = (str(one.episode), harmless(one.task), str(one.frames), f"{one.seconds:.1f}", harmless(wrong))
+            table.add_row(*map(Text, cells))
         Console().print(table)
+    if shown.damaged:
+        print(f"damaged: {', '.join(map(str, shown.damaged))}. Put their files back from a copy")
+    for fault in shown.faults:
+        print(f"wrong: {harmless(fault)}")
     for left in shown.unfinished:
         what = left.problem or f"{left.frames} frames of {left.task!r}, written {left.seconds_since:.0f} s ago"
         print(f"not finished: {left.folder}: {what}")
@@ -193,8 +208,10 @@ def _print(shown: Shown) -> None:
 def repair(root: Path, drop: bool, as_json: bool) -> int:
     try:
         report = do_repair(root, drop)
-    except RecordingError as problem:
-        raise Problem(f"dataset repair: {problem}") from problem
+    except DamagedError as damage:
+        return _not_achieved("repair", damage)
+    except (RecordingError, OSError) as problem:
+        raise Problem(f"dataset repair: {harmless(str(problem))}") from problem
     if as_json:
         print(json.dumps(msgspec.to_builtins(report)))
     else:
@@ -204,15 +221,34 @@ def repair(root: Path, drop: bool, as_json: bool) -> int:
             print(one.problem or f"episode {one.episode}: {one.frames} frames, {one.marks or 'nothing missing'}")
         for name in report.dropped:
             print(f"removed: {name}")
+        for damaged in report.damaged:
+            print(f"episode {damaged.episode} is damaged, and was not repaired: {harmless(damaged.problem)}")
+        for fault in report.faults:
+            print(f"wrong, and was not repaired: {harmless(fault)}")
         print(f"{report.dataset}: {report.total_episodes} episodes")
-    return 1 if any(one.problem for one in report.repaired) else 0
+    return 0 if report.is_sound else NOT_ACHIEVED
+
+
+def _not_achieved(command: str, damage: DamagedError) -> int:
+    print(f"dataset {command}: {harmless(str(damage))}", file=sys.stderr)
+    return NOT_ACHIEVED
 
 
 def compact(root: Path, out: Path, as_json: bool) -> int:
+    return _copy("compact", make_compact, root, out, as_json)
+
+
+def convert(root: Path, out: Path, as_json: bool) -> int:
+    return _copy("convert", do_convert, root, out, as_json)
+
+
+def _copy(command: str, make: Callable[[Path, Path], Copied], root: Path, out: Path, as_json: bool) -> int:
     try:
-        done = make_compact(root, out)
-    except RecordingError as problem:
-        raise Problem(f"dataset compact: {problem}") from problem
+        done = make(root, out)
+    except DamagedError as damage:
+        return _not_achieved(command, damage)
+    except (RecordingError, OSError) as problem:
+        raise Problem(f"dataset {command}: {harmless(str(problem))}") from problem
     if as_json:
         print(json.dumps(msgspec.to_builtins(done)))
     else:

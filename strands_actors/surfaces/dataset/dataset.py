@@ -10,26 +10,17 @@ from __future__ import annotations
 import contextlib
 import itertools
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 import msgspec
-import pyarrow as pa
-import pyarrow.parquet as pq
 
-from .episode import (
-    Marks,
-    columns_of,
-    data_table,
-    figures_in,
-    figures_of,
-    index_row,
-    index_table,
-    marks_in,
-    marks_of,
-)
+from .check import NO_FIGURES, check
+from .episode import Episode, columns_of, data_table, figures_of, index_row, index_table, marks_of
 from .errors import DatasetError
+from .index import Index
+from .info import VERSION, decode_info
 from .layout import (
     INFO,
     STAGING,
@@ -37,16 +28,16 @@ from .layout import (
     TASKS,
     FileSlot,
     Layout,
+    contradiction_of,
     difference_of,
     is_own_name,
     layout_of,
-    read_info,
-    tasks_of,
     tasks_table,
 )
 from .staging import FINISHED, Staged, read_staged, staged_folders
 from .statistics import aggregate
 from .storage import REMOVED, STAGED_SUFFIX, Lock, Storage
+from .tables import parquet
 from .video import DEFAULT, count_frames, remux
 
 PLACING = "placing.json"
@@ -54,96 +45,23 @@ PLACING = "placing.json"
 ASIDE = "uncounted"
 
 
-class Episode(msgspec.Struct, frozen=True):
-    """One that is counted."""
-
-    index: int
-    task: str
-    frames: int
-    marks: Marks
-
-
-class Index:
-    """What ``info.json`` counts, as it lies on the disk."""
-
-    def __init__(self, root: Path) -> None:
-        """Read it. Raise ``DatasetError`` when files are missing or do not fit."""
-        self.root = root
-        self.info = read_info(root)
-        self.rows: list[dict[str, Any]] = []
-        self.marks: dict[int, Marks] = {}
-        self.files: set[Path] = set()
-        total = self.info["total_episodes"] if self.info else 0
-        for path in sorted((root / "meta/episodes").glob("*/*.parquet")):
-            table = _read(path)
-            numbers = table["episode_index"].to_pylist()
-            if counted := [number for number in numbers if number < total]:
-                if len(counted) < len(numbers):
-                    raise DatasetError(f"{path} counts more episodes than {INFO}: its writer did not finish")
-                self.rows += table.to_pylist()
-                self.marks |= marks_in(table)
-                self.files.add(path)
-        self.rows.sort(key=lambda row: int(row["episode_index"]))
-        if [row["episode_index"] for row in self.rows] != list(range(total)):
-            raise DatasetError(f"{root}: {INFO} counts {total} episodes, the index has {len(self.rows)} of them")
-        self.tasks: list[str] = []
-        if self.info:
-            has_tasks = total or (root / TASKS).exists()  # one that was just created has none
-            self.tasks = tasks_of(_read(root / TASKS))[: self.info.get("total_tasks")] if has_tasks else []
-            self.files |= {root / path for row in self.rows for path in files_of(row, self.videos)}
-            if missing := sorted(str(path) for path in self.files if not path.exists()):
-                raise DatasetError(f"{missing[0]} is missing ({len(missing)} files)")
-
-    @property
-    def videos(self) -> list[str]:
-        features = self.info["features"] if self.info else {}
-        return [key for key, feature in features.items() if feature["dtype"] == "video"]
-
-    @property
-    def frames(self) -> int:
-        return sum(row["length"] for row in self.rows)
-
-    @property
-    def episodes(self) -> list[Episode]:
-        return [
-            Episode(number, ", ".join(row["tasks"]), row["length"], self.marks.get(number, Marks()))
-            for number, row in enumerate(self.rows)
-        ]
-
-    def uncounted(self) -> list[Path]:
-        """Return the files that LeRobot would find, or might, and that are not counted."""
-        found = [
-            path for path in self.root.glob("meta/*" + STAGED_SUFFIX) if is_own_name(path.relative_to(self.root))
-        ]
-        for pattern in ("data/*/*.parquet", "meta/episodes/*/*.parquet", "videos/*/*/*.mp4"):
-            found += [path for path in self.root.glob(pattern) if path not in self.files]
-        return sorted(found)
-
-    def last_slot(self) -> FileSlot | None:
-        slots = [FileSlot(int(path.parent.name[6:]), int(path.stem[5:])) for path in self.files]
-        return max(slots, default=None)
-
-
-def files_of(row: dict[str, Any], videos: list[str]) -> Iterator[Path]:
-    """The data and the videos of an episode."""
-    yield FileSlot(row["data/chunk_index"], row["data/file_index"]).data
-    for key in videos:
-        yield FileSlot(row[f"videos/{key}/chunk_index"], row[f"videos/{key}/file_index"]).video(key)
-
-
-def _read(path: Path) -> pa.Table:
-    try:
-        return pq.read_table(path)
-    except (pa.ArrowException, OSError) as damage:
-        raise DatasetError(f"{path} cannot be read: {' '.join(str(damage).split())}") from damage
-
-
 class Dataset:
     """Open to write, by one process at a time."""
 
-    def __init__(self, root: Path, storage: Storage | None = None) -> None:
-        """Put aside what is not counted, and commit what was finished. Raise ``DatasetError``,
-        ``OSError``."""
+    def __init__(self, root: Path, storage: Storage | None = None, accept_damage: bool = False) -> None:
+        """Put aside what is not counted, and commit what was finished.
+
+        Args:
+            root: The dataset's folder. It is made when it is not there.
+            storage: The disk; a test may replace it.
+            accept_damage: Read every picture, and open a dataset whose data or videos are damaged,
+                too. ``checked`` lists what is damaged. When it is not certain what is counted, it is
+                refused in any case.
+
+        Raises:
+            DatasetError: It is damaged, of another kind, or another process writes into it.
+            OSError: The disk refuses.
+        """
         self.root = root
         self.storage = storage or Storage()
         self._made = [folder for folder in (root, *root.parents) if not folder.exists()]
@@ -153,21 +71,41 @@ class Dataset:
         self.recovered: list[Episode] = []
         try:
             index = Index(root)
+            if index.info and index.info.is_older:
+                raise DatasetError(
+                    f"{root} has version {index.info.codebase_version}, this writes {VERSION}. "
+                    "`strands-actors dataset convert` makes a copy of that version"
+                )
+            index.require_certain()
+            self.checked = check(index, read_pictures=accept_damage)
+            if not accept_damage:
+                self.checked.require_sound(root)
             self._take(index)
             self._sweep(index)
+            self._last = index.last_slot()
             self._recover()
         except BaseException:
             self.close()
             raise
 
     def _take(self, index: Index) -> None:
-        self.layout = layout_of(index.info) if index.info else None
+        self._layout: Layout | None = None
         self.episodes = index.episodes
         self._frames = index.frames
         self._tasks = index.tasks
-        self._figures = aggregate([figures_in(row) for row in index.rows])
-        self._last = index.last_slot()
+        self._figures = aggregate([row.figures for _, row in sorted(index.rows.items())])
         self._info = index.info
+
+    @property
+    def layout(self) -> Layout | None:
+        """The layout of its episodes; None: it has none yet. Raise ``DatasetError`` when no recording
+        has such a layout."""
+        if self._layout is None and self._info is not None and self.episodes:
+            try:
+                self._layout = layout_of(self._info)
+            except DatasetError as other:
+                raise DatasetError(f"{self.root} cannot be recorded into: {other}") from other
+        return self._layout
 
     @property
     def staging(self) -> Path:
@@ -182,13 +120,29 @@ class Dataset:
         one."""
         ours = self.layout
         if ours is None:
+            self._require_declared(layout)
             return layout
         for what in ("robot_type", "fps"):
             if (there := getattr(ours, what)) != (here := getattr(layout, what)):
                 raise DatasetError(f"{self.root} has {what} {there}, this would be {here}. use another folder")
-        if difference := difference_of(layout.features(), ours.features()):
+        if difference := difference_of(layout.typed_features(), ours.typed_features()):
             raise DatasetError(f"{self.root} has other features: {difference}. use another folder")
         return ours if ours.units else msgspec.structs.replace(ours, units=layout.units)
+
+    def _require_declared(self, layout: Layout) -> None:
+        """Raise ``DatasetError`` when a dataset without an episode, which another program has created,
+        declares something that this recording would not have."""
+        if self._info is None:
+            return
+        if self._info.fps != layout.fps:
+            why = f"it declares {self._info.fps:g} fps, this would be {layout.fps}"
+        elif other := contradiction_of(layout.typed_features(), self._info.features):
+            why = f"of what it declares {other}"
+        else:
+            return
+        raise DatasetError(
+            f"{self.root} has no episode yet, and {why}. Record what it declares, or use another folder"
+        )
 
     def codec_for(self, named: str | None) -> str:
         """Return what to encode videos with. Raise ``DatasetError`` when another codec was named than
@@ -243,25 +197,32 @@ class Dataset:
                 else:
                     ours |= {self.root / name for name in names}
         uncounted = [path.relative_to(self.root) for path in index.uncounted()]
-        if self._info is None:
+        if not self.episodes:
             self._require_empty([path for path in uncounted if self.root / path not in ours])
         for folder in [*self.staging.glob(REMOVED + "*"), *done]:
             self.storage.remove(folder)
+        swept = bool(ours)
         for path in filter(is_own_name, uncounted):  # what is called otherwise is somebody's: it stays
             if self.root / path in ours or path.name.endswith(STAGED_SUFFIX):
                 self.storage.remove(self.root / path)
+            elif self.checked.damaged:
+                continue  # it may be what a damaged episode lacks
             else:
                 self.storage.place(self.root / path, _free(self.staging / ASIDE / path))
                 self.swept.append(str(path))
-        if (uncounted or ours) and self._info is not None:
-            self._write(self.root / TASKS, _parquet(tasks_table(self._tasks)))
-            self._write(self.root / STATS, lambda file: file.write(json.dumps(self._figures, indent=4).encode()))
+            swept = True
+        has_figures = bool(index.figures()) or not self._figures
+        if (swept or not has_figures) and self._info is not None:
+            self._write(self.root / TASKS, parquet(tasks_table(self._tasks)))
+            self._write(self.root / STATS, _json(self._figures))
+            self.checked.faults = [fault for fault in self.checked.faults if fault != NO_FIGURES]
 
     def _require_empty(self, strange: list[Path]) -> None:
         """Before the first episode there is nothing of ours to put aside."""
         if strange:
+            counts = f"no {INFO}" if self._info is None else f"no episode in its {INFO}"
             raise DatasetError(
-                f"{self.root} has no {INFO}, and files that would be taken for a dataset's: {strange[0]} "
+                f"{self.root} has {counts}, and files that would be taken for a dataset's: {strange[0]} "
                 f"({len(strange)} files). give a new folder; if this was a dataset, put its {INFO} back"
             )
 
@@ -283,20 +244,21 @@ class Dataset:
         task = staged.about.task
         tasks = self._tasks if task in self._tasks else [*self._tasks, task]
         columns = columns_of(layout, table, number, self._frames, tasks.index(task))
-        videos = {camera.name: self._video(staged, camera.name, frames) for camera in layout.cameras}
+        videos = {camera.name: staged.folder / f"{camera.name}.final.mp4" for camera in layout.cameras}
+        pictures = {camera.key: self._video(staged, camera.name, frames) for camera in layout.cameras}
         figures = figures_of(staged, columns, layout, videos)
-        marks = marks_of(staged, table)
+        marks = marks_of(staged, table, pictures)
         row = index_row(number, task, self._frames, frames, slot, layout, figures)
         total = aggregate([self._figures, figures]) if self._figures else figures
         info = layout.info(number + 1, self._frames + frames, len(tasks))
 
         first = {slot.video(camera.key): videos[camera.name] for camera in layout.cameras} | {
-            TASKS: self._stage(folder, "tasks.parquet", _parquet(tasks_table(tasks))),
+            TASKS: self._stage(folder, "tasks.parquet", parquet(tasks_table(tasks))),
             STATS: self._stage(folder, "stats.json", _json(total)),
         }
         counted = {
-            slot.data: self._stage(folder, "data.parquet", _parquet(data_table(columns))),
-            slot.episodes: self._stage(folder, "index.parquet", _parquet(index_table([row], {number: marks}))),
+            slot.data: self._stage(folder, "data.parquet", parquet(data_table(columns))),
+            slot.episodes: self._stage(folder, "index.parquet", parquet(index_table([row], {number: marks}))),
         }
         last = {INFO: self._stage(folder, "info.json", _json(info))}
         where = [str(path) for path in (*first, *counted)]
@@ -306,22 +268,22 @@ class Dataset:
         for files in (first, counted | last):
             self._place(files)
 
-        self._info, self.layout = info, layout
+        self._info, self._layout = decode_info(_encoded(info), INFO), layout
         self._frames += frames
         self._tasks, self._figures, self._last = tasks, total, slot
         self.episodes.append(Episode(number, task, frames, marks))
         self.storage.remove(folder)
         return self.episodes[-1]
 
-    def _video(self, staged: Staged, camera: str, frames: int) -> Path:
+    def _video(self, staged: Staged, camera: str, frames: int) -> int:
         path = staged.folder / f"{camera}.final.mp4"
-        remux(staged.video(camera), path, staged.about.layout.fps, frames)
+        checksum = remux(staged.video(camera), path, staged.about.layout.fps, frames)
         self.storage.sync_path(path)
-        return path
+        return checksum
 
     def _usable(self, staged: Staged) -> int:
         layout = staged.about.layout
-        counts = [count_frames(staged.video(camera.name), layout.fps) for camera in layout.cameras]
+        counts = [count_frames(staged.video(camera.name)) for camera in layout.cameras]
         return min([int(staged.table.num_rows), *counts])
 
     def _stage(self, folder: Path, name: str, fill: Callable[[IO[bytes]], object]) -> Path:
@@ -351,9 +313,9 @@ def _free(path: Path) -> Path:
     return next(each for name in names if not (each := path.with_name(name)).exists())
 
 
-def _parquet(table: pa.Table) -> Callable[[IO[bytes]], object]:
-    return lambda file: pq.write_table(table, file, compression="snappy")
-
-
 def _json(value: object) -> Callable[[IO[bytes]], object]:
-    return lambda file: file.write(json.dumps(value, indent=4).encode())
+    return lambda file: file.write(_encoded(value))
+
+
+def _encoded(value: object) -> bytes:
+    return json.dumps(value, indent=4).encode()

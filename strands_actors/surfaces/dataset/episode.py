@@ -24,12 +24,13 @@ MARKS = b"strands_actors"
 class Marks(msgspec.Struct, frozen=True):
     """What is wrong with an episode. ``gaps``: frames that are missing; ``stale``: frames in which
     the state, or a camera, was older than 1.5 periods; ``repaired``: its recorder did not finish
-    it."""
+    it; ``pictures``: a checksum of the pictures of each video, by its key."""
 
     gaps: int = 0
     stale: dict[str, int] = {}
     repaired: bool = False
     began: str = ""
+    pictures: dict[str, int] = {}
 
     @property
     def told(self) -> str:
@@ -39,14 +40,23 @@ class Marks(msgspec.Struct, frozen=True):
         return ", ".join([*said, "repaired"] if self.repaired else said)
 
 
-def marks_of(staged: Staged, table: pa.Table) -> Marks:
+class Episode(msgspec.Struct, frozen=True):
+    """An episode that is counted."""
+
+    index: int
+    task: str
+    frames: int
+    marks: Marks
+
+
+def marks_of(staged: Staged, table: pa.Table, pictures: dict[str, int]) -> Marks:
     """Of the rows that the episode has."""
     stale = Counter(name for row in table[STALE].to_pylist() for name in row)
     gaps = sum(table[GAP].to_pylist())
     finished = staged.finished
     if finished is not None:
         gaps += finished.gap + finished.frames - table.num_rows
-    return Marks(gaps, dict(sorted(stale.items())), finished is None, staged.about.began)
+    return Marks(gaps, dict(sorted(stale.items())), finished is None, staged.about.began, pictures)
 
 
 def columns_of(layout: Layout, table: pa.Table, episode: int, first: int, task: int) -> dict[str, NDArray[Any]]:
@@ -128,27 +138,22 @@ def index_table(rows: list[dict[str, Any]], marks: Mapping[int, Marks]) -> pa.Ta
     return pa.Table.from_pylist(rows, schema=schema.with_metadata({MARKS: encoded}))
 
 
-def marks_in(table: pa.Table) -> dict[int, Marks]:
-    """Of a file of the index; empty for one that another program wrote."""
-    encoded = (table.schema.metadata or {}).get(MARKS, b"{}")
-    return msgspec.json.decode(encoded, type=dict[int, Marks], strict=False)
+def decode_marks(metadata: Mapping[bytes, bytes]) -> dict[int, Marks]:
+    """Return the marks in the metadata of a file of the index; none when another program wrote it.
+
+    Raises:
+        msgspec.MsgspecError: They are damaged.
+    """
+    return msgspec.json.decode(metadata.get(MARKS, b"{}"), type=dict[int, Marks], strict=False)
 
 
 def _kind(name: str, value: Any) -> pa.DataType:
     """The same for every episode, whatever its values are."""
+    if name == "tasks":
+        return pa.list_(pa.string())
     if isinstance(value, list):
-        return pa.list_(_kind(name, value[0]))
+        return pa.list_(_kind(name, value[0]) if value else pa.float64())
     if isinstance(value, str):
         return pa.string()
     is_count = name.endswith("/count") or not (name.startswith("stats/") or name.endswith("_timestamp"))
     return pa.int64() if is_count else pa.float64()
-
-
-def figures_in(row: Mapping[str, Any]) -> dict[str, Figures]:
-    """Of a row of the index."""
-    found: dict[str, Figures] = {}
-    for name, value in row.items():
-        if name.startswith("stats/") and value is not None:
-            feature, _, figure = name.removeprefix("stats/").rpartition("/")
-            found.setdefault(feature, {})[figure] = value
-    return found

@@ -1,61 +1,146 @@
-"""What a dataset says of itself in ``info.json``, checked once: another program wrote it, or nobody knows
-who. What it says of other files is believed nowhere but where they are opened. Pure."""
+"""Decode ``meta/info.json`` into structs, once. Any program may have written it. Pure.
+
+Nothing that this file states about other files is believed: ``check`` opens them.
+"""
 
 from __future__ import annotations
 
-import re
+from collections.abc import Iterator
 from typing import Annotated, Any
 
 import msgspec
 
+from strands_actors.contract.shown import shown
+
 from .errors import DatasetError
 
 VERSION = "v3.0"
-_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_. -]{0,199}")
-"""What a feature may be called: it is a folder's name."""
-Count = Annotated[int, msgspec.Meta(ge=0)]
+OLDER = ("v2.0", "v2.1")
+"""Versions that are shown, and that ``dataset convert`` reads."""
+LONGEST_NAME = 200
+CHANNELS = (1, 3, 4)
+
+Count = Annotated[int, msgspec.Meta(ge=0, le=10**12)]
 
 
-class Feature(msgspec.Struct):
+class Feature(msgspec.Struct, frozen=True):
+    """One column, or one camera. ``names`` may be nested. Version 2.0 has ``video_info``, not ``info``."""
+
     dtype: str
-    shape: list[Annotated[int, msgspec.Meta(ge=0)]]
+    shape: list[Count]
     names: Any = None
     info: dict[str, Any] | None = None
+    video_info: dict[str, Any] | None = None
+    units: Any = None
+
+    @property
+    def flat_names(self) -> list[str]:
+        """The names in order, without their nesting."""
+        return list(_strings(self.names))
+
+    @property
+    def flat_units(self) -> list[str]:
+        return list(_strings(self.units))
+
+    @property
+    def codec(self) -> str:
+        """The codec of a video; empty when it is not stated."""
+        codec = (self.info or self.video_info or {}).get("video.codec")
+        return codec if isinstance(codec, str) else ""
+
+    @property
+    def height_width(self) -> tuple[int, int]:
+        """The size of a picture, with the channels first or last."""
+        sides = dict(zip((name[:1].lower() for name in self.flat_names), self.shape, strict=False))
+        if {"h", "w"} <= sides.keys():
+            return sides["h"], sides["w"]
+        first, second, last = self.shape
+        is_channel_first = first in CHANNELS and last not in CHANNELS
+        return (second, last) if is_channel_first else (first, second)
 
 
-class Info(msgspec.Struct):
+class _Fields(msgspec.Struct, frozen=True, kw_only=True):
     codebase_version: str
     fps: Annotated[float, msgspec.Meta(gt=0, le=10_000)]
     features: dict[str, Feature]
-    total_episodes: Count = 0
-    total_frames: Count = 0
-    total_tasks: Count | None = None  # None: all that its table of tasks has
+    robot_type: str | None = None
+    total_episodes: Count | None = None
+    total_frames: Count | None = None
+    total_tasks: Count | None = None
+    chunks_size: Annotated[int, msgspec.Meta(ge=1)] = 1000
+    data_path: str | None = None
+    video_path: str | None = None
 
 
-def decode_info(data: bytes, file: object) -> dict[str, Any]:
-    """Return what ``info.json`` says, with the counts that are not told as 0.
+class Info(_Fields, frozen=True, kw_only=True):
+    """A dataset's description of itself. A total is None when it is not stated.
+
+    ``document`` is the decoded JSON, so that a copy keeps fields that are not known here.
+    """
+
+    document: dict[str, Any]
+
+    @property
+    def videos(self) -> list[str]:
+        return [key for key, feature in self.features.items() if feature.dtype == "video"]
+
+    @property
+    def is_older(self) -> bool:
+        return self.codebase_version in OLDER
+
+
+def decode_info(data: bytes, file: object) -> Info:
+    """Decode ``info.json``.
 
     Args:
         data: The file's bytes.
-        file: Where it is, for people.
+        file: Its path, for messages.
 
     Raises:
-        DatasetError: It is no JSON, of another version, or a value is none that can be.
+        DatasetError: It is not JSON, its version is not known, or a value has a wrong type or range.
     """
     try:
-        said = msgspec.json.decode(data)
+        document = msgspec.json.decode(data)
     except (msgspec.DecodeError, RecursionError, UnicodeError) as damage:
         raise DatasetError(f"{file} is damaged: {damage}") from damage
-    version = said.get("codebase_version") if isinstance(said, dict) else None
-    if version != VERSION:
-        raise DatasetError(f"{file}: a dataset of version {version}; this reads and writes {VERSION}")
+    version = document.get("codebase_version") if isinstance(document, dict) else None
+    if version != VERSION and version not in OLDER:
+        raise DatasetError(
+            f"{file}: a dataset of version {shown(version)}. Known are {', '.join((VERSION, *OLDER))}"
+        )
     try:
-        info = msgspec.convert(said, Info)
-    except msgspec.ValidationError as wrong:
+        info = Info(**msgspec.structs.asdict(msgspec.convert(document, _Fields)), document=document)
+    except (msgspec.ValidationError, RecursionError) as wrong:
         raise DatasetError(f"{file}: {wrong}") from wrong
     for key, feature in info.features.items():
-        if not _NAME.fullmatch(key):
-            raise DatasetError(f"{file}: a feature is called {key[:60]!r}, which is no name of a folder")
-        if feature.dtype == "video" and len(feature.shape) != 3:
-            raise DatasetError(f"{file}: {key} is a video of shape {feature.shape}. give height, width, channels")
-    return {"total_episodes": 0, "total_frames": 0, **said}
+        if not is_folder_name(key):
+            raise DatasetError(f"{file}: the feature {shown(key)} is no name of a folder. Rename it")
+        if feature.dtype == "video" and (len(feature.shape) != 3 or 0 in feature.shape):
+            raise DatasetError(f"{file}: {key} is a video of shape {feature.shape}, not height, width, channels")
+    return info
+
+
+def is_folder_name(name: str) -> bool:
+    """Return True if a name that a file states can be one folder below a dataset, and nothing else."""
+    return (
+        0 < len(name.encode(errors="replace")) <= LONGEST_NAME
+        and name.isprintable()
+        and not name.startswith(".")
+        and not set(name) & set('/\\:*?"<>|')
+    )
+
+
+def _strings(names: Any) -> Iterator[str]:
+    match names:
+        case str():
+            yield names
+        case dict():
+            for key, value in names.items():  # {"motors": [...]}, or {"pan": 0}
+                yield from _strings(value) if isinstance(value, list | dict) else (str(key),)
+        case list():
+            for value in names:
+                yield from _strings(value)
+        case None:
+            return
+        case _:
+            yield str(names)

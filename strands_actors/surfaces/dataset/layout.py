@@ -6,7 +6,9 @@ Pure, but for reading what is there.
 from __future__ import annotations
 
 import json
+import math
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,7 @@ import msgspec
 import pyarrow as pa
 
 from .errors import DatasetError
-from .info import VERSION, decode_info
+from .info import VERSION, Feature, Info, decode_info
 
 CHUNK_FILES = 1000
 """Files of one folder."""
@@ -24,12 +26,16 @@ VIDEO_MB = 200
 # Of each name that begins with ``observation`` LeRobot makes an input of a policy, and an output of
 # each that begins with ``action``.
 STATE = "observation.state"
+CAMERA = "observation.images."
 ACTION = "action"
 REQUESTED = "requested_action"
 AGE = "age_ms"
 UNITS = "units"
 COUNTERS = ("frame_index", "episode_index", "index", "task_index")
 VECTORS = (STATE, AGE, ACTION, REQUESTED)
+
+DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+VIDEO_PATH = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
 
 INFO = Path("meta/info.json")
 STATS = Path("meta/stats.json")
@@ -50,7 +56,7 @@ class CameraShape(msgspec.Struct, frozen=True):
 
     @property
     def key(self) -> str:
-        return f"observation.images.{self.name}"
+        return CAMERA + self.name
 
 
 class Layout(msgspec.Struct, frozen=True):
@@ -100,6 +106,9 @@ class Layout(msgspec.Struct, frozen=True):
         found |= {name: {"dtype": "int64", "shape": [1], "names": None} for name in COUNTERS}
         return found
 
+    def typed_features(self) -> dict[str, Feature]:
+        return msgspec.convert(self.features(), dict[str, Feature])
+
     def info(self, episodes: int, frames: int, tasks: int) -> dict[str, Any]:
         return {
             "codebase_version": VERSION,
@@ -112,8 +121,8 @@ class Layout(msgspec.Struct, frozen=True):
             "video_files_size_in_mb": VIDEO_MB,
             "fps": self.fps,
             "splits": {"train": f"0:{episodes}"},
-            "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
-            "video_path": "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4",
+            "data_path": DATA_PATH,
+            "video_path": VIDEO_PATH,
             "features": self.features(),
         }
 
@@ -148,8 +157,8 @@ def is_own_name(path: Path) -> bool:
     return _OWN.fullmatch(path.as_posix()) is not None
 
 
-def read_info(root: Path) -> dict[str, Any] | None:
-    """Return what the dataset says of itself; None: it has no episode yet. Raise
+def read_info(root: Path) -> Info | None:
+    """Return what the dataset states about itself; None: it has no ``info.json``. Raise
     ``DatasetError``."""
     try:
         return decode_info((root / INFO).read_bytes(), root / INFO)
@@ -159,42 +168,57 @@ def read_info(root: Path) -> dict[str, Any] | None:
         raise DatasetError(f"{root / INFO} cannot be read: {error}") from error
 
 
-def layout_of(info: dict[str, Any]) -> Layout:
-    """Raise ``DatasetError`` when a dataset has other features than those recorded here."""
-    features = info["features"]
+def layout_of(info: Info) -> Layout:
+    """Return the layout of a dataset that was recorded here.
+
+    Raises:
+        DatasetError: Its version, its fps or its features are not those of a recording.
+    """
+    if info.fps != int(info.fps):
+        raise DatasetError(f"it has {info.fps} fps, and a recording has a whole number")
     cameras = tuple(
-        CameraShape(key.removeprefix("observation.images."), *feature["shape"][:2])
-        for key, feature in features.items()
-        if feature["dtype"] == "video"
+        CameraShape(key.removeprefix(CAMERA), *info.features[key].height_width)
+        for key in info.videos
+        if key.startswith(CAMERA)
     )
-    codecs = {(feature.get("info") or {}).get("video.codec", "") for feature in features.values()} - {""}
-    joints = tuple(features.get(ACTION, {}).get("names") or ())
-    units = tuple(features.get(ACTION, {}).get(UNITS) or ())
-    codec = min(codecs, default="av1")
-    layout = Layout(info.get("robot_type") or "", int(info["fps"]), joints, cameras, codec, units)
-    if difference := difference_of(layout.features(), features):
+    codecs = {feature.codec for feature in info.features.values()} - {""}
+    action = info.features.get(ACTION)
+    joints, units = (tuple(action.flat_names), tuple(action.flat_units)) if action else ((), ())
+    layout = Layout(info.robot_type or "", int(info.fps), joints, cameras, min(codecs, default="av1"), units)
+    if difference := difference_of(layout.typed_features(), info.features):
         raise DatasetError(f"its features are not those of a recording: {difference}")
     return layout
 
 
-def difference_of(ours: dict[str, Any], theirs: dict[str, Any]) -> str:
+def difference_of(ours: Mapping[str, Feature], theirs: Mapping[str, Feature]) -> str:
     """Return which features differ in what a program relies on; empty: none."""
     for key in (*ours, *(key for key in theirs if key not in ours)):
-        here, there = (_essence(features.get(key)) for features in (ours, theirs))
-        if here != there:
+        mine, other = ours.get(key), theirs.get(key)
+        if mine is None or other is None:
+            return f"{key} is only in {'the dataset' if mine is None else 'the recording'}"
+        if (here := _essence(mine)) != (there := _essence(other)):
             return f"{key} is {there}, not {here}"
-        units = [features[key].get(UNITS) for features in (ours, theirs)]
-        if all(units) and units[0] != units[1]:  # what is older has none: then they are the robot's
-            here, there = (", ".join(unit or "no unit" for unit in each) for each in units)
+        # A dataset of an older version has no units: then they are the robot's.
+        if mine.flat_units and other.flat_units and mine.flat_units != other.flat_units:
+            here, there = (", ".join(unit or "no unit" for unit in each.flat_units) for each in (mine, other))
             return f"{key} is in {there}, not in {here}"
     return ""
 
 
-def _essence(feature: dict[str, Any] | None) -> str:
-    if feature is None:
-        return "not there"
-    names = feature.get("names")
-    return f"{feature['dtype']} {list(feature['shape'])}" + (f" {', '.join(names)}" if names else "")
+def contradiction_of(ours: Mapping[str, Feature], theirs: Mapping[str, Feature]) -> str:
+    """Return which feature of a dataset that has no episode yet a recording would not have; empty: none.
+
+    LeRobot declares no ``requested_action`` and no ``age_ms``: the first episode adds them.
+    """
+    return difference_of({key: feature for key, feature in ours.items() if key in theirs}, theirs)
+
+
+def _essence(feature: Feature) -> str:
+    if feature.dtype == "video":
+        height, width = feature.height_width
+        return f"video {width}x{height}x{math.prod(feature.shape) // (height * width)}"
+    names = feature.flat_names
+    return f"{feature.dtype} {feature.shape}" + (f" {', '.join(names)}" if names else "")
 
 
 def tasks_table(tasks: list[str]) -> pa.Table:
@@ -230,7 +254,10 @@ def tasks_table(tasks: list[str]) -> pa.Table:
 
 
 def tasks_of(table: pa.Table) -> list[str]:
-    """In the order of their numbers."""
-    text = next(name for name in table.column_names if name != "task_index")
-    rows = zip(table["task_index"].to_pylist(), table[text].to_pylist(), strict=True)
-    return [task for _, task in sorted(rows)]
+    """Return the tasks in the order of their numbers. Raise ``ValueError``, or what pyarrow raises."""
+    text = next((name for name in table.column_names if name != "task_index"), "")
+    numbers, tasks = (table[name].to_pylist() for name in ("task_index", text))
+    ordered = dict(sorted(zip(numbers, tasks, strict=True)))
+    if list(ordered) != list(range(len(tasks))) or not all(isinstance(task, str) for task in tasks):
+        raise ValueError("it does not number its tasks from 0")
+    return list(ordered.values())

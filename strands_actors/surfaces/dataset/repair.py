@@ -8,7 +8,8 @@ from pathlib import Path
 
 import msgspec
 
-from .dataset import ASIDE, Dataset, Episode
+from .dataset import ASIDE, Dataset
+from .episode import Episode
 from .errors import DatasetError
 from .layout import STAGING, read_info
 from .staging import read_staged, staged_folders
@@ -25,12 +26,26 @@ class Repaired(msgspec.Struct, frozen=True):
     problem: str = ""
 
 
+class Damage(msgspec.Struct, frozen=True):
+    """An episode that is counted, and that cannot be used."""
+
+    episode: int
+    problem: str
+
+
 class Report(msgspec.Struct, frozen=True):
     dataset: str
     swept: list[str]  # what nothing counted, and LeRobot would have read: it lies in .staging/uncounted
     repaired: list[Repaired]
     dropped: list[str]
     total_episodes: int
+    damaged: list[Damage] = []  # what only a copy of the file can repair
+    faults: list[str] = []  # what is wrong with the dataset as a whole
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether nothing is wrong with the dataset any more."""
+        return not self.damaged and not self.faults and not any(one.problem for one in self.repaired)
 
 
 def require_dataset(root: Path) -> None:
@@ -41,9 +56,16 @@ def require_dataset(root: Path) -> None:
 
 def repair(root: Path, drop: bool = False, storage: Storage | None = None) -> Report:
     """Make episodes of what is in staging; with ``drop`` remove what nobody finished instead, and
-    what was put aside. What was finished is kept in any case. Raise ``DatasetError``."""
+    what was put aside. What was finished is kept in any case.
+
+    A damaged episode is named and left as it is.
+
+    Raises:
+        DamagedError: It is not certain what the dataset counts. Nothing was touched.
+        DatasetError: It is no dataset, or another process writes into it.
+    """
     require_dataset(root)
-    dataset = Dataset(root, storage)
+    dataset = Dataset(root, storage, accept_damage=True)
     try:
         repaired = [_told("finished", episode) for episode in dataset.recovered]
         dropped = []
@@ -53,10 +75,14 @@ def repair(root: Path, drop: bool = False, storage: Storage | None = None) -> Re
                 dropped.append(folder.name)
             else:
                 repaired.append(_repair(dataset, folder))
-        if drop and (aside := dataset.staging / ASIDE).exists():
+        aside = dataset.staging / ASIDE
+        if drop and aside.exists() and not dataset.checked.damaged:  # a damaged episode may lack it
             dropped += sorted(str(path.relative_to(aside)) for path in aside.rglob("*") if path.is_file())
             dataset.storage.remove(aside)
-        return Report(str(root), dataset.swept, repaired, dropped, len(dataset.episodes))
+        damaged = [Damage(number, why) for number, why in sorted(dataset.checked.damaged.items())]
+        return Report(
+            str(root), dataset.swept, repaired, dropped, len(dataset.episodes), damaged, dataset.checked.faults
+        )
     finally:
         dataset.close()
 

@@ -23,7 +23,8 @@ from strands_actors.surfaces.recording.errors import RecordingError
 from strands_actors.surfaces.recording.views import View, decode_entries, keys_pressed
 
 from .cameras import CameraReader, frame_of
-from .dataset import Dataset, Episode
+from .dataset import Dataset
+from .episode import Episode
 from .errors import DatasetError
 from .frames import Assembler, Axes, Made, missed
 from .layout import CameraShape, Layout

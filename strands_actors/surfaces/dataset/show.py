@@ -5,12 +5,14 @@ from __future__ import annotations
 import contextlib
 import os
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
-from .dataset import Index
-from .layout import STAGING, is_own_name
+from .check import check
+from .episode import Episode, Marks
+from .index import Index
+from .info import VERSION, Feature
+from .layout import ACTION, CAMERA, STAGING, is_own_name
 from .repair import Unfinished, require_dataset, unfinished_in
 
 
@@ -24,6 +26,7 @@ class ShownEpisode(msgspec.Struct, frozen=True):
     repaired: bool
     began: str
     marks: str  # all of these in words; empty: nothing is wrong
+    damaged: str = ""  # why it cannot be used: then `frames` counts those that are still there
 
 
 class Shown(msgspec.Struct, frozen=True):
@@ -40,43 +43,57 @@ class Shown(msgspec.Struct, frozen=True):
     uncounted: list[str]  # what LeRobot would read though nothing counts it, and `repair` puts aside
     strange: list[str]  # the same, under names that are not ours: nobody touches it
     unfinished: list[Unfinished]
+    version: str = VERSION
+    damaged: list[int] = []  # episodes that cannot be used
+    faults: list[str] = []  # what is wrong with the dataset as a whole
 
 
 def show(root: Path) -> Shown:
-    """Raise ``DatasetError`` when there is none, or it is damaged."""
+    """Open every file that the dataset counts. Raise ``DatasetError`` when it has no ``info.json`` that
+    can be used."""
     require_dataset(root)
     index = Index(root)
-    info = index.info or {"fps": 0, "features": {}}
-    fps = as_shown(info["fps"])
+    found = check(index)
+    info = index.info
+    fps = info.fps if info else 0.0
     uncounted = [path.relative_to(root) for path in index.uncounted()]
-    episodes = [
-        ShownEpisode(
-            one.index,
-            one.task,
-            one.frames,
-            round(one.frames / fps, 3) if fps else 0.0,
-            one.marks.gaps,
-            one.marks.stale,
-            one.marks.repaired,
-            one.marks.began,
-            one.marks.told,
+    rows = {one.index: one for one in index.episodes}
+    episodes = []
+    for number in sorted(rows.keys() | found.damaged.keys()):
+        one = rows.get(number, Episode(number, "", 0, Marks()))
+        frames = found.frames.get(number, 0)
+        episodes.append(
+            ShownEpisode(
+                number,
+                one.task,
+                frames,
+                round(frames / fps, 3) if fps else 0.0,
+                one.marks.gaps,
+                one.marks.stale,
+                one.marks.repaired,
+                one.marks.began,
+                one.marks.told,
+                found.damaged.get(number, ""),
+            )
         )
-        for one in index.episodes
-    ]
+    action = info.features.get(ACTION) if info else None
     return Shown(
         str(root),
-        info.get("robot_type") or "",
-        fps,
-        list(info["features"].get("action", {}).get("names") or []),
-        {key.removeprefix("observation.images."): _camera(info["features"][key]) for key in index.videos},
+        (info.robot_type if info else None) or "",
+        as_shown(fps),
+        action.flat_names if action else [],
+        {key.removeprefix(CAMERA): _camera(info.features[key]) for key in info.videos} if info else {},
         len(episodes),
-        index.frames,
+        sum(one.frames for one in episodes),
         _bytes(root),
         episodes,
-        [one.episode for one in episodes if not one.marks],
+        [one.episode for one in episodes if not one.marks and not one.damaged],
         [str(path) for path in uncounted if is_own_name(path)],
         [str(path) for path in uncounted if not is_own_name(path)],
         unfinished_in(root),
+        info.codebase_version if info else VERSION,
+        sorted(found.damaged),
+        found.faults,
     )
 
 
@@ -85,10 +102,9 @@ def as_shown(number: float) -> int | float:
     return int(number) if number == int(number) else number
 
 
-def _camera(feature: dict[str, Any]) -> str:
-    size = dict(zip(feature.get("names") or ("height", "width", "channels"), feature["shape"], strict=False))
-    height, width = size.get("height", feature["shape"][0]), size.get("width", feature["shape"][1])
-    return f"{width}x{height} {(feature.get('info') or {}).get('video.codec', '')}"
+def _camera(feature: Feature) -> str:
+    height, width = feature.height_width
+    return f"{width}x{height} {feature.codec}"
 
 
 def _bytes(root: Path) -> int:

@@ -64,14 +64,22 @@ class PictureFigures:
 
 
 def aggregate(episodes: Sequence[Mapping[str, Figures]]) -> dict[str, Figures]:
-    """Of several episodes: exact but for the quantiles, which are weighted means."""
-    features = episodes[0] if episodes else ()
-    return {feature: _merge([episode[feature] for episode in episodes]) for feature in features}
+    """Merge the figures of several episodes: exact but for the quantiles, which are weighted means.
+
+    A feature that an episode lacks, or has in another shape, is left out.
+    """
+    found = {}
+    for feature in episodes[0] if episodes else ():
+        parts = [episode[feature] for episode in episodes if feature in episode]
+        if len(parts) == len(episodes) and len({np.shape(part["mean"]) for part in parts}) == 1:
+            found[feature] = _merge(parts)
+    return found
 
 
 def _merge(parts: Sequence[Figures]) -> Figures:
     counts = np.array([part["count"][0] for part in parts], dtype=np.float64)
-    stacked = {name: np.array([part[name] for part in parts], dtype=np.float64) for name in parts[0]}
+    names = set.intersection(*(set(part) for part in parts))
+    stacked = {name: np.array([part[name] for part in parts], dtype=np.float64) for name in names}
     weights = (counts / counts.sum()).reshape(-1, *[1] * (stacked["mean"].ndim - 1))
     mean = (stacked["mean"] * weights).sum(0)
     spread = ((stacked["std"] ** 2 + (stacked["mean"] - mean) ** 2) * weights).sum(0)

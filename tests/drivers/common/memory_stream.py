@@ -47,6 +47,8 @@ class Pipe:
 class MemoryStream:
     """The host's end, as an ``OrderlyStream``."""
 
+    name = "the robot in memory"
+
     def __init__(self, to_robot: Pipe, to_host: Pipe) -> None:
         self._to_robot, self._to_host = to_robot, to_host
 
@@ -87,6 +89,10 @@ class MemoryConnection(Connection):
         self.late_s = 0.0
 
     @property
+    def peer_host(self) -> str:
+        return "192.0.2.9"
+
+    @property
     def takes(self) -> bool:
         return True
 
@@ -106,4 +112,5 @@ class MemoryConnection(Connection):
         self._to_robot.close()
         self._to_host.close()
 
-    hang_up = abort
+    def hang_up(self) -> None:
+        self._to_host.close()

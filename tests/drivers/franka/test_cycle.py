@@ -188,6 +188,18 @@ def test_saf_012_a_controller_whose_clock_stands_still_says_nothing() -> None:
     assert not rig.cycle.is_news(b"")
 
 
+def test_saf_022_an_old_state_is_no_life() -> None:
+    rig = Rig()
+    rig.ms = 5000
+    assert rig.cycle.is_news(rig.state())
+    rig.ms = 4990
+    assert not rig.cycle.is_news(rig.state())
+    rig.ms = 1 << 40
+    assert not rig.cycle.is_news(rig.state())
+    rig.ms = 5001
+    assert rig.cycle.is_news(rig.state())
+
+
 @pytest.mark.parametrize("fci", [5, 10])
 @pytest.mark.parametrize("row", ["q", "q_d", "dq"])
 @pytest.mark.parametrize("number", [float("nan"), float("inf"), -1000.0])

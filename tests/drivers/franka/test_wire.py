@@ -303,7 +303,7 @@ def test_the_same_target_again_is_no_motion_again(twin: Twin) -> None:
 
 def test_saf_009_somebody_elses_motion_keeps_us_from_arming(twin: Twin) -> None:
     async def act(wire: FrankaWire) -> None:
-        other, _ = await connect(twin.port.partition(":")[0], 5, "panda")
+        other = await connect(twin.port.partition(":")[0], 5, "panda")
         try:
             number = other.start_motion()
             assert (await other.answer(number, "move")).payload == b"\x01"

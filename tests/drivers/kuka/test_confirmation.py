@@ -25,6 +25,7 @@ from strands_actors.drivers.kuka.protocol import (
     has_reached,
 )
 from strands_actors.drivers.kuka.robots import arm_of
+from strands_actors.drivers.kuka.session import RUN
 from strands_actors.kernel.clock import VirtualClock
 from tests.drivers.common.memory_port import virtual
 
@@ -173,3 +174,22 @@ def test_a_controller_that_names_no_answer_while_it_monitors_is_not_called_ackno
 def test_numbers_that_wrap_are_compared_as_such() -> None:
     assert has_reached(5, 5) and has_reached(0, COUNTER) and has_reached(3, COUNTER - 3)
     assert not has_reached(4, 5) and not has_reached(COUNTER, 0)
+
+
+def test_saf_022_a_session_that_is_commanded_is_joined_when_its_numbers_go_on() -> None:
+    """Not by one message, which may be an old one: its position would be a jump."""
+
+    async def test() -> None:
+        controller = Controller()
+        read = controller.read
+        old = await read()
+        replayed = [old, old, old, old]
+
+        async def replaying() -> bytes:
+            return replayed.pop() if replayed else await read()
+
+        controller.read = replaying  # type: ignore[method-assign]
+        said = await first_message(port(controller))
+        assert said.sequence == 1 + RUN - 1 and not replayed
+
+    virtual(test)

@@ -201,3 +201,44 @@ def test_a_hold_that_nobody_asked_for_ends_the_motion_too() -> None:
     assert (unasked.position, unasked.reflected) == (moved, said.sequence)
     assert not controller.session.has_goal
     assert math.isclose(moved[0], HERE[0] + SPEED[0] * 0.005)
+
+
+def test_saf_022_an_old_message_is_no_news_and_a_new_session_that_goes_on_is() -> None:
+    session = FriSession(SPEED)
+    said = Monitoring(500, commanded=HERE, state=State.COMMANDING_ACTIVE, sample_ms=5)
+    monitoring = replace(said, state=State.MONITORING_WAIT)
+
+    def news(said: Monitoring, *sequences: int) -> list[bool]:
+        return [session.hear(replace(said, sequence=sequence)) for sequence in sequences]
+
+    assert news(said, 500, 500, 495, 510, 509) == [True, False, False, True, False]
+    assert not any(news(said, 3, 4, 5, 6)), "a session does not begin with being commanded"
+    assert not any(news(monitoring, 3, 80, 7, 8, 30)), "old messages, in any order"
+    assert not any(news(said, 600, 700)), "one that is far ahead"
+    assert news(monitoring, 3, 4, 5, 6) == [False, False, True, True]
+    assert news(monitoring, 100, 101, 102) == [False, False, True], "the link was held up"
+
+
+def test_saf_022_a_hold_stays_where_it_is_whatever_the_controller_says_it_was_told() -> None:
+    controller = Controller()
+    controller.session.aim(off(HERE, 0, 0.5), 0.02)
+    moved = [controller.cycle() for _ in range(10)][-1]
+    controller.session.hold()
+    for reflected in (controller.said.reflected, 77, 1 << 20):
+        controller.said = replace(controller.said, commanded=off(HERE, 3, 1.0), reflected=reflected)
+        assert controller.cycle(arrives=False) == moved
+
+
+def test_saf_022_a_number_that_was_not_sent_by_then_is_no_acknowledgement() -> None:
+    controller = Controller()
+    session = controller.session
+    for _ in range(5):
+        session.hear(controller.said)
+        controller.cycle()
+    hold = session.next_number(controller.said)
+    forged = replace(controller.said, reflected=hold)
+    session.hear(forged)
+    session.answer(forged)
+    assert not session.has_taken(forged, hold)
+    session.hear(replace(forged, sequence=forged.sequence + 1))
+    assert session.has_taken(forged, hold)

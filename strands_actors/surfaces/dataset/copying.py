@@ -1,0 +1,304 @@
+"""Copy a dataset into few files, as large as LeRobot makes them. The dataset itself is not touched.
+
+Every frame that is written is read again and compared with its source. The copy gets its name last,
+so that there is a whole copy or none.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from .check import check
+from .episode import Marks, index_table
+from .errors import DamagedError, DatasetError
+from .index import Index
+from .info import Info
+from .layout import DATA_MB, INFO, STAGING, STATS, TASKS, VIDEO_MB, FileSlot, tasks_table
+from .rows import EpisodeRow, VideoSpan
+from .statistics import Figures, PictureFigures, aggregate, of_column
+from .storage import STAGED_SUFFIX, Storage
+from .tables import integers, parquet, read_table, refuse_damage
+from .video import Span, concatenate, decode_image, pictures_of, setup_of
+
+MB = 1_000_000
+
+
+class Copied(msgspec.Struct, frozen=True):
+    dataset: str
+    copy: str
+    episodes: int
+    frames: int
+    files_before: int
+    files: int
+    bytes: int
+
+
+class _New(msgspec.Struct):
+    """An episode as the copy has it."""
+
+    source: EpisodeRow
+    row: EpisodeRow
+    slots: dict[str, FileSlot]  # by "data", and by the key of each video
+    pictures: dict[str, int]  # a checksum of its pictures, by the key of each video
+
+
+def copy_dataset(index: Index, copy: Path, document: dict[str, Any], storage: Storage | None = None) -> Copied:
+    """Copy every episode of a dataset.
+
+    Args:
+        index: The dataset. It must be sound: a copy leaves nothing out.
+        copy: The folder of the copy, which must not be there.
+        document: The copy's ``info.json``, but for its totals.
+        storage: The disk; a test may replace it.
+
+    Raises:
+        DamagedError: An episode is damaged, or a frame of the copy is not that of its source.
+        DatasetError: Something is in the place of the copy, or of its folder until it is whole.
+    """
+    storage = storage or Storage()
+    index.require_certain()
+    check(index).require_sound(index.root)
+    if copy.exists():
+        raise DatasetError(f"{copy} is there already. give another name, or remove it")
+    staged = copy.with_name(copy.name + STAGED_SUFFIX)
+    try:
+        staged.mkdir(parents=True)
+    except FileExistsError:
+        why = "another copy is being made there, or one was ended"
+        raise DatasetError(f"{staged} is there already: {why}. give another name, or remove it") from None
+    try:
+        files = _Copy(index, staged, document).write()
+        for path in files:
+            storage.sync_path(path)
+        os.rename(staged, copy)
+    except BaseException:
+        storage.remove(staged)
+        raise
+    storage.sync_path(copy.parent)
+    size = sum(path.stat().st_size for path in copy.rglob("*") if path.is_file())
+    before = sum(path.is_file() and STAGING.name not in path.parts for path in index.root.rglob("*"))
+    return Copied(str(index.root), str(copy), len(index.rows), index.frames, before, len(files), size)
+
+
+class _Copy:
+    """One copy, while it is made."""
+
+    def __init__(self, index: Index, staged: Path, document: dict[str, Any]) -> None:
+        assert index.info is not None
+        self._index = index
+        self._info: Info = index.info
+        self._staged = staged
+        self._document = document
+        first = 0
+        self._episodes: list[_New] = []
+        for number in sorted(index.rows):
+            row = index.rows[number]
+            self._episodes.append(_New(row, msgspec.structs.replace(row, first=first), {}, {}))
+            first += row.frames
+        self._frames = first
+
+    def write(self) -> list[Path]:
+        """Write all files, compare them with the source, and return them."""
+        (self._staged / INFO).parent.mkdir(parents=True)
+        self._write_data()
+        for key in self._info.videos:
+            self._write_videos(key)
+        figures = [self._figures_of(one) for one in self._episodes]
+        merged = aggregate(figures)
+        total = merged or self._index.figures()
+        self._write(STATS, lambda file: file.write(json.dumps(total, indent=4).encode()))
+        tasks = self._index.tasks
+        self._write(TASKS, parquet(tasks_table(tasks)))
+        if self._episodes:
+            rows = [
+                self._row(one, {key: each[key] for key in merged})
+                for one, each in zip(self._episodes, figures, strict=True)
+            ]
+            marks = {
+                one.row.number: msgspec.structs.replace(
+                    self._index.marks.get(one.row.number, Marks()), pictures=one.pictures
+                )
+                for one in self._episodes
+            }
+            self._write(FileSlot(0, 0).episodes, parquet(index_table(rows, marks)))
+        totals = {"total_episodes": len(self._episodes), "total_frames": self._frames, "total_tasks": len(tasks)}
+        document = self._document | totals | {"splits": {"train": f"0:{len(self._episodes)}"}}
+        self._write(INFO, lambda file: file.write(json.dumps(document, indent=4).encode()))
+        self._verify()
+        return sorted(path for path in self._staged.rglob("*") if path.is_file())
+
+    def _write(self, name: Path, fill: Callable[[Any], object]) -> None:
+        path = self._staged / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("wb") as file:
+            fill(file)
+
+    # -- data
+
+    def _write_data(self) -> None:
+        paths = [self._index.root / one.source.data for one in self._episodes]
+        shared = {path: paths.count(path) for path in set(paths)} if len(set(paths)) < len(paths) else {}
+        sizes = [path.stat().st_size // shared.get(path, 1) for path in paths]
+        for slot, group in _slotted(_groups(sizes, DATA_MB)):
+            tables = []
+            for number in group:
+                one = self._episodes[number]
+                table = self._renumbered(_frames_of(self._index.root, one.source), one.row.first)
+                tables.append(table)
+                one.slots["data"] = slot
+                tasks = one.row.tasks or tuple(
+                    self._index.tasks[at] for at in np.unique(integers(table, "task_index"))
+                )
+                one.row = msgspec.structs.replace(one.row, data=slot.data, tasks=tasks)
+            with refuse_damage(self._index.root):
+                self._write(slot.data, parquet(*tables))
+
+    def _renumbered(self, table: pa.Table, first: int) -> pa.Table:
+        numbers = pa.array(np.arange(first, first + table.num_rows))
+        at = table.schema.get_field_index("index")
+        return table.set_column(at, "index", numbers) if at >= 0 else table.append_column("index", numbers)
+
+    # -- videos
+
+    def _write_videos(self, key: str) -> None:
+        fps = self._info.fps
+        paths = [self._index.root / one.source.videos[key].path for one in self._episodes]
+        shared = {path: paths.count(path) for path in set(paths)} if len(set(paths)) < len(paths) else {}
+        sizes = [path.stat().st_size // shared.get(path, 1) for path in paths]
+        setups = {path: setup_of(path) for path in set(paths)}
+        for slot, group in _slotted(_groups(sizes, VIDEO_MB, [setups[path] for path in paths])):
+            name = slot.video(key)
+            (self._staged / name).parent.mkdir(parents=True, exist_ok=True)
+            ones = [self._episodes[number] for number in group]
+            spans = [
+                Span(self._index.root / one.source.videos[key].path, _first(one, key, fps), one.source.frames)
+                for one in ones
+            ]
+            sums = concatenate(spans, self._staged / name, fps)
+            for one, checksum in zip(ones, sums, strict=True):
+                one.pictures[key] = checksum
+            before = 0
+            for one in ones:
+                # Divided, not added up: the hundredth episode begins as exactly as the first.
+                one.row = msgspec.structs.replace(
+                    one.row, videos=one.row.videos | {key: VideoSpan(name, before / fps)}
+                )
+                one.slots[key] = slot
+                before += one.row.frames
+
+    # -- the index
+
+    def _figures_of(self, one: _New) -> dict[str, Figures]:
+        """The figures that the source has, and for version 2.0, which has none, new ones."""
+        found = {key: figures for key, figures in one.source.figures.items() if key in self._info.features}
+        missing = [key for key in self._info.features if key not in found] if self._info.is_older else []
+        if missing:
+            table = _frames_of(self._index.root, one.source)
+            for key in missing:
+                if figures := self._computed(key, table, one.source):
+                    found[key] = figures
+        return found
+
+    def _computed(self, key: str, table: pa.Table, row: EpisodeRow) -> Figures | None:
+        kind = self._info.features[key].dtype
+        if kind in ("video", "image"):
+            pictures = PictureFigures()
+            images: Iterable[Any] = (
+                pictures_of(self._index.root / row.videos[key].path)
+                if kind == "video"
+                else (decode_image(io.BytesIO(cell["bytes"])) for cell in table[key].to_pylist())
+            )
+            for picture in images:
+                pictures.add(picture)
+            return pictures.figures()
+        with refuse_damage(self._index.root / row.data):
+            values = table[key].combine_chunks()
+            while pa.types.is_list(values.type) or pa.types.is_fixed_size_list(values.type):
+                values = values.flatten()
+            numeric = pa.types.is_integer(values.type) or pa.types.is_floating(values.type)
+            if not numeric and not pa.types.is_boolean(values.type):
+                return None
+            return of_column(values.cast(pa.float64()).to_numpy(zero_copy_only=False).reshape(row.frames, -1))
+
+    def _row(self, one: _New, figures: dict[str, Figures]) -> dict[str, Any]:
+        row: dict[str, Any] = {
+            "episode_index": one.row.number,
+            "tasks": list(one.row.tasks),
+            "length": one.row.frames,
+            "data/chunk_index": one.slots["data"].chunk,
+            "data/file_index": one.slots["data"].file,
+            "dataset_from_index": one.row.first,
+            "dataset_to_index": one.row.first + one.row.frames,
+        }
+        fps = self._info.fps
+        for key, span in one.row.videos.items():
+            row |= {
+                f"videos/{key}/chunk_index": one.slots[key].chunk,
+                f"videos/{key}/file_index": one.slots[key].file,
+                f"videos/{key}/from_timestamp": span.start_s,
+                f"videos/{key}/to_timestamp": (round(span.start_s * fps) + one.row.frames) / fps,
+            }
+        row |= {"meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0}
+        for feature, values in figures.items():
+            row |= {f"stats/{feature}/{name}": value for name, value in values.items()}
+        return row
+
+    # -- what was written
+
+    def _verify(self) -> None:
+        """Read the copy as a stranger's dataset. Raise ``DamagedError`` when a frame is not there."""
+        copied = Index(self._staged)
+        copied.require_certain()
+        found = check(copied)
+        found.require_sound(self._staged)
+        if found.faults or (copied.total, copied.frames) != (len(self._index.rows), self._index.frames):
+            raise DamagedError(f"the copy has {copied.frames} frames of {self._index.frames}: {found.faults[:1]}")
+        for one in self._episodes:
+            written = _frames_of(self._staged, copied.rows[one.row.number])
+            source = self._renumbered(_frames_of(self._index.root, one.source), one.row.first)
+            if not written.equals(source):
+                raise DamagedError(
+                    f"episode {one.row.number} has other values in the copy than in {one.source.data}"
+                )
+
+
+def _first(one: _New, key: str, fps: float) -> int:
+    return round(one.source.videos[key].start_s * fps)
+
+
+def _frames_of(root: Path, row: EpisodeRow) -> pa.Table:
+    table = read_table(root / row.data)
+    with refuse_damage(root / row.data):
+        return table.filter(pc.equal(table["episode_index"], row.number)).combine_chunks()
+
+
+def _groups(sizes: Sequence[int], most_mb: float, kinds: Sequence[bytes] = ()) -> Iterator[list[int]]:
+    """The numbers of neighbours that fit into one file, and are of one kind."""
+    group: list[int] = []
+    size = 0
+    for number, more in enumerate(sizes):
+        is_other = bool(kinds) and bool(group) and kinds[number] != kinds[group[0]]
+        if group and (is_other or size + more > most_mb * MB):
+            yield group
+            group, size = [], 0
+        group.append(number)
+        size += more
+    if group:
+        yield group
+
+
+def _slotted(groups: Iterator[list[int]]) -> Iterator[tuple[FileSlot, list[int]]]:
+    slot = FileSlot(0, 0)
+    for group in groups:
+        yield slot, group
+        slot = slot.next

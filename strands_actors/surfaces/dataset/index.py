@@ -1,0 +1,249 @@
+"""Read what a dataset counts: ``info.json``, the index of its episodes, its tasks.
+
+Reading never fails at one damaged table: what it cost is listed, and the rest is read. What the
+index states about data and videos is verified by ``check``.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+
+from .episode import Episode, Marks, decode_marks
+from .errors import DamagedError, DatasetError
+from .info import Info
+from .layout import DATA_PATH, INFO, STATS, TASKS, VIDEO_PATH, FileSlot, is_own_name, read_info, tasks_of
+from .rows import EpisodeRow, OlderFigures, OlderRow, OlderTask, decode_row, older_row, slot_stated
+from .storage import STAGED_SUFFIX
+from .tables import read_rows, read_table, refuse_damage
+
+EPISODES = "meta/episodes.jsonl"
+OLDER_TASKS = "meta/tasks.jsonl"
+OLDER_STATS = "meta/episodes_stats.jsonl"
+OLDER_PATHS = (
+    "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet",
+    "videos/chunk-{episode_chunk:03d}/{video_key}/episode_{episode_index:06d}.mp4",
+)
+Line = TypeVar("Line")
+
+
+class Index:
+    """The episodes that a dataset counts.
+
+    Attributes:
+        info: ``info.json``, or None when there is none.
+        rows: The episodes whose row can be read, by their number.
+        lost: Why an episode that is counted has no row.
+        marks: The recorder's marks, by the number of the episode.
+        tasks: The tasks, in the order of their numbers.
+        files: Every file that a counted episode needs.
+        doubts: Why it is not certain what is counted. With a doubt nothing is written or moved.
+    """
+
+    def __init__(self, root: Path) -> None:
+        """Read it. Raise ``DatasetError`` when ``info.json`` cannot be used."""
+        self.root = root
+        self.info = read_info(root)
+        self.rows: dict[int, EpisodeRow] = {}
+        self.lost: dict[int, str] = {}
+        self.marks: dict[int, Marks] = {}
+        self.tasks: list[str] = []
+        self.files: set[Path] = set()
+        self.doubts: list[str] = []
+        self._unread: list[str] = []
+        if self.info is None:
+            return
+        self._require_known_paths(self.info)
+        if self.info.is_older:
+            self._read_older(self.info)
+        else:
+            self._read(self.info)
+        self._compare(self.info)
+        self.files |= {root / path for row in self.rows.values() for path in files_of(row)}
+
+    @property
+    def frames(self) -> int:
+        return sum(row.frames for row in self.rows.values())
+
+    @property
+    def total(self) -> int:
+        """How many episodes are counted, with those whose row cannot be read."""
+        return len(self.rows) + len(self.lost)
+
+    @property
+    def episodes(self) -> list[Episode]:
+        return [
+            Episode(number, ", ".join(row.tasks), row.frames, self.marks.get(number, Marks()))
+            for number, row in sorted(self.rows.items())
+        ]
+
+    def figures(self) -> dict[str, Any]:
+        """Return ``stats.json``, for a dataset whose index has no figures; empty when it cannot be read."""
+        try:
+            return msgspec.json.decode((self.root / STATS).read_bytes(), type=dict[str, Any])
+        except (OSError, msgspec.MsgspecError, RecursionError):
+            return {}
+
+    def require_certain(self) -> None:
+        """Raise ``DamagedError`` unless it is certain what is counted."""
+        reasons = [*(f"episode {number}: {why}" for number, why in sorted(self.lost.items())), *self.doubts]
+        if reasons:
+            more = f" ({len(reasons) - 1} more)" if len(reasons) > 1 else ""
+            raise DamagedError(f"{self.root} is damaged, and was not touched: {reasons[0]}{more}. {RESTORE}")
+
+    def uncounted(self) -> list[Path]:
+        """Return the files that LeRobot would find, or might, and that are not counted."""
+        found = [
+            path for path in self.root.glob("meta/*" + STAGED_SUFFIX) if is_own_name(path.relative_to(self.root))
+        ]
+        for pattern in ("data/*/*.parquet", "meta/episodes/*/*.parquet", "videos/*/*/*.mp4"):
+            found += [path for path in self.root.glob(pattern) if path not in self.files]
+        return sorted(found)
+
+    def last_slot(self) -> FileSlot | None:
+        """Return the last file there is, counted or not: what comes next replaces none."""
+        every = self.files.union(path for path in self.uncounted() if path.suffix != STAGED_SUFFIX)
+        names = [path for path in every if is_own_name(path.relative_to(self.root))]
+        slots = [FileSlot(int(path.parent.name[6:]), int(path.stem[5:])) for path in names]
+        return max(slots, default=None)
+
+    # -- version 3
+
+    def _read(self, info: Info) -> None:
+        found: dict[int, list[tuple[Path, dict[str, Any]]]] = defaultdict(list)
+        in_order: list[int] = []
+        for path in sorted((self.root / "meta/episodes").glob("*/*.parquet")):
+            try:
+                table = read_rows(path)
+                numbers = msgspec.convert([row.get("episode_index") for row in table.rows], list[int])
+                marks = decode_marks(table.metadata)
+            except (DatasetError, msgspec.MsgspecError) as damage:
+                self._unread.append(_told(path, damage))
+                continue
+            counted = [n for n in numbers if info.total_episodes is None or 0 <= n < info.total_episodes]
+            if 0 < len(counted) < len(numbers):
+                self.doubts.append(f"{path} counts more episodes than {INFO}: its writer did not finish")
+            for number, row in zip(numbers, table.rows, strict=True):
+                if number in counted:
+                    found[number].append((path, row))
+            self.marks |= marks
+            in_order += counted
+        for number, candidates in found.items():
+            self._choose(info, number, candidates)
+        numbers = sorted(found)
+        if in_order != numbers and sorted(in_order) == numbers:
+            self.doubts.append(f"{self.root / 'meta/episodes'}: the episodes are out of order: {in_order[:20]}")
+        self._read_tasks(info)
+
+    def _choose(self, info: Info, number: int, candidates: list[tuple[Path, dict[str, Any]]]) -> None:
+        """Of several rows of an episode, the one that stands in the file that it names is the right one."""
+        own = [each for each in candidates if _is_in_its_file(self.root, *each)]
+        path, row = (own or candidates)[0]
+        if len(own or candidates) > 1:
+            self.doubts.append(f"{path}: the index has episode {number} {len(own or candidates)} times")
+        self.files.add(path)
+        try:
+            self.rows[number] = decode_row(row, info)
+        except DatasetError as wrong:
+            self.lost[number] = f"{path}: {wrong}"
+
+    def _read_tasks(self, info: Info) -> None:
+        if not self.rows and not (self.root / TASKS).exists():
+            return  # it was just created
+        try:
+            table = read_table(self.root / TASKS)
+            with refuse_damage(self.root / TASKS):
+                tasks = tasks_of(table)
+        except DatasetError as damage:
+            self.doubts.append(str(damage))
+            return
+        self.tasks = tasks[: info.total_tasks]
+
+    # -- version 2
+
+    def _read_older(self, info: Info) -> None:
+        tasks = sorted(self._lines(OLDER_TASKS, OlderTask), key=lambda task: task.task_index)
+        is_numbered = [task.task_index for task in tasks] == list(range(len(tasks)))
+        if not is_numbered:
+            self.doubts.append(f"{self.root / OLDER_TASKS} does not number its tasks from 0")
+        self.tasks = [task.task for task in tasks] if is_numbered and not self._unread else []
+        rows = sorted(self._lines(EPISODES, OlderRow), key=lambda row: row.episode_index)
+        has_stats = (self.root / OLDER_STATS).exists()  # version 2.0 has none
+        figures = (
+            {line.episode_index: line.stats for line in self._lines(OLDER_STATS, OlderFigures)} if has_stats else {}
+        )
+        first = 0
+        for row in rows:
+            if row.episode_index in self.rows:
+                self.doubts.append(f"{self.root / EPISODES} has episode {row.episode_index} twice")
+            self.rows[row.episode_index] = older_row(row, first, figures.get(row.episode_index, {}), info)
+            first += row.length
+
+    def _lines(self, name: str, kind: type[Line]) -> list[Line]:
+        path = self.root / name
+        try:
+            data = path.read_bytes().splitlines()
+        except OSError as failure:
+            self._unread.append(f"{path} cannot be read: {failure.strerror}")
+            return []
+        found = []
+        for number, line in enumerate(data, 1):
+            try:
+                found += [msgspec.json.decode(line, type=kind)] if line.strip() else []
+            except (msgspec.MsgspecError, RecursionError, UnicodeError) as damage:
+                self._unread.append(f"{path}, line {number}: {damage}")
+        return found
+
+    # -- both
+
+    def _require_known_paths(self, info: Info) -> None:
+        known = OLDER_PATHS if info.is_older else (DATA_PATH, VIDEO_PATH)
+        for stated, path in zip((info.data_path, info.video_path), known, strict=True):
+            if stated is not None and stated != path:
+                raise DatasetError(
+                    f"{self.root / INFO}: files that are called {stated!r} are not read, only {path!r}"
+                )
+
+    def _compare(self, info: Info) -> None:
+        """Compare what ``info.json`` counts with the rows."""
+        self.doubts += self._unread
+        if not self.doubts and len(self.tasks) < (tasks := info.total_tasks or min(1, len(self.rows))):
+            self.doubts.append(f"{self.root} has {len(self.tasks)} tasks, and it should have {tasks}")
+        counted = len(self.rows) + len(self.lost)
+        total = counted if info.total_episodes is None else info.total_episodes
+        unread = f" ({'. '.join(self._unread)})" if self._unread else ""
+        missing = [
+            number for number in range(min(total, MOST)) if number not in self.rows and number not in self.lost
+        ]
+        self.lost |= dict.fromkeys(missing[: counted + MOST_LOST], f"the index has no row of it{unread}")
+        if total != counted:
+            self.doubts.append(
+                f"{self.root}: {INFO} counts {total} episodes, the index has {counted} of them{unread}"
+            )
+        if not self.lost and info.total_frames is not None and info.total_frames != self.frames:
+            frames = f"{INFO} counts {info.total_frames} frames, the index {self.frames}"
+            self.doubts.append(f"{self.root}: {frames}")
+
+
+MOST = 1_000_000
+MOST_LOST = 10_000
+"""Of an ``info.json`` that counts any number, so many episodes without a row are listed."""
+RESTORE = "Put the file back from a copy. `strands-actors dataset show` lists all that is wrong"
+
+
+def files_of(row: EpisodeRow) -> Sequence[Path]:
+    """The data and the videos of an episode."""
+    return (row.data, *(span.path for span in row.videos.values()))
+
+
+def _is_in_its_file(root: Path, path: Path, row: dict[str, Any]) -> bool:
+    slot = slot_stated(row)
+    return slot is not None and path == root / slot.episodes
+
+
+def _told(path: Path, damage: Exception) -> str:
+    return str(damage) if isinstance(damage, DatasetError) else f"{path} cannot be read: {damage}"

@@ -1,0 +1,118 @@
+"""Read parquet files that any program may have written or damaged.
+
+Whatever is wrong with a file, the caller gets a ``DatasetError`` of one line.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any
+
+import msgspec
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from .errors import DatasetError
+
+
+class Rows(msgspec.Struct, frozen=True):
+    """A small table as Python objects, with the metadata of its schema."""
+
+    rows: list[dict[str, Any]]
+    metadata: dict[bytes, bytes]
+
+
+@contextmanager
+def refuse_damage(path: Path) -> Iterator[None]:
+    """Turn what pyarrow raises for a damaged file into a ``DatasetError``."""
+    try:
+        yield
+    except FileNotFoundError as missing:
+        raise DatasetError(f"{path} is missing") from missing
+    except (pa.ArrowException, OSError, ValueError, KeyError, TypeError, OverflowError, MemoryError) as damage:
+        raise DatasetError(f"{path} cannot be read: {' '.join(str(damage).split())[:200]}") from damage
+
+
+def read_table(path: Path, without: Collection[str] = ()) -> pa.Table:
+    """Read a table. Pages that have a checksum are verified.
+
+    Args:
+        path: The parquet file.
+        without: Columns that are left out, for example large pictures.
+
+    Raises:
+        DatasetError: It is missing or damaged.
+    """
+    table, unread = read_groups(path, without)
+    if unread:
+        raise DatasetError(unread)
+    return table
+
+
+def read_groups(path: Path, without: Collection[str] = ()) -> tuple[pa.Table, str]:
+    """Read the groups of rows that are whole. A copy has one for each episode.
+
+    Args:
+        path: The parquet file.
+        without: Columns that are left out, for example large pictures.
+
+    Returns:
+        The rows, and why others cannot be read; empty when all were read.
+
+    Raises:
+        DatasetError: It is missing, or it has no footer that can be read.
+    """
+    unread = ""
+    tables = []
+    with refuse_damage(path), pq.ParquetFile(path, page_checksum_verification=True) as file:
+        names = [name for name in file.schema_arrow.names if name not in without]
+        for group in range(file.num_row_groups):
+            try:
+                with refuse_damage(path):
+                    tables.append(_read_group(file, group, names))
+            except DatasetError as damage:
+                unread = unread or str(damage)
+        schema = file.schema_arrow
+        tables = tables or [schema.empty_table().select(names)]
+        table = pa.concat_tables(tables)
+        if not unread and table.num_rows != file.metadata.num_rows:
+            raise ValueError(f"{table.num_rows} rows, its footer counts {file.metadata.num_rows}")
+        return table, unread
+
+
+def _read_group(file: pq.ParquetFile, group: int, names: list[str]) -> pa.Table:
+    table = file.read_row_group(group, columns=names)
+    table.validate(full=True)
+    if table.num_rows != file.metadata.row_group(group).num_rows:
+        raise ValueError(f"{table.num_rows} rows, its footer counts {file.metadata.row_group(group).num_rows}")
+    return table
+
+
+def read_rows(path: Path) -> Rows:
+    """Read a table whole. Raise ``DatasetError`` when it is missing or damaged."""
+    table = read_table(path)
+    with refuse_damage(path):
+        return Rows(table.to_pylist(), dict(table.schema.metadata or {}))
+
+
+def integers(table: pa.Table, name: str) -> NDArray[np.int64]:
+    """Return a column of whole numbers; a value that is missing is -1. Raise what pyarrow raises."""
+    return np.asarray(table[name].cast(pa.int64()).fill_null(-1).to_numpy(), dtype=np.int64)
+
+
+def parquet(*tables: pa.Table) -> Callable[[IO[bytes]], object]:
+    """Return a function that writes tables of one schema into an open file.
+
+    Each is a group of rows, and each page has a checksum: damage costs the table in which it is.
+    """
+
+    def write(file: IO[bytes]) -> None:
+        with pq.ParquetWriter(file, tables[0].schema, compression="snappy", write_page_checksum=True) as writer:
+            for table in tables:
+                writer.write_table(table.cast(tables[0].schema), row_group_size=max(1, table.num_rows))
+
+    return write
