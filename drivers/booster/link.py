@@ -59,14 +59,17 @@ class Calls:
         """Both ways: a response to a reader that is not known yet would be lost."""
         return self._writer.matched > 0 and self._reader.matched > 0
 
-    def ask(self, api: rpc.Api, body: str, heard: Heard) -> bool:
+    def ask(self, api: rpc.Api, body: str, heard: Heard, stop: bool = False) -> bool:
         """``heard`` is called from ``poll``, once or never. Return whether it left for somebody who
-        knows us: others may take it, or not."""
+        knows us: others may take it, or not. ``stop``: ask a robot that says that it has gone, too."""
         number = str(uuid.uuid4())
         if len(self._pending) >= MAX_PENDING:
             del self._pending[next(iter(self._pending))]
         self._pending[number] = heard
-        return self._writer.write(CDR + rpc.encode_request(rpc.Request(number, api, body))) > 0 and self.matched
+        request = CDR + rpc.encode_request(rpc.Request(number, api, body))
+        if stop:
+            return self._writer.write_stop(request) > 0 and (self.matched or self._writer.has_parted)
+        return self._writer.write(request) > 0 and self.matched
 
     def _on_response(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
         with suppress(MalformedFrame):  # an answer that cannot be read is none, and is waited for as one
@@ -78,7 +81,8 @@ class Calls:
 
 
 class Order:
-    """A request that is made again until it is answered as it should be. ``step`` is called often."""
+    """A request that stops something, or asks for what a stop must know. It is made again until it is
+    answered as it should be. ``step`` is called often."""
 
     def __init__(self, calls: Calls, api: rpc.Api, body: str = "") -> None:
         self.written = False
@@ -105,7 +109,7 @@ class Order:
         if self.done or now_ns - self._asked_ns < pause_s * NS:
             return
         self._asked_ns = now_ns
-        self._left = self._calls.ask(self._api, self._body, self._hear)
+        self._left = self._calls.ask(self._api, self._body, self._hear, stop=True)
         self.written |= self._left
         self.tries += self._left
 
@@ -215,19 +219,23 @@ class Link:
         """A target, five rows; every other motor is told nothing. Return whether it left."""
         count = len(self.model.joints)
         rows = [values[count * row : count * (row + 1)] for row in range(len(ROWS))]
-        return self._send([Motor(joint.mode, *row) for joint, *row in zip(self.model.joints, *rows, strict=True)])
+        joints = zip(self.model.joints, *rows, strict=True)
+        command = self._command([Motor(joint.mode, *row) for joint, *row in joints])
+        return command is not None and self.commands.write(command) > 0
 
     def send_hold(self, q: Sequence[float]) -> bool:
         """Keep the arms there. Return whether it left."""
         joints = zip(self.model.joints, q, strict=True)
-        return self._send([Motor(joint.mode, at, 0.0, 0.0, joint.kp, joint.kd) for joint, at in joints])
+        command = self._command([Motor(joint.mode, at, 0.0, 0.0, joint.kp, joint.kd) for joint, at in joints])
+        return command is not None and self.commands.write_stop(command) > 0
 
-    def _send(self, arms: Sequence[Motor]) -> bool:
+    def _command(self, arms: Sequence[Motor]) -> bytes | None:
+        """Return it as a payload; None: a robot that reports so few motors has no such arms."""
         state = self.state
         count = len(self.model.motors) if state is None else len(state.q)
         if count <= LAST_ARM:
-            return False  # a robot that reports so few motors has no such arms
+            return None
         motors = [IDLE] * count
         for joint, motor in zip(self.model.joints, arms, strict=True):
             motors[joint.slot] = motor
-        return self.commands.write(CDR + p.encode_command(Command(self._kind, tuple(motors)))) > 0
+        return CDR + p.encode_command(Command(self._kind, tuple(motors)))

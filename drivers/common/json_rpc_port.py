@@ -2,7 +2,8 @@
 is waited for with a deadline.
 
 Nothing is queued, said again or kept for the next connection. Answers that come late belong to
-nobody; a line that makes no sense is counted.
+nobody; a line that makes no sense is counted. A connection whose lines cannot be told apart any more
+is not read from then on, but a stop can still be written to it until it is replaced or closed.
 """
 
 from __future__ import annotations
@@ -57,13 +58,29 @@ class JsonRpcPort:
     def is_open(self) -> bool:
         return self._stream.connection is not None
 
+    @property
+    def takes_stops(self) -> bool:
+        """Return whether there is a connection that a stop can be written to."""
+        return self._stream.is_connected
+
     async def open(self) -> None:
-        """Connect anew, and say nothing."""
-        self.close()
+        """Connect anew, and say nothing. One that is not understood is kept until then."""
+        if self.is_open:
+            self.close()
         self._stream.replace(await self._open_stream())
 
     def notify(self, method: str, params: Mapping[str, Any]) -> None:
         self._stream.write(encode_notification(method, params))
+
+    def notify_stop(self, method: str, params: Mapping[str, Any]) -> None:
+        """As ``notify``, on a connection that is not understood any more, too: a stop needs no
+        answer."""
+        self._stream.write_stop(encode_notification(method, params))
+
+    def send_stop(self, method: str, params: Mapping[str, Any]) -> None:
+        """As ``notify_stop``, of a method that is a request. Nobody waits for its answer."""
+        self._number += 1
+        self._stream.write_stop(encode_request(self._number, method, params))
 
     def send(self, method: str, params: Mapping[str, Any]) -> int:
         """Hand a request over now; return its number. Its answer is kept until ``answer`` or
@@ -121,7 +138,7 @@ class JsonRpcPort:
             for line in self._lines.feed(data):
                 self._take(line)
         except MalformedFrame as malformed:
-            self.close()
+            self._stream.deafen(str(malformed))
             raise WireDown(f"{malformed}. Check what is served there") from None
 
     def _take(self, line: bytes) -> None:

@@ -33,6 +33,11 @@ class SharedStream:
         more."""
         return None if self._why_deaf else self._stream
 
+    @property
+    def is_connected(self) -> bool:
+        """Return whether there is a connection, a deaf one included."""
+        return self._stream is not None
+
     def replace(self, stream: OrderlyStream) -> None:
         """Use ``stream`` from now on, and close the one before."""
         self.close()

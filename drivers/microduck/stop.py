@@ -54,10 +54,10 @@ class Stopping:
         theremin down, which moves the mouth."""
         port = self._link.port
         if self._safe_state == SafeState.ZERO:
-            port.notify(p.MOVE, p.REST)
+            port.notify_stop(p.MOVE, p.REST)
         else:
-            port.forget(port.send(p.STOP, {}))
-            port.notify(p.THEREMIN, {"active": False})
+            port.send_stop(p.STOP, {})
+            port.notify_stop(p.THEREMIN, {"active": False})
 
     async def taken(self, within_s: float) -> None:
         """Ask for a stop, and wait for the answer: all that was said before it was taken then."""
@@ -78,7 +78,7 @@ class Stopping:
 async def stop_by(
     link: DuckLink, safe_state: SafeState, within_s: float = STOP_S, pending: Callable[[], bool] = nothing_pending
 ) -> Outcome:
-    """Never raises. Where the link is open, the first frame leaves before the first wait."""
+    """Never raises. Where the link is connected, the first frame leaves before the first wait."""
     return await stop_until_it_stands(Stopping(link, safe_state, pending), within_s)
 
 

@@ -35,6 +35,7 @@ from strands_actors.drivers.common.twin import (
     Connection,
     Fault,
     Faults,
+    Handler,
     Reply,
     Start,
     TwinOptions,
@@ -444,6 +445,15 @@ class _Client:
             await trio.sleep(1 / hz)
 
 
+def serving(twin: DuckTwin) -> Handler:
+    """Return the handler of robotd's socket."""
+
+    async def handle(connection: Connection) -> None:
+        await _Client(twin, connection).serve()
+
+    return handle
+
+
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
     """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
     given = read_twin_options(robot, DuckTwinOptions, options)
@@ -455,10 +465,7 @@ def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpac
         enabled=given.enabled,
     )
 
-    async def handle(connection: Connection) -> None:
-        await _Client(twin, connection).serve()
-
     def build(wire_log: WireLog) -> UnixServer:
-        return UnixServer(twin, handle, wire_log, given.path)
+        return UnixServer(twin, serving(twin), wire_log, given.path)
 
     run_server(build, **start)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from contextlib import aclosing
+from contextlib import aclosing, suppress
 from typing import Any, ClassVar, NamedTuple
 
 import trio
@@ -29,7 +29,7 @@ from .gates import HEADS, MOUTHS, MOVES, POSES, UNTIL
 from .link import DuckLink, Way
 from .robots import HEAD_AT, OPEN, POSE_AT, TWIST
 from .services import Services
-from .stop import stop_by
+from .stop import Stopping, stop_by
 from .verbs import MOVING_POWER
 
 LOOK_S = 0.5
@@ -192,7 +192,7 @@ class MicroduckWire(Wire):
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         self._disarm(safe_state)
-        if not self._link.is_open:
+        if not self._link.port.takes_stops:
             return self._reports(NOT_CONNECTED)
         return self._reports(await stop_by(self._link, safe_state, pending=self._pending))
 
@@ -204,6 +204,9 @@ class MicroduckWire(Wire):
             outcome = await stop_by(self._link, safe_state, OLD_S)
             if not outcome.detail:
                 return self._reports(outcome)
+        else:
+            with suppress(WireDown):  # it is closed; one that is not understood takes the stop all the same
+                Stopping(self._link, safe_state).zero()
         self._anew = self._anew or DuckLink(self._config, self._clock, self._way)
         return self._reports(await stop_by(self._anew, safe_state))
 

@@ -26,6 +26,8 @@ FIND_S = 4.0
 """For both sides to find each other, and the first state."""
 
 MAX_PENDING = 32
+TICK_WRAP = 1 << 32
+
 LOST_NS = 30 * NS
 """A service answers in the order in which it is asked [assumed]: one that answers what was asked so
 long after an order has never got that order."""
@@ -59,18 +61,27 @@ class Service:
         """Both ways: a response to a reader that is not known yet would be lost."""
         return self._writer.matched > 0 and self._reader.matched > 0
 
+    @property
+    def takes_stops(self) -> bool:
+        """Whether a stop may reach it: it knows us, or did until it said that it has gone."""
+        return self.matched or self._writer.has_parted
+
     def order(self, api: int) -> None:
         """Ask for what the robot then does; ``owed`` until it has answered."""
         self.owed.add(self.ask(api, lambda _: None))
 
-    def ask(self, api: int, on_response: Callable[[rpc.Response], None], parameter: str = "") -> int:
+    def ask(
+        self, api: int, on_response: Callable[[rpc.Response], None], parameter: str = "", stop: bool = False
+    ) -> int:
         """``on_response`` is called from ``poll``, once or never. The id of request and response is
-        when it was asked, in nanoseconds: what is answered was so then, or later. Return it."""
+        when it was asked, in nanoseconds: what is answered was so then, or later. Return it.
+        ``stop``: ask a robot that says that it has gone, too."""
         number = self._newest = max(self._clock.now_ns(), self._newest + 1)
         if len(self._pending) >= MAX_PENDING:
             del self._pending[next(iter(self._pending))]
         self._pending[number] = on_response
-        self._writer.write(CDR + rpc.encode_request(rpc.Request(number, api, parameter)))
+        write = self._writer.write_stop if stop else self._writer.write
+        write(CDR + rpc.encode_request(rpc.Request(number, api, parameter)))
         return number
 
     def _on_response(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
@@ -101,9 +112,12 @@ class Network:
         self.model = model
         self.state: State | None = None
         self.state_ns = 0
-        """When the newest came whose tick had changed; 0: none yet. One that repeats its tick, from a
-        loop that is stuck, tells nothing new, and the first may be one of these."""
-        self._ticks = None if config.simulator else Stamps()  # a simulator need not count any
+        """When the newest came whose tick had gone on; 0: none yet. One that repeats its tick, from a
+        loop that is stuck, tells nothing new, and the first may be one of these. Nor does one whose tick
+        is older, which a network or a proxy has kept. A robot that has restarted is another participant,
+        and counts anew."""
+        self._ticks = None if config.simulator else Stamps(TICK_WRAP)  # a simulator need not count any
+        self._writer = b""  # of the newest state
         self.discarded: Counter[str] = Counter()
         """States that were not taken, by why not, since the link was opened."""
         self._decode = StateCodec(model, unsealed=config.simulator).decode
@@ -141,12 +155,14 @@ class Network:
         except MalformedFrame as malformed:
             self.discarded[f"that cannot be read ({malformed})"] += 1
         else:
-            self._take(state, t_ns)
+            self._take(state, bytes(writer), t_ns)
 
-    def _take(self, state: State, t_ns: int) -> None:
-        ticks = self._ticks
+    def _take(self, state: State, writer: bytes, t_ns: int) -> None:
+        if self._ticks is not None and writer != self._writer:
+            self._ticks = Stamps(TICK_WRAP)
+        self._writer, ticks = writer, self._ticks
         if ticks is not None and not ticks.take(state.tick, t_ns):
-            self.discarded["that repeat their tick"] += 1
+            self.discarded["whose tick does not go on"] += 1
             return
         self.state = state
         if ticks is None or ticks.goes_on:
@@ -177,6 +193,10 @@ class Link(Network):
     def send(self, payload: bytes) -> bool:
         """Whether it left, and for the robot."""
         return self.commands.write(payload) > 0
+
+    def send_stop(self, payload: bytes) -> bool:
+        """As ``send``, to a robot that says that it has gone, too."""
+        return self.commands.write_stop(payload) > 0
 
     def safe_frame(self, damp: bool) -> bytes:
         """No joint is pulled anywhere: braked, or not even that."""

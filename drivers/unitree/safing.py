@@ -34,14 +34,14 @@ async def bring_down(
     """The first frame leaves before the first wait. Never raises. ``held_by``: what controls the
     robot instead of us: it takes no commands of ours, so its torque is none of ours either."""
     damps = safe_state == SafeState.DAMP
-    written = link.send(link.safe_frame(damps))
+    written = link.send_stop(link.safe_frame(damps))
     began_ns = zero_ns = link.clock.now_ns()
     if damps:
         zero_ns += round(DAMP_S * NS)
     async with aclosing(link.clock.ticks(CONTROL_S)) as ticks:
         async for now_ns in ticks:
             link.poll()
-            written |= link.send(link.safe_frame(now_ns < zero_ns))
+            written |= link.send_stop(link.safe_frame(now_ns < zero_ns))
             passed_s = (now_ns - zero_ns) / NS
             if passed_s > AT_MOST_S or (passed_s > AT_LEAST_S and (all(_obeys(link, zero_ns)) or held_by())):
                 break

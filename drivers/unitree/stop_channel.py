@@ -43,7 +43,9 @@ class UnitreeStopChannel(StopChannel):
         link = self._link
         if link is None:
             return reports(self._config.model, False, "the root has not found the robot")
-        link.send(link.safe_frame(safe_state == SafeState.DAMP))  # first; what confirms it is announced after it
+        link.send_stop(
+            link.safe_frame(safe_state == SafeState.DAMP)
+        )  # first; what confirms it is announced after it
         if not self._listens:
             self._listens = True
             link.listen()

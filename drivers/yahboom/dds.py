@@ -91,13 +91,13 @@ class DdsLink:
     def zero(self) -> None:
         if self._participant is None:
             raise WireDown("dds: not connected. Reconnect")
-        if not self._writer.write(CDR + encode_twist(m.REST)):
+        if not self._writer.write_stop(CDR + encode_twist(m.REST)):
             raise WireDown(f"dds: nobody listens to {m.CMD_VEL}. Check the base")
 
     async def taken(self, within_s: float) -> None:
         """Return when every reliable reader has acknowledged what was written."""
         with trio.move_on_after(within_s):
-            await self._until(lambda: self._writer.unacknowledged == 0)
+            await self._until(lambda: self._writer.matched > 0 and self._writer.unacknowledged == 0)
             return
         raise WireDown(f"dds: no acknowledgement within {within_s * 1e3:.0f} ms. Check the base's node")
 

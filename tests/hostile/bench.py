@@ -10,7 +10,7 @@ from strands_actors.contract.driver import Driver
 from strands_actors.contract.wire import StopChannel, Wire
 from strands_actors.kernel.clock import Clock
 
-from .peer import HostilePeer
+from .peer import Change, Flood, HostilePeer
 
 Log = list[tuple[float, str]]
 """What the robot took: when (s), and what it was in the words of the wire log."""
@@ -30,16 +30,20 @@ class Rig(NamedTuple):
     make: Callable[[HostilePeer], Bench]
     action: Callable[[Sequence[float]], dict[str, Any]]
     """A target near to a position, as an action."""
-    floods: Mapping[str, bytes] = {}
+    floods: Mapping[str, Flood] = {}
     """Words that a peer of this wire may say without an end, by a name."""
-    bombs: Mapping[str, bytes] = {}
-    """Words that declare more than the protocol has; zeros follow without an end."""
-    wrong_ids: Callable[[bytes], bytes] | None = None
-    """Put another number, or another sender, into an answer. None: answers have none."""
+    bombs: Mapping[str, Flood] = {}
+    """Words that declare more than the protocol has. Ones follow those that are bytes."""
+    wrong_ids: Mapping[str, Change] = {}
+    """What puts another number, or another sender, into an answer, by what it is of."""
+    understood: tuple[str, ...] = ()
+    """Of ``wrong_ids``, those that leave alone what confirms a stop."""
     quick: tuple[str, ...] = ("garbled",)
     """Kinds of peers that the ordinary run meets, too."""
     first: tuple[str, ...] = ()
     """Services that get the robot to where it takes a target."""
+    handshake: int = 120
+    """Bytes within which a new connection is reset; of datagrams, how many of them."""
     login: str = ""
     """Why nothing can be written on a connection that is reset before it has answered."""
     streams: bool = False

@@ -34,6 +34,8 @@ TRUE_EVERY = 8
 """In a flood, after so many reads the robot's own words come through."""
 
 Change = Callable[[bytes], bytes]
+Flood = bytes | Callable[[int], bytes]
+"""Words, or what makes the words of each number."""
 
 
 class Endless(BaseException):
@@ -56,8 +58,9 @@ class HostilePeer:
     def __init__(self, steps: Steps, seed: int = 1) -> None:
         self.rng = random.Random(seed)
         self.kind = ""
-        self.flood = b""  # repeated without an end
-        self.word = b""  # one datagram of it
+        self.flood: Flood = b""  # repeated without an end
+        self.chunk = CHUNK  # bytes of it that come at once; 0: it is one datagram
+        self.word: Flood = b""  # one datagram of it
         self.change: Change = bytes
         self.deaf = False  # what the host writes is garbled, too
         self.reset_after = math.inf  # bytes that a new connection says before it is reset
@@ -70,10 +73,10 @@ class HostilePeer:
     def join(self, stream: HostileStream) -> None:
         self._streams.append(stream)
 
-    def begin(self, kind: str, flood: bytes = b"", change: Change = bytes, deaf: bool = False) -> None:
+    def begin(self, kind: str, flood: Flood = b"", change: Change = bytes, deaf: bool = False) -> None:
         self.kind, self.deaf, self.change, self.writes = kind, deaf, change, 0
         self.word = flood
-        self.flood = flood * max(1, CHUNK // len(flood)) if flood else b""
+        self.flood = flood * max(1, self.chunk // len(flood)) if isinstance(flood, bytes) and flood else flood
         self._wake()
 
     def end(self) -> None:
@@ -196,6 +199,10 @@ class HostileStream:
 
     # -- what becomes of the robot's words
 
+    def size_of(self, data: bytes) -> int:
+        """Return what it counts for, up to a reset."""
+        return len(data)
+
     def _waiting(self) -> bytes | None:
         if hasattr(self.inner, "read_waiting"):
             data: bytes | None = self.inner.read_waiting()
@@ -210,14 +217,17 @@ class HostileStream:
         self._flooded += 1
         if self._flooded % TRUE_EVERY == 0 and (heard := self._waiting()):
             return heard
-        return self.peer.flood
+        flood = self.peer.flood
+        return flood if isinstance(flood, bytes) else flood(self._flooded)
 
     def _told(self, data: bytes) -> bytes:
         """Return what the host hears of this, now."""
-        self._heard += len(data)
+        self._heard += self.size_of(data)
         if self._heard > self.peer.reset_after:
             self.gone = True
             self._check()
+        if self.gone:
+            return b""
         match self.peer.kind:
             case "":
                 self._older = [*self._older[-99:], data]

@@ -1,10 +1,10 @@
 """A process between a robot's program and its twin, on TCP and datagrams, which can turn hostile.
 
 It listens on an address of its own, at the ports of the twin, and hands on what either side says.
-From the line ``begin KIND HEX`` on its standard input on, what the twin says is changed, on every
-connection: ``garbled`` (random bytes in its place), ``half`` (nothing more), ``flood`` (``HEX``
-again and again, as fast as it is taken, and the twin's own words among it). ``begin ok`` ends that,
-and every connection.
+From the line ``begin KIND FIRST HEX`` on its standard input on, what the twin says is changed, on
+every connection: ``garbled`` (random bytes in its place), ``half`` (nothing more), ``flood``
+(``FIRST`` once, if any, then ``HEX`` again and again, as fast as it is taken, and the twin's own words
+among it). ``begin ok`` ends that, and every connection.
 
 Datagrams go both ways at one port, of both ends and of the relay: the host is at ``HOST``, the twin
 wherever it speaks from.
@@ -24,6 +24,8 @@ import trio
 from strands_actors.drivers.common.twin.tcp import own_host
 
 CHUNK = 1 << 16
+LONGEST_LINE = 4096
+"""Of its standard input: it is read in one piece."""
 HOST = "127.0.0.1"
 GREETING = 16
 """Bytes of the first message of a Franka's host."""
@@ -65,16 +67,17 @@ class Relay:
     def port(self) -> str:
         return f"{self.host}:{self._ports[0]}"
 
-    def begin(self, kind: str, flood: bytes = b"") -> None:
-        assert self._process.stdin is not None
-        self._process.stdin.write(f"begin {kind} {flood.hex() or '-'}\n")
+    def begin(self, kind: str, flood: bytes = b"", first: bytes = b"") -> None:
+        line = f"begin {kind} {first.hex() or '-'} {flood.hex() or '-'}\n"
+        assert self._process.stdin is not None and len(line) < LONGEST_LINE
+        self._process.stdin.write(line)
         self._process.stdin.flush()
 
 
 class _Hostility:
     def __init__(self) -> None:
         self.kind = "ok"
-        self.flood = b""
+        self.first = self.flood = b""
         self.word = b""  # one datagram of it
         self.connections: set[trio.CancelScope] = set()
 
@@ -92,8 +95,9 @@ async def _serve(own: str, target: str, datagrams: str, ports: list[int]) -> Non
         print("ready", flush=True)
         async with trio.lowlevel.FdStream(os.dup(0)) as lines:
             async for data in lines:
-                _, hostile.kind, text = data.decode().split()
-                flood = hostile.word = b"" if text == "-" else bytes.fromhex(text)
+                _, hostile.kind, *texts = data.decode().split()
+                hostile.first, hostile.word = (b"" if text == "-" else bytes.fromhex(text) for text in texts)
+                flood = hostile.word
                 hostile.flood = flood * max(1, CHUNK // max(1, len(flood)))
                 for scope in hostile.connections if hostile.kind == "ok" else ():
                     scope.cancel()
@@ -170,6 +174,7 @@ async def _accept(
 
 async def _tell(twin: trio.SocketStream, host: trio.SocketStream, hostile: _Hostility) -> None:
     """Hand on what the twin says, or something else."""
+    has_begun = False
     while True:
         data = b""
         with trio.move_on_after(0.02 if hostile.kind != "flood" else 0.0):
@@ -182,7 +187,8 @@ async def _tell(twin: trio.SocketStream, host: trio.SocketStream, hostile: _Host
             case "half":
                 pass
             case "flood":
-                await host.send_all(hostile.flood)
+                await host.send_all(hostile.flood if has_begun else hostile.first + hostile.flood)
+                has_begun = True
                 if data:
                     await host.send_all(data)
             case _ if data:

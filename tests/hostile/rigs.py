@@ -7,7 +7,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from . import rigs_franka, rigs_grpc, rigs_kuka, rigs_radio, rigs_serial, rigs_tcp, rigs_ur, rigs_web
+from . import (
+    rigs_dds,
+    rigs_franka,
+    rigs_grpc,
+    rigs_json,
+    rigs_kuka,
+    rigs_radio,
+    rigs_serial,
+    rigs_tcp,
+    rigs_ur,
+    rigs_web,
+)
 from .bench import Rig
 
 RIGS: Mapping[str, Rig] = {
@@ -16,6 +27,8 @@ RIGS: Mapping[str, Rig] = {
     **rigs_serial.RIGS,
     **rigs_radio.RIGS,
     **rigs_web.RIGS,
+    **rigs_json.RIGS,
+    **rigs_dds.RIGS,
     **rigs_kuka.RIGS,
     **rigs_franka.RIGS,
     **rigs_ur.RIGS,

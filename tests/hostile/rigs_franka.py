@@ -265,7 +265,7 @@ RIGS: Mapping[str, Rig] = {
         quick=("garbled", "older answers", "flood"),
         floods={"unasked answers": _STOPPED, "an old state": _old_state(), "noise": b"\x07" * 300},
         bombs={"an answer of 4 GB": p.HEADER.pack(2, 1, 0xFFFFFFFF)},
-        wrong_ids=_renumbered,
+        wrong_ids={"number": _renumbered},
         streams=True,
         bound_s=0.1,  # the published one
     ),

@@ -73,7 +73,7 @@ RIGS: Mapping[str, Rig] = {
         quick=("flood", "bomb"),
         floods=_H2_FLOODS,
         bombs=_H2_BOMBS,
-        wrong_ids=renumbered(5, 4),
+        wrong_ids={"stream": renumbered(5, 4)},
     ),
     "spot": Rig(
         _spot,
@@ -81,7 +81,7 @@ RIGS: Mapping[str, Rig] = {
         quick=("garbled",),
         floods=_H2_FLOODS,
         bombs=_H2_BOMBS,
-        wrong_ids=renumbered(5, 4),
+        wrong_ids={"stream": renumbered(5, 4)},
         first=("stand",),
     ),
 }

@@ -132,6 +132,6 @@ RIGS: Mapping[str, Rig] = {
             "empty datagrams": b"\0",
         },
         bombs={"fields of 2 GB": b"\x0a\xff\xff\xff\xff\x07" * 200},
-        wrong_ids=_next_number,
+        wrong_ids={"number": _next_number},
     ),
 }

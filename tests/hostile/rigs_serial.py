@@ -88,7 +88,7 @@ RIGS: Mapping[str, Rig] = {
         quick=("garbled", "older answers"),
         floods={"unasked answers": b"\xff\xff\x63\x02\x00\x9a", "half headers": b"\xff\xff"},
         bombs={"the longest frame": b"\xff\xff\x01\xff"},
-        wrong_ids=lambda data: data[:2] + b"\x63" + data[3:],
+        wrong_ids={"servo": lambda data: data[:2] + b"\x63" + data[3:]},
     ),
     "koch": Rig(
         _servos(servo.DynamixelRig, DynamixelStopChannel),
@@ -96,7 +96,7 @@ RIGS: Mapping[str, Rig] = {
         quick=("older answers",),
         floods={"half headers": b"\xff\xff\xfd\x00"},
         bombs={"a frame of 64 kB": b"\xff\xff\xfd\x00\x01\xff\xff"},
-        wrong_ids=lambda data: data[:4] + b"\x63" + data[5:],
+        wrong_ids={"servo": lambda data: data[:4] + b"\x63" + data[5:]},
     ),
     "stretch3": Rig(
         _stretch,

@@ -88,7 +88,7 @@ RIGS: Mapping[str, Rig] = {
         quick=("garbled", "flood", "bomb"),
         floods={"unasked answers": frame(60_000, bytes((Register.SERVO_JOINT, 0)))},
         bombs={"a report of 4 GB": b"\xff\xff\xff\xff", "a frame of 64 kB": b"\x00\x01\x00\x02\xff\xff"},
-        wrong_ids=renumbered(0, 2),
+        wrong_ids={"transaction": renumbered(0, 2)},
     ),
     "kinova_gen3": Rig(
         _kinova,
@@ -96,7 +96,7 @@ RIGS: Mapping[str, Rig] = {
         quick=("garbled", "flood", "bomb"),
         floods={"notifications": Frame(Kind.NOTIFICATION, Call.STOP, 1, 1, b"").encode(), "magic": MAGIC},
         bombs={"a frame of 4 GB": MAGIC + b"\xff\xff\xff\xff"},
-        wrong_ids=lambda data: data.replace(MAGIC, MAGIC[::-1]),
+        wrong_ids={"magic": lambda data: data.replace(MAGIC, MAGIC[::-1])},
         login="the base takes a call only with the number of a session, which it gives in its answer",
     ),
     "robotiq_2f85": Rig(
@@ -105,7 +105,7 @@ RIGS: Mapping[str, Rig] = {
         quick=("older answers", "flood"),
         floods={"unasked answers": bytes.fromhex("ffff00000006010600000000")},
         bombs={"a frame of 64 kB": bytes.fromhex("00010000ffff")},
-        wrong_ids=renumbered(0, 2),
+        wrong_ids={"transaction": renumbered(0, 2)},
         bound_s=0.1,
         why_longer="a gripper is asked first: a hold would activate one that has lost its power",
     ),

@@ -173,7 +173,7 @@ RIGS: Mapping[str, Rig] = {
             "lines": b"Stopped?\n",
         },
         bombs={"a packet of 64 kB": b"\xff\xffU", "a line without an end": b"Stop" * 10},
-        wrong_ids=lambda data: data.replace(b"U\x01", b"U\x02"),
+        wrong_ids={"type": lambda data: data.replace(b"U\x01", b"U\x02")},
         bound_s=0.1,  # the published one
     ),
 }

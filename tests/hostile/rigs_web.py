@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 
 from . import services
 from .bench import Rig
+from .peer import Change
 
 _HTTP = b"HTTP/1.1 200 OK\r\n"
 _HTTP_FLOODS = {
@@ -28,24 +30,57 @@ _WEBSOCKET_FLOODS = {
 _WEBSOCKET_BOMBS = {"a message of 4 GB": b"\x82\x7f" + (1 << 32).to_bytes(8, "big")}
 
 
+def _digits(before: bytes, digit: bytes) -> Change:
+    """Return what puts one digit in place of all digits of a number or uuid, behind what stands before
+    it. No length changes."""
+    number = re.compile(before + rb'(\s*:\s*"?)([0-9a-f][0-9a-f.-]*)')
+
+    def replaced(match: re.Match[bytes]) -> bytes:
+        whole = match.group()
+        return whole[: -len(match[2])] + re.sub(rb"[0-9a-f]", digit, match[2])
+
+    return lambda data: number.sub(replaced, data)
+
+
+def _one_too_many(data: bytes) -> bytes:
+    """An answer that nobody asked for comes first: from now on each is that of an older question."""
+    return _HTTP + b"Content-Length: 2\r\n\r\n{}" + data if data.startswith(b"HTTP/1.1 ") else data
+
+
+_ACCEPT: Mapping[str, Change] = {
+    "accept": lambda data: re.sub(rb"(?i)(sec-websocket-accept: )....", rb"\1AAAA", data),
+}
+"""Of upgrades. What was accepted before goes on."""
+
+
 RIGS: Mapping[str, Rig] = {
     "earthrover": Rig(
         services.earthrover,
         lambda position: {"linear": 0.2},
         floods=_HTTP_FLOODS,
         bombs=_HTTP_BOMBS,
+        wrong_ids={"timestamp": _digits(rb'"timestamp"', b"1"), "one too many": _one_too_many},
     ),
     "yahboom_m3pro": Rig(
         services.yahboom,
         lambda position: {"linear.x": 0.2},
         floods=_WEBSOCKET_FLOODS,
         bombs=_WEBSOCKET_BOMBS,
+        wrong_ids={
+            "id": _digits(rb'"id"', b"9"),
+            "stamp": _digits(rb'"(?:nano)?sec"', b"1"),
+            "topic": lambda data: data.replace(b"/odom", b"/mood"),
+            **_ACCEPT,
+        },
+        understood=("accept",),
     ),
     "reachy_mini": Rig(
         services.reachy,
         lambda position: {"head_yaw": 5.0},
         floods={**_WEBSOCKET_FLOODS, **_HTTP_FLOODS},
         bombs={**_WEBSOCKET_BOMBS, **_HTTP_BOMBS},
+        wrong_ids={"uuid": _digits(rb'"uuid"', b"9"), "one too many": _one_too_many, **_ACCEPT},
+        understood=("accept", "uuid"),  # none is in what confirms that no move runs
         login="its daemon drops what comes before it has answered the upgrade, as uvicorn does",
     ),
 }

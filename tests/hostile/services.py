@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-from collections import deque
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
@@ -11,13 +10,11 @@ from typing import Any
 import msgspec
 import trio
 
-from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.http_port import HttpPort
 from strands_actors.drivers.common.tcp_port import OrderlyStream
 from strands_actors.drivers.common.twin.http import HttpSession
 from strands_actors.drivers.common.twin.http import serving as serving_http
-from strands_actors.drivers.common.twin.server import Frost
-from strands_actors.drivers.common.twin.tcp import ClientGone, Connection, Handler
+from strands_actors.drivers.common.twin.tcp import ClientGone, Handler
 from strands_actors.drivers.common.twin.websocket import serving_both, serving_websocket
 from strands_actors.drivers.common.websocket import begin_websocket, open_websocket
 from strands_actors.drivers.earthrover.config import EarthRoverConfig
@@ -36,101 +33,13 @@ from strands_actors.drivers.yahboom.stop import StopLink, YahboomStopChannel
 from strands_actors.drivers.yahboom.twin import M3ProTwin
 from strands_actors.drivers.yahboom.twin.bridge import serving as serving_bridge
 from strands_actors.drivers.yahboom.wire import YahboomWire
+from tests.drivers.common.memory_stream import MemoryConnection, MemoryStream, Pipe
 
 from .bench import Bench, Log
 from .peer import HostilePeer, HostileStream
 
 
-class _Pipe:
-    """One direction of a connection."""
-
-    def __init__(self) -> None:
-        self._pieces: deque[bytes] = deque()
-        self._news = trio.Event()
-        self.closed = False
-
-    def put(self, data: bytes) -> None:
-        self._pieces.append(data)
-        self._news.set()
-
-    def close(self) -> None:
-        self.closed = True
-        self._news.set()
-
-    def waiting(self) -> bytes | None:
-        return self._pieces.popleft() if self._pieces else None
-
-    async def get(self) -> bytes:
-        """Return nothing at the end."""
-        await trio.lowlevel.checkpoint()
-        while not self._pieces and not self.closed:
-            self._news = trio.Event()
-            await self._news.wait()
-        return self._pieces.popleft() if self._pieces else b""
-
-
-class _Stream:
-    """The host's end."""
-
-    name = "the robot in memory"
-
-    def __init__(self, said: _Pipe, heard: _Pipe) -> None:
-        self._said, self._heard = said, heard
-
-    def write(self, data: bytes) -> None:
-        if self._said.closed:
-            raise WireDown("the connection is closed")
-        self._said.put(data)
-
-    async def read(self) -> bytes:
-        data = await self._heard.get()
-        if not data:
-            raise WireDown("the robot closed it")
-        return data
-
-    def read_waiting(self) -> bytes | None:
-        return self._heard.waiting()
-
-    def close(self) -> None:
-        self._said.close()
-        self._heard.close()
-
-    close_in_order = close
-
-
-class _Connection(Connection):
-    """The robot's end."""
-
-    def __init__(self, heard: _Pipe, said: _Pipe, log: Any) -> None:
-        self._heard, self._said = heard, said
-        self.log = log
-        self.frost = Frost()
-
-    @property
-    def peer_host(self) -> str:
-        return "192.0.2.9"
-
-    @property
-    def takes(self) -> bool:
-        return True
-
-    async def receive(self) -> tuple[int, bytes]:
-        data = await self._heard.get()
-        if not data:
-            raise ClientGone
-        return 0, data
-
-    def send(self, data: bytes) -> None:
-        if not self._said.closed:
-            self._said.put(data)
-
-    offer = send
-
-    def hang_up(self) -> None:
-        self._said.close()
-
-
-class _Log:
+class EntryLog:
     """The wire log, in virtual time."""
 
     def __init__(self) -> None:
@@ -154,7 +63,7 @@ class Service:
         self._peer = peer
         self._handler = handler
         self._nursery: trio.Nursery | None = None
-        self.log = _Log()
+        self.log = EntryLog()
 
     @contextlib.asynccontextmanager
     async def living(self) -> AsyncIterator[None]:
@@ -165,19 +74,18 @@ class Service:
     async def open_stream(self, host: str, port: int) -> OrderlyStream:
         await trio.lowlevel.checkpoint()
         assert self._nursery is not None
-        to_robot, to_host = _Pipe(), _Pipe()
+        to_robot, to_host = Pipe(), Pipe()
         handler = self._handler[port] if isinstance(self._handler, Mapping) else self._handler
-        self._nursery.start_soon(self._serve, handler, _Connection(to_robot, to_host, self.log), to_robot, to_host)
-        return HostileStream(self._peer, _Stream(to_robot, to_host))
+        self._nursery.start_soon(self._serve, handler, MemoryConnection(to_robot, to_host, self.log))
+        return HostileStream(self._peer, MemoryStream(to_robot, to_host))
 
-    async def _serve(self, handler: Handler, connection: _Connection, *pipes: _Pipe) -> None:
+    async def _serve(self, handler: Handler, connection: MemoryConnection) -> None:
         try:
             await handler(connection)
         except* ClientGone:
             pass
         finally:
-            for pipe in pipes:
-                pipe.close()
+            connection.abort()
 
 
 class _RoverConfig(EarthRoverConfig, frozen=True):

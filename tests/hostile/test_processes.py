@@ -3,12 +3,13 @@ SAF-025). Order and counts alone: the bounds are asserted in virtual time."""
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,11 +25,15 @@ from .relay import Datagrams, Relay
 from .rigs import RIGS
 
 MOST_MEMORY = 32 << 20
+MOST_FLOOD = 1200
+"""Bytes of a bomb's body that are said again and again."""
 FLOODED_S = 0.7
 """From the beginning of the fault to the stop."""
 
 
 class Cell(NamedTuple):
+    """``flood``: one of the floods of its rig, or of the bombs, whose head is said once."""
+
     robot: str
     kind: str
     flood: str = ""
@@ -44,8 +49,20 @@ UR = (29999, 30001, 30002, 30003)
 FRI, FCI = Datagrams.SAME_PORT, Datagrams.GREETING
 CELLS = [
     Cell("rby1", "flood", "pings"),
-    Cell("rby1", "flood", "settings"),
     Cell("xarm7", "flood", "unasked answers", XARM),
+    Cell("yahboom_m3pro", "garbled"),
+    Cell("rby1", "flood", "settings"),
+    Cell("reachy_mini", "flood", "pings"),
+    Cell("earthrover", "flood", "endless chunks"),
+    Cell("yahboom_m3pro", "flood", "pings"),
+    Cell("yahboom_m3pro", "flood", "empty messages"),
+    Cell("yahboom_m3pro", "flood", "fragments"),
+    Cell("yahboom_m3pro", "half"),
+    Cell("earthrover", "garbled"),
+    Cell("earthrover", "half"),
+    Cell("reachy_mini", "garbled"),
+    Cell("reachy_mini", "half"),
+    Cell("reachy_mini", "flood", "interim answers"),
     Cell("rby1", "flood", "empty data"),
     Cell("rby1", "garbled"),
     Cell("rby1", "half"),
@@ -74,23 +91,36 @@ JOINTS = {
     "ur5e": ["shoulder_pan_joint"],
     "panda": [f"joint{number}" for number in range(1, 8)],
 }
-"""What a target names. The first one moves."""
+"""What a target names, of robots that are told positions. The first one moves."""
+ACTIONS: Mapping[str, Mapping[str, float]] = {
+    "yahboom_m3pro": {"linear.x": 0.1},
+    "earthrover": {"linear": 0.1},
+    "reachy_mini": {"head_yaw": 5.0},
+}
+"""What the others are sent."""
+SCHEMES = {"yahboom_m3pro": "ws://", "earthrover": "http://", "reachy_mini": "http://"}
 
 CALLER = """
-import sys, time
+import json, sys, time
 from strands_actors import Robot
-robot, port, *joints = sys.argv[1:]
+robot, port, action, *joints = sys.argv[1:]
 arm = Robot(robot, mode="real", port=port)
 while arm.connect_eagerly() is not None:
     time.sleep(0.1)
 seen = arm.get_observation()
-target = {joint: seen[joint] for joint in joints}
+target = json.loads(action) | {joint: seen[joint] for joint in joints}
 print("ready", flush=True)
 while True:
-    target[joints[0]] = arm.get_observation()[joints[0]] + 0.002
+    for joint in joints[:1]:
+        target[joint] = arm.get_observation()[joint] + 0.002
     arm.send_action(target)
     time.sleep(0.05)
 """
+
+
+def address(cell: Cell, relay: Relay) -> str:
+    """Return the relay's, as a user of this robot writes it."""
+    return SCHEMES.get(cell.robot, "") + relay.port
 
 
 def _memory(pid: int, key: str) -> int:
@@ -137,19 +167,27 @@ def relay(cell: Cell, host: str, twin: Twin) -> Iterator[Relay]:
 
 
 def begin(cell: Cell, relay: Relay) -> None:
-    relay.begin(cell.kind, RIGS[cell.robot].floods[cell.flood] if cell.flood else b"")
+    rig = RIGS[cell.robot]
+    words = {"": b"", **rig.floods, **rig.bombs}[cell.flood]
+    assert isinstance(words, bytes)
+    head, end, body = words.partition(b"\r\n\r\n") if cell.flood in rig.bombs else (b"", b"", words)
+    relay.begin(cell.kind, body[:MOST_FLOOD], head + end)
     time.sleep(FLOODED_S)
 
 
-def moving(arm: RealRobot, twin: Twin, joints: Sequence[str]) -> None:
+def moving(arm: RealRobot, twin: Twin, robot: str) -> None:
     armed(arm)
     began_ns = time.monotonic_ns()
-    until(lambda: moved(arm, joints)["status"] == "success", "a target is taken")
+    until(lambda: moved(arm, robot)["status"] == "success", "a target is taken")
     until(lambda: twin.log.host("setpoint", began_ns), "a setpoint")
 
 
-def moved(arm: RealRobot, joints: Sequence[str]) -> Mapping[str, Any]:
-    """Ask for a small step from where the robot is."""
+def moved(arm: RealRobot, robot: str) -> Mapping[str, Any]:
+    """Ask for a small step from where the robot is, or for what it is sent instead."""
+    if robot in ACTIONS:
+        sent: Mapping[str, Any] = arm.send_action(dict(ACTIONS[robot]))
+        return sent
+    joints = JOINTS[robot]
     seen = arm.get_observation()
     target = {joint: seen.get(joint, 0.0) for joint in joints}
     answer: Mapping[str, Any] = arm.send_action({**target, joints[0]: target[joints[0]] + 0.002})
@@ -160,8 +198,8 @@ def moved(arm: RealRobot, joints: Sequence[str]) -> Mapping[str, Any]:
 @pytest.mark.real_time
 @pytest.mark.parametrize("cell", CELLS, indirect=True, ids=str)
 def test_saf_022_025_a_stop_behind_a_hostile_peer(cell: Cell, twin: Twin, relay: Relay) -> None:
-    with robot_on(relay.port, cell.robot) as arm:
-        moving(arm, twin, JOINTS[cell.robot])
+    with robot_on(address(cell, relay), cell.robot) as arm:
+        moving(arm, twin, cell.robot)
         memory = Memory(pids(arm))
         begin(cell, relay)
         asked_ns = time.monotonic_ns()
@@ -180,7 +218,9 @@ def test_saf_022_025_a_stop_behind_a_hostile_peer(cell: Cell, twin: Twin, relay:
 @pytest.mark.real_time
 @pytest.mark.parametrize("cell", CELLS, indirect=True, ids=str)
 def test_saf_022_025_the_caller_is_killed_behind_a_hostile_peer(cell: Cell, twin: Twin, relay: Relay) -> None:
-    arguments = [sys.executable, "-c", CALLER, cell.robot, relay.port, *JOINTS[cell.robot]]
+    action = json.dumps(ACTIONS.get(cell.robot, {}))
+    told = [cell.robot, address(cell, relay), action, *JOINTS.get(cell.robot, [])]
+    arguments = [sys.executable, "-c", CALLER, *told]
     with subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True) as caller:
         assert caller.stdout is not None
         try:

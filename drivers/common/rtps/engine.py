@@ -41,9 +41,14 @@ from .writer import Writer
 
 FEW = 4
 """Parts of a datagram that are not looked through for repeats."""
+MOST_HEARD = 64
+"""Parts of a datagram that are for us and are heard. What is reliable of the rest comes again."""
 MAX_PEERS = 64
 RESERVED = 16
 """Of them, for participants of hosts that were given as peers: strangers cannot fill the table."""
+MOST_CHANGES = 4
+"""Peers between two ticks that may leave, or change what they say of themselves. Whoever meets us costs
+as much as a hundred samples, and could do nothing else. What leaves unheard ends with its lease."""
 EAGER = 20
 """Announcements at the quick pace, before the steady one."""
 EAGER_NS = 100_000_000
@@ -63,7 +68,7 @@ class Counters:
     unmatched: int = 0  # samples of writers that no reader here hears
     strangers: int = 0  # announcements of participants that are none of ours to talk to
     misplaced: int = 0  # datagrams in a peer's name, from where that peer is not
-    refused: int = 0  # peers and endpoints beyond the tables, samples longer than their reader takes
+    refused: int = 0  # peers, endpoints, changes and parts beyond what is taken; samples too long for their reader
     unsent: int = 0  # datagrams that the network did not take
 
 
@@ -105,6 +110,7 @@ class Engine:
         self._on_match = on_match
         self._only = only
         self._peers: dict[bytes, _Peer] = {}
+        self._changes = 0  # of peers, since the last tick
         self._matching = Matching(self._locate, on_match)
         self._reassembly = Reassembly()
         self._endpoints = 0
@@ -192,7 +198,7 @@ class Engine:
         come from where that peer is.
 
         Returns:
-            How many parts of it were for us: what it has cost.
+            How many parts it has: what it has cost.
         """
         self.counters.datagrams += 1
         peer = self._peers.get(bytes(datagram[8 : messages.HEADER_SIZE]))
@@ -206,46 +212,60 @@ class Engine:
             return 0
         if peer is not None:
             peer.heard_ns = now_ns
-        if len(parts) > FEW:
+        count = len(parts)
+        if count > FEW:
             parts = _without_repeats(parts)
-        matching = self._matching
+        heard = 0
         for part in parts:
-            if isinstance(part, Data):
-                self._on_data(part, sender, now_ns)
-            elif isinstance(part, AckNack):
-                if writer := matching.writers.get(part.writer):
-                    writer.on_acknack(part)
-                    self._on_match()  # who acknowledges us knows of us
-            elif isinstance(part, Fragment):
-                self._on_fragment(part, now_ns)
-            else:
-                for reader in matching.hearing.get(part.writer, ()):
-                    if part.reader not in (UNKNOWN, reader.entity):
-                        continue
-                    if isinstance(part, Heartbeat):
-                        reader.on_heartbeat(part, now_ns)
-                        self._on_match()
-                    else:
-                        reader.on_gap(part, now_ns)
-        return len(parts)
+            heard += self._on_part(part, sender, now_ns)
+            if heard >= MOST_HEARD:
+                self.counters.refused += 1
+                break
+        return count
 
-    def _on_data(self, part: Data, sender: Address, now_ns: int) -> None:
+    def _on_part(self, part: Submessage, sender: Address, now_ns: int) -> bool:
+        """Return whether it was for somebody here."""
+        matching = self._matching
+        if isinstance(part, Data):
+            return self._on_data(part, sender, now_ns)
+        if isinstance(part, AckNack):
+            writer = matching.writers.get(part.writer)
+            if writer is None:
+                return False
+            writer.on_acknack(part)
+            self._on_match()  # who acknowledges us knows of us
+            return True
+        if isinstance(part, Fragment):
+            return self._on_fragment(part, now_ns)
+        readers = matching.hearing.get(part.writer, ())
+        for reader in readers:
+            if part.reader not in (UNKNOWN, reader.entity):
+                continue
+            if isinstance(part, Heartbeat):
+                reader.on_heartbeat(part, now_ns)
+                self._on_match()
+            else:
+                reader.on_gap(part, now_ns)
+        return bool(readers)
+
+    def _on_data(self, part: Data, sender: Address, now_ns: int) -> bool:
         sample = Sample(part.payload, part.writer, now_ns, part.disposed, part.key)
         if part.writer[PREFIX_SIZE:] == SPDP_WRITER:
             try:
                 self._on_participant(sample, sender)
             except MalformedFrame:
                 self.counters.malformed += 1
-            return
+            return True
         readers = self._matching.hearing.get(part.writer)
         if readers is None:
             self.counters.unmatched += 1
-            return
+            return False
         for reader in readers:
             if part.reader in (UNKNOWN, reader.entity):
                 reader.on_sample(part.sequence, sample)
+        return True
 
-    def _on_fragment(self, part: Fragment, now_ns: int) -> None:
+    def _on_fragment(self, part: Fragment, now_ns: int) -> bool:
         readers = [
             reader
             for reader in self._matching.hearing.get(part.writer, ())
@@ -253,28 +273,30 @@ class Engine:
         ]
         if not readers:
             self.counters.unmatched += 1
-            return
+            return False
         # Before room is made for the whole of it.
         readers = [reader for reader in readers if part.total <= reader.max_bytes]
         if not readers:
             self.counters.refused += 1
-            return
+            return False
         try:
             whole = self._reassembly.add(part, now_ns)
         except MalformedFrame:
             self.counters.malformed += 1
-            return
+            return True
         if whole is not None:
             sample = Sample(memoryview(whole), part.writer, now_ns, part.disposed, b"")
             for reader in readers:
                 reader.on_sample(part.sequence, sample)
+        return True
 
     # -- what peers say of themselves
 
     def _on_participant(self, sample: Sample, sender: Address) -> None:
         prefix = sample.writer[:PREFIX_SIZE]
         if sample.disposed:
-            if discovery.gone(sample.payload, sample.key, parameters.PARTICIPANT_GUID) == prefix + PARTICIPANT:
+            gone = discovery.gone(sample.payload, sample.key, parameters.PARTICIPANT_GUID)
+            if gone == prefix + PARTICIPANT and prefix in self._peers and self._may_change():
                 self._part(prefix)
             return
         data = discovery.decode_participant(sample.payload)
@@ -287,7 +309,9 @@ class Engine:
             self.counters.strangers += 1
             return
         if known:
-            self._part(prefix)
+            if self._may_change():
+                self._move(prefix, data)
+            return
         room = MAX_PEERS if sender[0] in self._given else MAX_PEERS - RESERVED
         if len(self._peers) >= room:
             self.counters.refused += 1
@@ -304,6 +328,21 @@ class Engine:
         join.join_reader(self._subscriptions, _builtin(prefix, SUBSCRIPTIONS_READER), address)
         join.join_writer(self._heard_publications, _builtin(prefix, PUBLICATIONS_WRITER), address)
         join.join_writer(self._heard_subscriptions, _builtin(prefix, SUBSCRIPTIONS_WRITER), address)
+
+    def _move(self, prefix: bytes, data: ParticipantData) -> None:
+        """A peer is reached elsewhere now, or lives longer. What it writes and reads stays: a stop may
+        not wait until it has said that again."""
+        known = self._peers[prefix]
+        peer = self._peers[prefix] = _Peer(data, known.host, self._host, self._only)
+        peer.heard_ns = known.heard_ns
+        self._meet(prefix, peer.discovery)
+        self._matching.relocate(prefix)
+
+    def _may_change(self) -> bool:
+        self._changes += 1
+        if self._changes > MOST_CHANGES:
+            self.counters.refused += 1
+        return self._changes <= MOST_CHANGES
 
     def _part(self, prefix: bytes) -> None:
         if self._peers.pop(prefix, None):
@@ -348,6 +387,7 @@ class Engine:
     def tick(self, now_ns: int) -> None:
         """Do what is due. Call it often (20 times a second), after what has arrived has been
         received."""
+        self._changes = 0
         if not self._announced or now_ns - self._announced_ns >= (
             EAGER_NS if self._announced < EAGER else STEADY_NS
         ):

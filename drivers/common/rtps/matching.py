@@ -16,6 +16,9 @@ from .writer import Writer
 MAX_ENDPOINTS = 1024
 """Of remote writers, and of remote readers."""
 
+MAX_MATCHED = 64
+"""Of one endpoint: each costs a datagram with every sample, or with every heartbeat that is due."""
+
 Locate = Callable[[EndpointData], Address | None]
 """Where a remote endpoint is reached; None: nowhere, its participant is not known."""
 
@@ -72,6 +75,15 @@ class Matching:
             self._try_reader(writer, remote)
         return True
 
+    def relocate(self, prefix: bytes) -> None:
+        """Reach a participant's endpoints where it is now."""
+        for guid, remote in self._remote_writers.items():
+            if guid.startswith(prefix):
+                self.learn_writer(remote)
+        for guid, remote in self._remote_readers.items():
+            if guid.startswith(prefix):
+                self.learn_reader(remote)
+
     def forget_writer(self, guid: bytes) -> None:
         self._remote_writers.pop(guid, None)
         readers = self.hearing.pop(guid, ())
@@ -114,7 +126,7 @@ class Matching:
             return
         writer.mismatch = mismatch(writer.data, remote)
         address = self._locate(remote)
-        if not writer.mismatch and address:
+        if not writer.mismatch and address and writer.has_room(remote.guid, MAX_MATCHED):
             self.join_reader(writer, remote, address)
 
     def _try_writer(self, reader: Reader, remote: EndpointData) -> None:
@@ -122,5 +134,5 @@ class Matching:
             return
         reader.mismatch = mismatch(remote, reader.data)
         address = self._locate(remote)
-        if not reader.mismatch and address:
+        if not reader.mismatch and address and reader.has_room(remote.guid, MAX_MATCHED):
             self.join_writer(reader, remote, address)

@@ -98,6 +98,10 @@ class Reader:
 
     # -- whom it hears
 
+    def has_room(self, guid: bytes, most: int) -> bool:
+        """Return whether this writer is matched, or would be one of ``most``."""
+        return guid in self._writers or len(self._writers) < most
+
     def match(self, data: EndpointData, address: Address) -> None:
         """``data`` is of this topic and fits. Told again, it may have moved."""
         known = self._writers.get(data.guid)

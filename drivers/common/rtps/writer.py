@@ -9,7 +9,7 @@ otherwise no sample is sent again once it was acknowledged.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 from . import messages
 from .discovery import VOLATILE, EndpointData
@@ -54,6 +54,12 @@ class Writer:
         self._heartbeat_ns = 0
         self._readers: dict[bytes, _Reader] = {}
         self._addresses: tuple[Address, ...] = ()
+        self._parted: tuple[Address, ...] = ()  # of those that were there last, while there are none
+
+    @property
+    def has_parted(self) -> bool:
+        """Return whether nobody reads it any more who did. A stop is still sent to where they were."""
+        return bool(self._parted)
 
     @property
     def matched(self) -> int:
@@ -78,29 +84,41 @@ class Writer:
     def write(self, payload: Buffer) -> int:
         """Send a sample, with its encapsulation header, to every reader. Returns how many addresses
         took it."""
+        return self._write(payload, self._addresses)
+
+    def write_stop(self, payload: Buffer) -> int:
+        """As ``write``; where no reader is left, send it to where the last ones were. Who said that they
+        have gone may be there all the same (SAF-022)."""
+        return self._write(payload, self._addresses or self._parted)
+
+    def _write(self, payload: Buffer, addresses: Sequence[Address]) -> int:
         self._sequence += 1
         kept = self._kept
         if kept is not None:
             kept.append(bytes(payload))
         if len(payload) > FRAGMENT_SIZE:
-            return self._write_fragments(payload)
+            return self._write_fragments(payload, addresses)
         self._heartbeats += 1
         parts = self._frame.parts(self._sequence, payload, self._first(), self._heartbeats)
         send = self._send
         taken = 0
-        for address in self._addresses:
+        for address in addresses:
             taken += send(parts, address)
         return taken
 
-    def _write_fragments(self, payload: Buffer) -> int:
+    def _write_fragments(self, payload: Buffer, addresses: Sequence[Address]) -> int:
         """An address has taken it if it took every piece."""
-        taken = dict.fromkeys(self._addresses, True)
+        taken = dict.fromkeys(addresses, True)
         for piece in messages.fragments(UNKNOWN, self._entity, self._sequence, payload):
-            for address in self._addresses:
+            for address in addresses:
                 taken[address] &= self._send((self._header, piece), address)
         return sum(taken.values())
 
     # -- who hears it
+
+    def has_room(self, guid: bytes, most: int) -> bool:
+        """Return whether this reader is matched, or would be one of ``most``."""
+        return guid in self._readers or len(self._readers) < most
 
     def match(self, data: EndpointData, address: Address) -> None:
         """``data`` is of this topic and fits. Told again, it may have moved."""
@@ -128,6 +146,7 @@ class Writer:
             self.unmatch(guid)
 
     def _readdress(self) -> None:
+        self._parted = () if self._readers else self._addresses or self._parted
         self._addresses = tuple(dict.fromkeys(reader.address for reader in self._readers.values()))
 
     # -- reliability

@@ -45,7 +45,8 @@ class WalkingLink(Network):
         self.refused: dict[Order, str] = {}
         """Requests whose last answer says no, and why."""
         self._stamps = Stamps()
-        self._newest: tuple[bytes, int] | None = None  # a LowState, not decoded yet, and when it came
+        self._newest: tuple[bytes, bytes, int] | None = None
+        """A LowState, not decoded yet, who wrote it, and when it came."""
         self._follows = False
 
     def follow(self) -> None:
@@ -59,6 +60,11 @@ class WalkingLink(Network):
         self.sport.ask(order.api, partial(self._hear, order), order.parameter)
         return self.sport.matched
 
+    def send_stop(self, order: Order) -> bool:
+        """As ``send``, to a robot that says that it has gone, too."""
+        self.sport.ask(order.api, partial(self._hear, order), order.parameter, stop=True)
+        return self.sport.takes_stops
+
     def is_in(self, modes: Collection[int]) -> bool:
         """Return whether the robot has told that it is in one of these modes."""
         return self.gait is not None and self.gait.mode in modes
@@ -67,7 +73,8 @@ class WalkingLink(Network):
         super().poll()
         newest, self._newest = self._newest, None
         if newest is not None:
-            super()._on_state(memoryview(newest[0]), b"", newest[1])
+            payload, writer, t_ns = newest
+            super()._on_state(memoryview(payload), writer, t_ns)
 
     async def until(self, condition: Callable[[], bool], within_s: float) -> bool:
         """Return whether it has become true in time."""
@@ -95,7 +102,7 @@ class WalkingLink(Network):
 
     def _on_state(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
         """500 come a second, and one in ten of them is looked at."""
-        self._newest = bytes(payload), t_ns
+        self._newest = bytes(payload), bytes(writer), t_ns
 
     def _on_gait(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
         with suppress(MalformedFrame):  # one that cannot be read is none: the one before it grows old

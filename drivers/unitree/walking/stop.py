@@ -44,13 +44,13 @@ class Stopping:
 
     @property
     def is_open(self) -> bool:
-        return self._link.sport.matched
+        return self._link.sport.takes_stops
 
     async def connect(self) -> None:
         await self._link.find(self._link.where)
 
     def zero(self) -> None:
-        if not self._link.send(self._order):
+        if not self._link.send_stop(self._order):
             raise WireDown("the sport service does not hear us")
 
     async def taken(self, within_s: float) -> None:

@@ -51,7 +51,7 @@ class Service:
         self._heard: list[Callable[[Response], None]] = []
         link.calls.ask = self._ask  # type: ignore[method-assign]
 
-    def _ask(self, api: Api, body: str, heard: Callable[[Response], None]) -> bool:
+    def _ask(self, api: Api, body: str, heard: Callable[[Response], None], stop: bool = False) -> bool:
         self.asked.append((api, body))
         self._heard.append(heard)
         return True
@@ -311,8 +311,8 @@ def test_a_hand_over_that_is_asked_for_again_is_not_taken_back(tmp_path: Path) -
             await trio.sleep(0.1)
             calls = wire.session.link.calls
             ask = calls.ask
-            calls.ask = lambda api, body, heard: (  # type: ignore[method-assign]
-                False if body == rpc.upper_body(False) else ask(api, body, heard)
+            calls.ask = lambda api, body, heard, stop=False: (  # type: ignore[method-assign]
+                False if body == rpc.upper_body(False) else ask(api, body, heard, stop)
             )  # giving back does not get through
             await takes(wire)
             served.command("answer UPPER_BODY -")

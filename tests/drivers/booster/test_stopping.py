@@ -55,7 +55,7 @@ class Arms:
         self._turns = turns
         self._held = held
         link.calls.ask = self._ask  # type: ignore[method-assign]
-        link.commands.write = self._write  # type: ignore[method-assign, assignment]
+        link.commands.write = link.commands.write_stop = self._write  # type: ignore[method-assign, assignment]
 
     def at(self, now_s: float) -> float:
         if self._held is None or not self.frames:
@@ -74,7 +74,7 @@ class Arms:
         speed = (self.at(now_s + 1e-4) - self.at(now_s)) / 1e-4
         self._link._on_state(low_state(self.at(now_s), speed, self.readable), b"", round(now_s * NS))
 
-    def _ask(self, api: Api, body: str, heard: Callable[[Response], None]) -> bool:
+    def _ask(self, api: Api, body: str, heard: Callable[[Response], None], stop: bool = False) -> bool:
         heard(Response("", rpc.OK, rpc.change_mode(Mode.WALKING) if api is Api.GET_MODE else ""))
         return True
 

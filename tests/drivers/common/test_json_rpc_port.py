@@ -13,7 +13,7 @@ import trio.testing
 from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.json_rpc import Call
 from strands_actors.drivers.common.json_rpc_port import JsonRpcPort, SaidNo
-from strands_actors.drivers.common.tcp_port import ByteStream
+from strands_actors.drivers.common.tcp_port import OrderlyStream
 
 
 class Peer:
@@ -22,7 +22,7 @@ class Peer:
     def __init__(self) -> None:
         self.written: list[dict[str, Any]] = []
         self._send, self._receive = trio.open_memory_channel[bytes](100)
-        self.closed = False
+        self.closed = self.closed_in_order = False
         self.blocked = False
 
     def write(self, data: bytes) -> None:
@@ -39,6 +39,9 @@ class Peer:
     def close(self) -> None:
         self.closed = True
 
+    def close_in_order(self) -> None:
+        self.closed_in_order = True
+
     def say(self, **message: Any) -> None:
         self._send.send_nowait(json.dumps({"jsonrpc": "2.0", **message}).encode() + b"\n")
 
@@ -49,7 +52,7 @@ class Peer:
 async def connected(notices: list[Call] | None = None) -> tuple[JsonRpcPort, Peer]:
     peer = Peer()
 
-    async def open_stream() -> ByteStream:
+    async def open_stream() -> OrderlyStream:
         return peer
 
     port = JsonRpcPort(open_stream, (notices if notices is not None else []).append)
@@ -179,6 +182,30 @@ def test_a_line_without_an_end_is_not_kept_for_ever() -> None:
             peer.say_bytes(b"x" * 100_000)
         with pytest.raises(WireDown, match="a line of more than"):
             await port.answer(number, 1.0)
-        assert peer.closed
+        assert not port.is_open
+        with pytest.raises(WireDown, match="not understood"):
+            port.notify("b", {})
+        with pytest.raises(WireDown, match="not connected"):
+            await port.hear()
+
+    trio.run(main)
+
+
+def test_saf_022_a_stop_is_written_on_a_connection_that_is_not_understood() -> None:
+    """The connection is kept for that, and what was written on it arrives: it is closed in order."""
+
+    async def main() -> None:
+        port, peer = await connected()
+        peer.say_bytes(b"x" * 2_000_000)
+        with pytest.raises(WireDown, match="a line of more than"):
+            await port.hear()
+        assert port.takes_stops and not peer.closed
+        port.send_stop("stop", {})
+        port.notify_stop("rest", {})
+        assert [one["method"] for one in peer.written] == ["stop", "rest"]
+        port.close()
+        assert peer.closed_in_order and not peer.closed
+        with pytest.raises(WireDown, match="not connected"):
+            port.send_stop("stop", {})
 
     trio.run(main)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import socket
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -64,6 +64,10 @@ class Rig:
         except BlockingIOError:
             return []
         return [json.loads(line) for line in data.splitlines()]
+
+    def say(self, data: bytes) -> None:
+        with suppress(BlockingIOError):
+            self._robotd.send(data)
 
     async def walk(self, until_s: float) -> None:
         values = [*WALKS, *(0.0,) * 14]
@@ -237,5 +241,25 @@ def test_saf_005_without_a_connection_nothing_is_called_written(tmp_path: Path) 
     async def test(one: Rig) -> None:
         one.wire._link.close()
         assert all(not report.written for report in await one.wire.make_safe("stop"))
+
+    run(tmp_path, test)
+
+
+@pytest.mark.parametrize("how", ["make_safe", "reach"])
+def test_saf_022_a_stop_is_said_on_a_connection_that_is_not_understood(tmp_path: Path, how: str) -> None:
+    """It is written at once, before another connection is made."""
+
+    async def test(one: Rig) -> None:
+        one.heard()
+        with trio.fail_after(5.0):
+            while one.wire._link.is_open:
+                one.say(b"x" * 65536)
+                with suppress(WireDown), trio.move_on_after(0.002):
+                    await one.wire._link.hear()
+        with trio.CancelScope() as stopping:
+            stopping.cancel()
+            await getattr(one.wire, how)("zero")
+        said = one.heard()
+        assert said and said[0]["params"] == p.REST
 
     run(tmp_path, test)

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import pytest
 
-from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.rtps import discovery, messages, parameters, wire_types
 from strands_actors.drivers.common.rtps.discovery import EndpointData, ParticipantData
 from strands_actors.drivers.common.rtps.engine import MAX_PEERS, RESERVED
@@ -225,27 +224,3 @@ def test_endpoints_are_taken_from_who_has_them_alone() -> None:
     pair.network.arrive(C, (B, 7410), messages.header(pair.a.data.prefix) + sent)
     pair.network.run(0.05)
     assert stolen.guid not in pair.b._matching.hearing
-
-
-def test_saf_025_a_datagram_full_of_questions_is_answered_once() -> None:
-    """Each would be answered by a datagram, or by every sample that is kept."""
-    pair = Pair()
-    pair.read()
-    pair.network.run(0.3)
-    writer, reader = pair.writer.data.guid, pair.reader.data.guid
-    beats = b"".join(
-        messages.heartbeat(reader[12:], writer[12:], 1, 9, 1000 + at, final=False)
-        for at in range(messages.MOST_SUBMESSAGES)
-    )
-    pair.network.keep_sent = True
-    pair.b.receive(memoryview(messages.header(writer[:12]) + beats), (A, 7410), pair.network.now_ns)
-    assert len(pair.network.sent) == 1
-
-
-def test_saf_025_a_datagram_of_more_parts_than_any_has_is_refused_at_once() -> None:
-    pair = Pair()
-    writer = pair.writer.data.guid
-    beat = messages.heartbeat(wire_types.UNKNOWN, writer[12:], 1, 1, 1, final=True)
-    datagram = messages.header(writer[:12]) + beat * (messages.MOST_SUBMESSAGES + 1)
-    with pytest.raises(MalformedFrame, match="submessages"):
-        messages.decode(memoryview(datagram), pair.b.data.prefix)

@@ -350,7 +350,9 @@ def test_saf_012_a_state_that_repeats_its_tick_ends_a_rollout_and_confirms_no_st
         g1.run(Stand, duration=30.0)
         g1.twin.command("fault stuck")
         g1.wait_for_the_end()
-        until(lambda: "all that repeat their tick" in (g1.status()["connect_error"] or ""), "it is not found again")
+        until(
+            lambda: "all whose tick does not go on" in (g1.status()["connect_error"] or ""), "it is not found again"
+        )
 
         def says_why() -> bool:
             answer = g1.robot.stop()

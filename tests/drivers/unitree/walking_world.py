@@ -37,6 +37,7 @@ class Bus:
 
 class Writer:
     matched = 1
+    has_parted = False
 
     def __init__(self, bus: Bus, topic: str) -> None:
         self._bus, self._topic = bus, topic
@@ -47,6 +48,8 @@ class Writer:
         for deliver in list(self._bus.readers.get(self._topic, ())):
             deliver(memoryview(payload), b"", round(trio.current_time() * NS))
         return 1
+
+    write_stop = write
 
 
 class Reader:
