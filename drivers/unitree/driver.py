@@ -25,6 +25,7 @@ from strands_actors.contract.driver import Candidate, Driver, GateState, Reason,
 from strands_actors.contract.options import meanings, plain, read_options
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor, imu
+from strands_actors.contract.tool_verbs import DURATION
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.addresses import check_peer
 from strands_actors.drivers.common.motor_targets import ROWS, Parser, target_gates
@@ -36,10 +37,16 @@ from .options import IMU, OF_JOINTS, LegsOptions
 from .protocol import COMMAND_TOPIC
 from .robots import TABLES, model_of
 from .walking.gates import WALKS_ELSEWHERE
+from .walking.robots import BASE
 from .walking.services import services_of
 from .walking.sport import GO2
 
-OF_WALKING = services_of(GO2)
+_MOVE = Service(
+    "walk so fast, m/s and rad/s of the body, for so many seconds",
+    within_s=1.0,
+    arguments=dict.fromkeys((*BASE, DURATION), 0.0),
+)
+OF_WALKING = {"move": _MOVE, **services_of(GO2)}
 """Services of the robots that also walk (``level="sport"``)."""
 
 

@@ -175,8 +175,8 @@ class AsyncFranka(AsyncRobot):
 
 @type_check_only
 class Go2(RealRobot):
-    def move(self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0) -> Answer:
-        """Walk so fast for 0.3 s, m/s and rad/s of the body, then stand."""
+    def move(self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0, duration_s: float = 0.0) -> Answer:
+        """Walk so fast, m/s and rad/s of the body, for so many seconds."""
     def stand_up(self) -> Answer:
         """Stand up from lying or from damping, and balance."""
     def lie_down(self) -> Answer:
@@ -196,7 +196,7 @@ class Go2(RealRobot):
 
 @type_check_only
 class AsyncGo2(AsyncRobot):
-    async def move(self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0) -> Answer: ...
+    async def move(self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0, duration_s: float = 0.0) -> Answer: ...
     async def stand_up(self) -> Answer: ...
     async def lie_down(self) -> Answer: ...
     async def balance(self) -> Answer: ...
@@ -205,15 +205,6 @@ class AsyncGo2(AsyncRobot):
     async def rise(self) -> Answer: ...
     async def select_sport_mode(self) -> Answer: ...
     async def release_sport_mode(self, attempts: int = 5) -> Answer: ...
-
-@type_check_only
-class SimulatedGo2(SimRobot):
-    def move(self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0) -> Answer:
-        """Walk so fast for 0.3 s, m/s and rad/s of the body, then stand."""
-
-@type_check_only
-class AsyncSimulatedGo2(AsyncSimulation):
-    async def move(self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0) -> Answer: ...
 
 @type_check_only
 class Microduck(RealRobot):
@@ -908,16 +899,6 @@ def Robot(
 ) -> SimulatedEarthRover: ...
 @overload
 def Robot(
-    name: Go2Name, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
-    mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
-) -> SimulatedGo2: ...
-@overload
-def Robot(
     name: MicroduckName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
     tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
     mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
@@ -1243,16 +1224,6 @@ def open_robot(
     keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedEarthRover]: ...
-@overload
-def open_robot(
-    name: Go2Name, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
-    mesh: MeshConfig | Literal[False] | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
-) -> AbstractAsyncContextManager[AsyncSimulatedGo2]: ...
 @overload
 def open_robot(
     name: MicroduckName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",

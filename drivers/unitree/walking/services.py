@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from strands_actors.contract.driver import Service
-from strands_actors.contract.tool_verbs import SENSORS, STATE, STATUS, STOP, ToolVerb
+from strands_actors.contract.tool_verbs import DURATION, SENSORS, STATE, STATUS, STOP, ToolVerb, held_move
 
 from .robots import BASE
 from .sport import MOVE_S, Dialect
@@ -24,12 +24,6 @@ def services_of(dialect: Dialect) -> dict[str, Service]:
         name: Service(posture.about, within_s=POSTURE_S, powers=True, needs_armed=True, late_s=LATE_S)
         for name, posture in dialect.postures.items()
     }
-    move = Service(
-        f"walk so fast for {MOVE_S:g} s, m/s and rad/s of the body, then stand",
-        within_s=1.0,
-        arguments=dict.fromkeys(BASE, 0.0),
-        acts=True,
-    )
     select = Service(
         "give the joints back to the onboard controller after they were commanded one by one (level='low')",
         within_s=SELECT_S,
@@ -37,20 +31,13 @@ def services_of(dialect: Dialect) -> dict[str, Service]:
         needs_armed=True,
         late_s=LATE_S,
     )
-    return {"move": move, **postures, "select_sport_mode": select}
+    return {**postures, "select_sport_mode": select}
 
 
 def verbs_of(dialect: Dialect) -> tuple[ToolVerb, ...]:
     """Return what an agent may ask."""
-    inputs = {key: {"type": "number", "description": says} for key, says in _SPEEDS.items()}
-    rest = dict.fromkeys(BASE, 0.0)
-    move = ToolVerb(
-        "move",
-        "action",
-        f"Walk for {MOVE_S:g} s, then stand. Call again to go on; zero stops at once.",
-        inputs,
-        action=rest,
-    )
+    walks = f"Walk for {DURATION}, or for {MOVE_S:g} s, then stand. A zero stops at once."
+    move = held_move(walks, _SPEEDS, dict.fromkeys(BASE, 0.0))
     postures = (
         ToolVerb(name, "service", f"{posture.about[0].upper()}{posture.about[1:]}. Keep clear of the robot.")
         for name, posture in dialect.postures.items()
