@@ -132,7 +132,7 @@ def plan_move(
         if not math.isfinite(measured[at]):
             why = f"move_to: where {key} is, is not known"
             return Refused("unknown_pose", why, "use send_action(), which says how the robot goes there", key)
-    refusal = _refuse_end(driver, parsed, replace(state, target=parsed.values))
+    refusal = _refuse_end(driver, parsed, state)
     if refusal is not None:
         return about("move_to", refusal)
     starts = {at: measured[at] for at in ends}

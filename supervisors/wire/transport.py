@@ -374,9 +374,7 @@ class Transport(Actor):
                         observation = await self._wire.arm(_Permit(self, epoch, 0, request.begin))
                         request.answered = True
         except (WireDown, PermitDenied, trio.TooSlowError) as failure:
-            error = str(failure) or f"arming took longer than {arm_s:g} s"
-            if not isinstance(failure, PermitDenied):  # a motor that is not heard may be a busy machine's
-                error = busy.explained(error)
+            error = str(failure) or busy.explained(f"arming took longer than {arm_s:g} s")
         self._gate.tell(ArmDone(epoch, observation, error))
 
     # -- the driver's own services
@@ -447,8 +445,8 @@ class Transport(Actor):
         except (WireDown, trio.TooSlowError) as failure:
             self._serving.scope.cancel()
             wire.close()
-            why = str(failure) or f"the robot did not answer within {open_s:g} s"
-            self._back_off(busy.explained(why))
+            why = str(failure) or busy.explained(f"the robot did not answer within {open_s:g} s")
+            self._back_off(why)
         except trio.Cancelled:
             if wire.handover():
                 wire.close()  # who makes safe in our place opens the port anew

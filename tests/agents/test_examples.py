@@ -21,7 +21,7 @@ SAID = {
         "stopped:         limp, 6 motors confirmed",
     ),
     "agent": (
-        "error: move: shoulder_pan 400.0 deg is past 110.1. stay within -110.0..110.1",
+        "error: move_to: shoulder_pan 400.0 deg is past 110.1. stay within -110.0..110.1",
         "success: {'commanded': {'shoulder_pan': 20.0}}",
         "operator: agent asks so101: set_torque enabled=True? no",
         "error: set_torque: set_torque needs an operator's approval: it was not given",

@@ -110,8 +110,9 @@ def test_the_import_of_record_names_its_extra(lean: Command) -> None:
     said = script(
         lean,
         """
+from strands_actors import record
 try:
-    from strands_actors import record
+    record("so101", "run.mcap")
 except ImportError as why:
     print(why)
 """,

@@ -12,7 +12,7 @@ import pytest
 import trio
 import trio.testing
 
-from strands_actors.caller.motions import LONGEST_S, Motion, Seen, Steps, plan_hold, plan_move
+from strands_actors.caller.motions import LONGEST_S, Motion, Seen, Steps, plan_hold, plan_move, refuse_targets
 from strands_actors.contract.axis import AxisMode
 from strands_actors.contract.driver import Driver, Reason
 from strands_actors.drivers import get_native_driver_class as native
@@ -141,7 +141,18 @@ def a_little(driver: Driver, seen: Seen) -> dict[str, float]:
     return {axis.key: here + (0.1 if up else -0.1) * span}
 
 
-@pytest.mark.parametrize("robot", [robot for robot in POLICIES if robot != "earthrover"])
+KEEPS_NO_POSE = ("earthrover", "unitree_go2")
+"""A base has no joints, and legs fall when commands end: ``move_to`` refuses both."""
+
+
+@pytest.mark.parametrize("robot", KEEPS_NO_POSE)
+def test_what_keeps_no_pose_is_not_sent_anywhere(robot: str) -> None:
+    driver = native(robot)(robot, "127.0.0.1", native(robot).resolve(robot, {}))
+    refused = refuse_targets(driver, {driver.axes[0]: 0.0})
+    assert refused is not None and refused.code in ("no_positions", "keeps_no_pose", "a_speed")
+
+
+@pytest.mark.parametrize("robot", [robot for robot in POLICIES if robot not in KEEPS_NO_POSE])
 def test_a_joint_is_at_its_target_after_the_time(robot: str) -> None:
     targets: dict[str, float] = {}
 

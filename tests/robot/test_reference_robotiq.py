@@ -15,7 +15,7 @@ from tests.answers import json_of, status, until, why
 
 from .test_reference_feetech import ask
 
-VERBS = ["open", "close", "sensors", "status", "stop"]
+VERBS = ["open", "close", "move_to", "sensors", "status", "stop"]
 
 
 @pytest.fixture(scope="module")

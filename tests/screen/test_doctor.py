@@ -80,7 +80,7 @@ def test_a_directory_with_a_long_name_is_broken(tmp_path: Path, monkeypatch: pyt
 def test_a_python_that_is_too_old(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.version_info", (3, 9, 1))
     (check,) = check_python()
-    assert (check.state, "3.11 to 3.13" in check.remedy) == (BROKEN, True)
+    assert (check.state, "3.11 to 3.14" in check.remedy) == (BROKEN, True)
 
 
 def test_a_third_party_driver_that_breaks_is_weak_and_one_of_ours_is_broken(

@@ -34,7 +34,8 @@ APPROVE_S = 30.0
 
 TERMINAL = Path("/dev/tty")
 
-_MEANT = {"send_action": "action", "action": "action", "move": "action", "resume": "torque", "arm": "torque"}
+_MOVES, _ENERGISES = ("action", "move_to"), ("torque",)
+_MEANT = {"send_action": _MOVES, "action": _MOVES, "move": _MOVES, "resume": _ENERGISES, "arm": _ENERGISES}
 """What the robot's own program calls what an agent asks for by another name. They are refused, not
 taken for it: which verbs an action comes by differs from robot to robot, and who names one should
 know what is guarded."""
@@ -142,7 +143,7 @@ class Approval:
         name, verbs = wrong[0], [verb for driver in drivers for verb in driver.TOOL_VERBS]
         if any(verb.name == name and verb.does == "stop" for verb in verbs):
             return f"guarded names {name}, which is a stop. a stop is never asked about"
-        meant = {verb.name for verb in verbs if verb.does == _MEANT.get(name)} or closest(name, known)
+        meant = {verb.name for verb in verbs if verb.does in _MEANT.get(name, ())} or closest(name, known)
         hint = f" (do you mean {' or '.join(sorted(meant))}?)" if meant else ""
         common = [each for each in known if all(each in names for names in of_each)]
         there = ", ".join(common) + (", and the axes of the robot" if len(common) < len(known) else "")

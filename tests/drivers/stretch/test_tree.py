@@ -341,16 +341,17 @@ def test_saf_013_a_robot_whose_yaml_has_the_watchdog_off_does_not_drive(
         json_of(robot.send_action({"lift": 0.51}))
 
 
-def test_an_agent_reads_and_stops_it_and_cannot_move_it(stretch: RealRobot, twin: Twin) -> None:
+def test_an_agent_reads_and_stops_it_and_moves_it_with_approval_alone(stretch: RealRobot, twin: Twin) -> None:
     def asked(given: dict[str, Any]) -> dict[str, Any]:
         return asyncio.run(stretch.use_tool(given, "an agent"))
 
     began_ns = drive(stretch, twin, 0.2)
     schema = stretch.tool_spec["inputSchema"]["json"]["properties"]["action"]["enum"]
-    assert schema == ["sensors", "status", "state", "stop"]
+    assert schema == ["sensors", "status", "state", "move_to", "move", "stop"]
     assert json_of(asked({"action": "sensors"}))["sensors"]["battery_v"] == [pytest.approx(12.79, abs=0.01)]
     assert set(json_of(asked({"action": "state"}))["velocities"]) >= {"lift", "arm"}
     assert "set_twist" in why(asked({"action": "set_twist", "vx": 0.1}))
+    assert "needs an operator's approval" in why(asked({"action": "move", "vx": 0.1}))
     json_of(asked({"action": "stop"}))
     first_safe(twin.log, began_ns, "hold")
     assert state(stretch) == "disarmed"
