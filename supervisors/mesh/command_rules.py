@@ -39,7 +39,7 @@ def _decoder(kind: type[Command]) -> msgspec.json.Decoder[Command]:
 class Limit:
     """At most ``rate`` a second, and ``burst`` at once."""
 
-    def __init__(self, rate: float, burst: int) -> None:
+    def __init__(self, rate: int, burst: int) -> None:
         self._rate = rate
         self._burst = float(burst)
         self._left = float(burst)
@@ -54,6 +54,12 @@ class Limit:
         self._left -= 1.0
         return True
 
+    def refuse(self, now_ns: int) -> Refused | None:
+        """Return why a command comes too soon after others; None: it does not."""
+        if self.admits(now_ns):
+            return None
+        return Refused("rate", f"more than {self._rate} commands a second", "send fewer", limit=f"{self._rate}")
+
 
 class Limits:
     """A ``Limit`` for each sender: nobody's flood has the commands of another refused.
@@ -61,17 +67,18 @@ class Limits:
     The one who has been silent longest is forgotten first, and begins anew.
     """
 
-    def __init__(self, rate: float, burst: int) -> None:
+    def __init__(self, rate: int, burst: int) -> None:
         self._rate = rate
         self._burst = burst
         self._of: dict[str, Limit] = {}
 
-    def admits(self, sender: str, now_ns: int) -> bool:
+    def refuse(self, sender: str, now_ns: int) -> Refused | None:
+        """As ``Limit.refuse``, of this sender."""
         limit = self._of.pop(sender, None) or Limit(self._rate, self._burst)
         if len(self._of) >= _MAX_SENDERS:
             del self._of[next(iter(self._of))]
         self._of[sender] = limit
-        return limit.admits(now_ns)
+        return limit.refuse(now_ns)
 
 
 class Clocks:

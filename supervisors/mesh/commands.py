@@ -166,11 +166,11 @@ class Commands(Actor):
         now_ns = self.context.clock.now_ns()
         holds = isinstance(command, mesh_json.Leased) and (sender, command.lease) == (self._holder, self._lease.id)
         if holds:
-            rate, admitted = MOVES_PER_S, self._moves.admits(now_ns)
+            too_soon = self._moves.refuse(now_ns)
         else:
-            rate, admitted = COMMANDS_PER_S, self._commands.admits(sender if asked else PUT_BY, now_ns)
-        if not admitted:
-            return Refused("rate", f"more than {rate} commands a second", "send fewer", limit=f"{rate}")
+            too_soon = self._commands.refuse(sender if asked else PUT_BY, now_ns)
+        if too_soon is not None:
+            return too_soon
         if isinstance(command, mesh_json.Leased) and not holds:
             return Refused("lease", f"{plain(sender)} holds no lease of this robot", "acquire it first")
         return refuse_stale(self._shared.clocks, sender, command, now_ns)

@@ -186,7 +186,7 @@ class Gateway(Actor):
                 what = type(message.message).__name__.lower()
                 self._shared.audit(message.channel, what, f"refused: {refused.text}", "another host")
             return refused or self._obey(message)
-        refusal = self._refuse_rate(self._readings, READINGS_PER_S, message.channel, now_ns)
+        refusal = self._readings.refuse(message.channel, now_ns)
         if refusal is not None:
             return refusal
         match message:
@@ -210,18 +210,10 @@ class Gateway(Actor):
             return refusal
         if isinstance(message, Setpoint | Beat | Release | Perform):
             refusal = sessions.refuse_lease(dated.session, message.lease)
-            return refusal or (
-                self._refuse_rate(self._writes, WRITES_PER_S, dated.channel, now_ns)
-                or self._refuse_guarded(message)
-            )
+            return refusal or (self._writes.refuse(dated.channel, now_ns) or self._refuse_guarded(message))
         if isinstance(message, Acquire) and message.over:
             refusal = sessions.refuse_lease(dated.session, message.over)
-        return refusal or self._refuse_rate(self._commands, COMMANDS_PER_S, dated.channel, now_ns)
-
-    def _refuse_rate(self, limits: Limits, rate: int, who: str, now_ns: int) -> Refused | None:
-        if limits.admits(who, now_ns):
-            return None
-        return Refused("rate", f"more than {rate} commands a second", "send fewer", limit=f"{rate}")
+        return refusal or self._commands.refuse(dated.channel, now_ns)
 
     def _refuse_guarded(self, message: Message) -> Refused | None:
         """What the robot's own program has to be asked about: from here nobody can ask it."""
