@@ -18,7 +18,7 @@ import trio
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
 from strands_actors.drivers.common.malformed import MalformedFrame
-from strands_actors.drivers.common.session_wire import SessionWire
+from strands_actors.drivers.common.session_wire import PromptSessionWire
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
 
@@ -201,7 +201,7 @@ class BoosterSession:
         self.sensors["odometry_heading_rad"] = (odometer.heading_rad,)
 
 
-class BoosterWire(SessionWire[BoosterSession]):
+class BoosterWire(PromptSessionWire[BoosterSession]):
     interruptible: ClassVar[bool] = True
 
     def __init__(self, config: BoosterConfig, clock: Clock) -> None:
@@ -230,10 +230,6 @@ class BoosterWire(SessionWire[BoosterSession]):
         async with aclosing(self._clock.ticks(CONTROL_S)) as ticks:
             async for now_ns in ticks:
                 self.session.poll(now_ns)
-
-    @property
-    def prompt(self) -> bool:
-        return self.session_or_none is not None
 
     async def read(self) -> Observation:
         session, now_ns = self.session, self._clock.now_ns()

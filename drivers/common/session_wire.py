@@ -19,3 +19,11 @@ class SessionWire(Wire, Generic[SessionT]):
         if self.session_or_none is None:
             raise WireDown("wire: not connected. Open it first")
         return self.session_or_none
+
+
+class PromptSessionWire(SessionWire[SessionT]):
+    """Of datagrams: while it is open, ``read`` takes what has arrived and ``write`` waits for nothing."""
+
+    @property
+    def prompt(self) -> bool:
+        return self.session_or_none is not None

@@ -10,7 +10,7 @@ import trio
 
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
-from strands_actors.drivers.common.session_wire import SessionWire
+from strands_actors.drivers.common.session_wire import PromptSessionWire
 from strands_actors.kernel.clock import NS, Clock
 
 from .config import KeptPort, KukaConfig
@@ -26,7 +26,7 @@ ACTIVE_S = 3.0
 """So long arming waits for a session that is on its way to being commanded."""
 
 
-class KukaWire(SessionWire[Link]):
+class KukaWire(PromptSessionWire[Link]):
     interruptible: ClassVar[bool] = True
 
     def __init__(self, config: KukaConfig, clock: Clock, kept: KeptPort | None = None) -> None:
@@ -96,10 +96,6 @@ class KukaWire(SessionWire[Link]):
 
     async def read(self) -> Observation:
         return self._read(self.session)
-
-    @property
-    def prompt(self) -> bool:
-        return self.session_or_none is not None
 
     def _read(self, link: Link) -> Observation:
         silent_s = link.silent_s()

@@ -15,7 +15,7 @@ import trio
 
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, WireDown
-from strands_actors.drivers.common.session_wire import SessionWire
+from strands_actors.drivers.common.session_wire import PromptSessionWire
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
 
@@ -119,7 +119,7 @@ class UnitreeSession(RobotSession):
             self.fsm_id = float(rpc.fsm_id(response)), response.id / NS
 
 
-class UnitreeWire(SessionWire[UnitreeSession]):
+class UnitreeWire(PromptSessionWire[UnitreeSession]):
     interruptible: ClassVar[bool] = True
 
     def __init__(self, config: UnitreeConfig, clock: Clock) -> None:
@@ -172,10 +172,6 @@ class UnitreeWire(SessionWire[UnitreeSession]):
 
     async def read(self) -> Observation:
         return await self._read(self.session)
-
-    @property
-    def prompt(self) -> bool:
-        return self.session_or_none is not None
 
     async def _read(self, session: UnitreeSession) -> Observation:
         now_ns = self._clock.now_ns()

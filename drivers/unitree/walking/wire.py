@@ -15,7 +15,7 @@ import trio
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, WireDown
 from strands_actors.drivers.common.outcome import NOT_CONNECTED
-from strands_actors.drivers.common.session_wire import SessionWire
+from strands_actors.drivers.common.session_wire import PromptSessionWire
 from strands_actors.drivers.unitree import rpc
 from strands_actors.drivers.unitree.config import UnitreeConfig
 from strands_actors.drivers.unitree.link import FIND_S
@@ -85,7 +85,7 @@ class WalkingSession(RobotSession):
         return Observation(link.state_ns, gait.velocity, stamps, gait.velocity, sensors, faults)
 
 
-class WalkingWire(SessionWire[WalkingSession]):
+class WalkingWire(PromptSessionWire[WalkingSession]):
     interruptible: ClassVar[bool] = True
 
     def __init__(self, config: UnitreeConfig, clock: Clock) -> None:
@@ -113,10 +113,6 @@ class WalkingWire(SessionWire[WalkingSession]):
         assert session.mode is not None
         facts = {"address": where, "network_interface": self._config.interface or None}
         return {**facts, "level": "sport", "onboard_mode": session.mode[0] or "released"}
-
-    @property
-    def prompt(self) -> bool:
-        return self.session_or_none is not None
 
     async def read(self) -> Observation:
         session, now_ns = self.session, self._clock.now_ns()
