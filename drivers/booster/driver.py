@@ -26,7 +26,7 @@ from strands_actors.contract.sensors import Sensor
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.addresses import check_peer
 from strands_actors.drivers.common.motor_targets import Parser
-from strands_actors.drivers.common.network_interfaces import INTERFACE
+from strands_actors.drivers.common.network_interfaces import NetworkInterface
 from strands_actors.kernel.messages import Refused
 
 from .config import CONTROL_HZ, CONTROL_S, LATE_S, TWIST_S, BoosterConfig
@@ -49,14 +49,7 @@ class BoosterOptions(DriverOptions, frozen=True):
     cmd_type: Annotated[
         Literal["parallel", "serial"], option("order of the ankles' motors in commands and states")
     ] = "parallel"
-    network_interface: Annotated[
-        str,
-        option(
-            "this host's interface on the robot's network, by name (eth0) or IPv4 address; "
-            "empty: the one that leads to it",
-            pattern=INTERFACE,
-        ),
-    ] = ""
+    network_interface: NetworkInterface = ""
 
 
 class _Found(BoosterOptions, frozen=True):

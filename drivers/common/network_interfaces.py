@@ -6,6 +6,9 @@ import fcntl
 import socket
 import struct
 import sys
+from typing import Annotated
+
+from strands_actors.contract.options import option
 
 _GET_ADDRESS = 0x8915 if sys.platform.startswith("linux") else 0xC0206921
 """SIOCGIFADDR: of Linux; of macOS and the BSDs."""
@@ -15,8 +18,15 @@ _ADDRESS = slice(20, 24)
 port."""
 
 
-INTERFACE = r"^[A-Za-z0-9_.:@-]{0,15}\Z"
-"""What the option of a driver may look like: a name or an IPv4 address."""
+NetworkInterface = Annotated[
+    str,
+    option(
+        "this host's interface on the robot's network, by name (eth0) or IPv4 address; "
+        "empty: the one that leads to it",
+        pattern=r"^[A-Za-z0-9_.:@-]{0,15}\Z",
+    ),
+]
+"""The option itself, of every driver whose robot is found on a network."""
 
 
 def address_of(interface: str) -> str:

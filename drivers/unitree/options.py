@@ -9,7 +9,7 @@ from msgspec import Meta
 
 from strands_actors.contract.driver import Service
 from strands_actors.contract.options import DriverOptions, option
-from strands_actors.drivers.common.network_interfaces import INTERFACE
+from strands_actors.drivers.common.network_interfaces import NetworkInterface
 
 from .gates import BATTERY_FLOOR_PCT
 from .rpc import ATTEMPTS, RELEASE_S
@@ -42,14 +42,7 @@ class LegsOptions(DriverOptions, frozen=True):
             "of a robot. On this host its port is 127.0.0.1"
         ),
     ] = False
-    network_interface: Annotated[
-        str,
-        option(
-            "this host's interface on the robot's network, by name (eth0) or IPv4 address; "
-            "empty: the one that leads to it",
-            pattern=INTERFACE,
-        ),
-    ] = ""
+    network_interface: NetworkInterface = ""
 
 
 IMU: Mapping[str, str] = {
