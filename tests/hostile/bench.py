@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import enum
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -22,6 +23,16 @@ class Bench(NamedTuple):
     driver: Driver
     log: Callable[[], Log]
     living: Callable[[], contextlib.AbstractAsyncContextManager[object]] = contextlib.nullcontext
+
+
+class Situation(enum.StrEnum):
+    """What a moving robot is in when it has to stop."""
+
+    MOVES = "moves"  # nothing is wrong
+    SILENT = "silent"  # it answers no more
+    RESET = "reset"  # its connections were reset
+    WIRE_ENDS = "wire ends"  # the process of the wire is gone: the root stops the robot
+    ROOT_ENDS = "root ends"  # the root is gone: the process of the wire stops the robot by itself
 
 
 class Rig(NamedTuple):
@@ -52,6 +63,9 @@ class Rig(NamedTuple):
     """From a stop to the safe frame, behind a peer that is hostile. More than the published bound
     only for what the fault itself takes: a login, a bus that must be quiet."""
     why_longer: str = ""
+    latest_s: Mapping[Situation, float] = {}
+    """From a stop to the first safe frame, in seconds, where a robot cannot be told at once. Each with
+    its reason."""
 
 
 def on_bench(driver: Driver, wire: Callable[[Clock], Wire], channel: Callable[[Clock], StopChannel]) -> Driver:

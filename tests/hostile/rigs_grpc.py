@@ -11,7 +11,7 @@ import trio
 from tests.drivers.rby1 import rig as rby1
 from tests.drivers.spot import rig as spot
 
-from .bench import Bench, Rig, first_joint, on_bench, renumbered
+from .bench import Bench, Rig, Situation, first_joint, on_bench, renumbered
 from .peer import HostilePeer, HostileStream
 
 
@@ -83,5 +83,7 @@ RIGS: Mapping[str, Rig] = {
         bombs=_H2_BOMBS,
         wrong_ids={"stream": renumbered(5, 4)},
         first=("stand",),
+        # A login, and a lease where it was lost: two answers of 1 ms.
+        latest_s={Situation.RESET: 0.001, Situation.WIRE_ENDS: 0.002},
     ),
 }

@@ -29,7 +29,7 @@ from strands_actors.drivers.kuka.twin.answers import Answers
 from strands_actors.drivers.kuka.twin.controller import Controller
 from strands_actors.drivers.kuka.wire import KukaWire
 
-from .bench import Bench, Log, Rig, first_joint, on_bench
+from .bench import Bench, Log, Rig, Situation, first_joint, on_bench
 from .datagrams import Datagrams, HostileSocket
 from .peer import HostilePeer
 
@@ -133,5 +133,15 @@ RIGS: Mapping[str, Rig] = {
         },
         bombs={"fields of 2 GB": b"\x0a\xff\xff\xff\xff\x07" * 200},
         wrong_ids={"number": _next_number},
+        latest_s={
+            # The controller takes an answer to a message of its own, one each 10 ms.
+            Situation.MOVES: 0.01,
+            Situation.RESET: 0.01,
+            Situation.ROOT_ENDS: 0.01,
+            # It has none to answer: the last one is answered again.
+            Situation.SILENT: 0.025,
+            # The root has heard none yet. The first one says whom to answer.
+            Situation.WIRE_ENDS: 0.03,
+        },
     ),
 }

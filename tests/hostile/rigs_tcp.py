@@ -21,7 +21,7 @@ from tests.drivers.kinova import rig as kinova
 from tests.drivers.robotiq import rig as robotiq
 from tests.drivers.xarm import rig as xarm
 
-from .bench import Bench, Log, Rig, first_joint, on_bench, renumbered
+from .bench import Bench, Log, Rig, Situation, first_joint, on_bench, renumbered
 from .peer import HostilePeer, HostileStream
 
 
@@ -98,6 +98,7 @@ RIGS: Mapping[str, Rig] = {
         bombs={"a frame of 4 GB": MAGIC + b"\xff\xff\xff\xff"},
         wrong_ids={"magic": lambda data: data.replace(MAGIC, MAGIC[::-1])},
         login="the base takes a call only with the number of a session, which it gives in its answer",
+        latest_s={Situation.RESET: 0.001},  # that answer
     ),
     "robotiq_2f85": Rig(
         _robotiq,
@@ -108,5 +109,6 @@ RIGS: Mapping[str, Rig] = {
         wrong_ids={"transaction": renumbered(0, 2)},
         bound_s=0.1,
         why_longer="a gripper is asked first: a hold would activate one that has lost its power",
+        latest_s={Situation.RESET: 0.001, Situation.WIRE_ENDS: 0.001},  # its answer, on a new connection
     ),
 }

@@ -26,7 +26,7 @@ from strands_actors.drivers.ur.twin.rtde import RtdeServer
 from strands_actors.drivers.ur.twin.script import run_text
 from strands_actors.drivers.ur.twin.text_ports import Dashboard, ScriptPort
 
-from .bench import Bench, Rig, first_joint
+from .bench import Bench, Rig, Situation, first_joint
 from .peer import HostilePeer
 from .services import Service
 
@@ -175,5 +175,13 @@ RIGS: Mapping[str, Rig] = {
         bombs={"a packet of 64 kB": b"\xff\xffU", "a line without an end": b"Stop" * 10},
         wrong_ids={"type": lambda data: data.replace(b"U\x01", b"U\x02")},
         bound_s=0.1,  # the published one
+        latest_s={
+            # ur-rtde's call runs in a thread.
+            Situation.MOVES: THREAD_S,
+            Situation.ROOT_ENDS: THREAD_S,
+            # It does not return: what the wire says next goes to the dashboard.
+            Situation.SILENT: 0.081,
+            Situation.RESET: 0.061,
+        },
     ),
 }
