@@ -39,15 +39,26 @@ class Rank(enum.IntEnum):
     LATE = 10_003
 
 
+class Lapse(enum.StrEnum):
+    """How a command ended by itself. It decides who may move the robot next without a resume."""
+
+    NONE = ""  # it did not
+    EXPIRED = "expired"  # no setpoint followed in time
+    GIVEN_BACK = "given_back"  # its writer gave the lease back
+    ROLLOUT_ENDED = "rollout_ended"  # a rollout gave back the lease that it wrote under
+
+
 class Cause(msgspec.Struct, frozen=True):
-    """Why the robot is safe. ``until_ns``: until then a more specific cause takes its place.
-    ``faults``: what the robot reported when the stop was made."""
+    """Why the robot is safe. ``text`` is for people, and nothing reads it back. ``until_ns``: until
+    then a more specific cause takes its place. ``faults``: what the robot reported when the stop was
+    made."""
 
     text: str = ""
     reason: str = ""
     rank: int = Rank.ORDER
     until_ns: int = 0
     faults: dict[str, str] = {}
+    lapse: Lapse = Lapse.NONE
 
     def or_more_specific(self, other: Cause, now_ns: int) -> Cause:
         """Return ``other``, unless this one is more specific and its time is not over."""

@@ -54,10 +54,10 @@ from strands_actors.supervisors.wire.messages import Alive, Arm, CarryOut, MakeS
 
 from . import failsafe
 from .admission import LATCHED, Admission, Known, about, refuse_at_the_end
-from .cause import SOON_NS, Cause, Rank, rank_of, rank_of_condition
+from .cause import SOON_NS, Cause, Lapse, Rank, rank_of, rank_of_condition
 from .failsafe import Action, Event, Mode
 from .held_target import held_target
-from .lease import ENDED, GIVEN_BACK, LEASE_TTL_NS, Held, Leases
+from .lease import LEASE_TTL_NS, Held, Leases
 from .memory import GateMemory, Waiting
 
 _STOP_AGAIN_NS = round(0.5 * NS)
@@ -65,6 +65,7 @@ _STOP_AGAIN_NS = round(0.5 * NS)
 
 _MADE_SAFE = frozenset({Mode.HOLDING, Mode.STOPPING, Mode.ENDING})
 """In which the transport makes the robot safe, and reports."""
+NOBODY_WRITES = "the writer gave its lease back"
 OBSERVATION_S = 1.0
 """A reading is shown for so long at least: on a busy machine the next may be late."""
 
@@ -349,9 +350,9 @@ class Gate(Actor):
         """Hold what a writer has commanded that gave its lease back, by its own wish. Return False
         when there is nothing to hold."""
         if held.under is not None:
-            return self._trip(Reason.POLICY, f"{held.holder}{ENDED}")
+            return self._trip(Reason.POLICY, f"{held.holder} ended", lapse=Lapse.ROLLOUT_ENDED)
         if self._live_until_ns or self._state.mode is Mode.LOST:
-            return self._trip(Reason.LEASE, GIVEN_BACK)
+            return self._trip(Reason.LEASE, NOBODY_WRITES, lapse=Lapse.GIVEN_BACK)
         return False
 
     def _writer_stopped(self, pid: int) -> None:
@@ -371,7 +372,9 @@ class Gate(Actor):
         looked at."""
         live_until = self._live_until_ns
         if live_until > 0 and now_ns >= live_until:
-            self._trip(Reason.EXPIRED, "the setpoint expired")
+            self._trip(Reason.EXPIRED, "the setpoint expired", lapse=Lapse.EXPIRED)
+        elif self._leases.held is None:
+            self._trip(Reason.LEASE, NOBODY_WRITES, lapse=Lapse.GIVEN_BACK)
         elif why := self._leases.lapsed(now_ns, live_until == LATCHED):
             self._trip(Reason.LEASE, why)
         elif not admitted:
@@ -448,9 +451,11 @@ class Gate(Actor):
         lock: str = "",
         safe_state: SafeState | None = None,
         rank: int | None = None,
+        lapse: Lapse = Lapse.NONE,
     ) -> bool:
         """Order ``safe_state``, or the one of ``reason``; False when the machine has nothing to do
-        for it. ``rank``: of the cause; None: of the reason."""
+        for it. ``rank``: of the cause; None: of the reason. ``lapse``: how a command ended by
+        itself."""
         safe_state = safe_state or self._driver.fallbacks[reason]
         if reason in failsafe.ENDING_REASONS:
             event = Event.END
@@ -460,7 +465,7 @@ class Gate(Actor):
             event = Event.STOP
         if event is Event.HOLD and self._state.mode is Mode.LOST:  # nothing milder than what its loss led to
             safe_state = SafeState(safe_state).or_more(self._driver.fallbacks[Reason.LINK])
-        return self._step(event, safe_state, reason, cause, lock, rank)
+        return self._step(event, safe_state, reason, cause, lock, rank, lapse)
 
     def _step(
         self,
@@ -470,13 +475,14 @@ class Gate(Actor):
         cause: str,
         lock: str = "",
         rank: int | None = None,
+        lapse: Lapse = Lapse.NONE,
     ) -> bool:
         before = self._state
         self._state, action = failsafe.step(before, event, lock)
         makes_safe = action is Action.MAKE_SAFE
         if makes_safe:
             if event is not Event.HOLD or before.mode is not Mode.LOST:  # it is safe since the link was lost
-                self._blame(cause, reason, rank_of(reason) if rank is None else rank)
+                self._blame(cause, reason, rank_of(reason) if rank is None else rank, lapse)
             self._live_until_ns = 0
             self._report_stands = False
             self._transport.tell(MakeSafe(self._state.epoch, safe_state, reason))  # before anybody else is told
@@ -485,13 +491,13 @@ class Gate(Actor):
             self._tell_state()
         return makes_safe
 
-    def _blame(self, text: str, reason: Reason, rank: int) -> None:
+    def _blame(self, text: str, reason: Reason, rank: int, lapse: Lapse = Lapse.NONE) -> None:
         """Note a cause, unless a more specific one is known since a moment ago."""
         now_ns = self.context.received_ns
         known, seen = self._cause, self._observation
         goes_on = text == known.text  # as when a link that was lost comes back
         faults = known.faults if goes_on else {} if seen is None else dict(seen.faults)
-        cause = Cause(text, str(reason), rank, now_ns + SOON_NS, faults)
+        cause = Cause(text, str(reason), rank, now_ns + SOON_NS, faults, lapse)
         self._cause = known.or_more_specific(cause, now_ns)
 
     def _refuse_resumes(self, refusal: Refused) -> None:
@@ -724,6 +730,7 @@ class Gate(Actor):
             self._no_standby,
             self._admission.refuse_motion(self._known(), self.context.received_ns),
             self._leases.rollout(self.context.received_ns),
+            self._cause.lapse,
         )
 
     # -- for a recorder

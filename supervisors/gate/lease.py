@@ -12,13 +12,10 @@ import msgspec
 
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.gate.cause import Lapse
 from strands_actors.supervisors.gate.messages import LEASE_TTL_S, MAX_LIFETIME_S, Acquire, Beat, Writing
 
 LEASE_TTL_NS = round(LEASE_TTL_S * NS)
-GIVEN_BACK = "the writer gave its lease back"
-ENDED = " ended"
-"""Behind the name of a rollout that has given back the lease it wrote under. These two causes of a
-hold are a writer's own wish; a late or dead writer has others."""
 _PROOF_BITS = 32
 """So many guesses would take weeks at the rate that is let through."""
 _MAX_LIFETIME_NS = round(MAX_LIFETIME_S * NS)
@@ -132,10 +129,11 @@ class Leases(msgspec.Struct):
             self.held = self.held.owner
 
     def lapsed(self, now_ns: int, latched: bool) -> str:
-        """Return why nobody beats any more for what stands; empty: somebody does."""
+        """Return why its holder does not beat any more for what stands; empty: it does, or there is
+        none."""
         held = self.held
         if held is None:
-            return GIVEN_BACK
+            return ""
         over = now_ns >= held.owner.expires_ns or (latched and now_ns >= held.latches_until_ns)
         return f"{held.holder} stopped answering" if over else ""
 
@@ -156,10 +154,14 @@ class Leases(msgspec.Struct):
         return None
 
 
-def is_given_back(cause: str, holder: str) -> bool:
+def is_given_back(lapse: str, holder: str) -> bool:
     """Return whether a robot holds because all who wrote have given their leases back.
-    ``holder``: who has one now."""
-    return cause == GIVEN_BACK or (not holder and cause.endswith(ENDED))
+
+    Args:
+        lapse: ``Status.lapse``, of ``Lapse``. A late or dead writer has none.
+        holder: Who has a lease now.
+    """
+    return lapse == Lapse.GIVEN_BACK or (not holder and lapse == Lapse.ROLLOUT_ENDED)
 
 
 def _is_its_own(held: Held, message: Acquire) -> bool:

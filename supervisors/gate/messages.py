@@ -225,6 +225,7 @@ class Status(Message, frozen=True):
     no_standby: str = ""  # why standby or root could not stop the robot, so that nothing may be energised
     no_motion: Refused | None = None  # what a command would be told now, whatever it says; None: it is looked at
     rollout: Writing | None = None
+    lapse: str = ""  # how a command ended by itself, of ``cause.Lapse``; empty: it did not
 
 
 BROUGHT = 0

@@ -17,7 +17,7 @@ def refuse_by_mode(status: Status, resumed_epoch: int) -> Refused | None:
     if status.mode not in WRITABLE:
         cause = f" ({status.cause})" if status.cause else ""
         return Refused("disarmed", f"acquire: the robot is {status.mode}{cause}", "resume it first")
-    wanted = status.epoch == resumed_epoch or is_given_back(status.cause, status.holder)
+    wanted = status.epoch == resumed_epoch or is_given_back(status.lapse, status.holder)
     if status.mode == Mode.HOLDING and not wanted:
         return Refused("holding", f"acquire: the robot holds ({status.cause})", "resume it first")
     return None

@@ -26,8 +26,9 @@ from strands_actors.supervisors import addresses
 from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate import messages
 from strands_actors.supervisors.gate.admission import about
+from strands_actors.supervisors.gate.cause import Lapse
 from strands_actors.supervisors.gate.gate import Gate
-from strands_actors.supervisors.gate.lease import ENDED, refuse_by_deadline
+from strands_actors.supervisors.gate.lease import refuse_by_deadline
 from strands_actors.supervisors.root.messages import Rollout, StartTask, StopTask, TaskStatus
 
 from . import schemas as mesh_json
@@ -42,10 +43,9 @@ BEAT_S = 0.05
 """Within this time of a stop the robot is free for others, too."""
 LOOK_S = 0.02
 """How often it is looked whether a rollout has ended."""
+_OVER_BY_ITSELF = (Lapse.EXPIRED, Lapse.ROLLOUT_ENDED)
+"""As a pose ends, where that comes before our own stop."""
 NOBODY_TO_ASK = "on the mesh there is nobody to ask"
-
-EXPIRED = "the setpoint expired"
-"""The gate's word for the end of a pose, where it comes before ours."""
 
 Answer = Callable[[dict[str, Any] | Refused, bool], None]
 """Tells who asked; whether that is the last word."""
@@ -235,7 +235,7 @@ class Motion:
             status = await self._status()
             if status is None or status.holder != by or self._kept != lease:
                 return
-            if status.epoch == lease.epoch + 1 and (status.cause == EXPIRED or status.cause.endswith(ENDED)):
+            if status.epoch == lease.epoch + 1 and status.lapse in _OVER_BY_ITSELF:
                 self._shared.resumed_epoch = status.epoch  # by itself, at the same time
             if status.epoch != lease.epoch:
                 return

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.gate.cause import Lapse
 from strands_actors.supervisors.gate.messages import Status as GateStatus
 from strands_actors.supervisors.mesh.command_rules import (
     CLOCK_TTL_S,
@@ -186,19 +187,22 @@ def test_what_other_meshes_have_and_this_one_has_not_is_told_with_what_to_do_ins
 
 
 @pytest.mark.parametrize(
-    ("cause", "holder", "code"),
+    ("lapse", "holder", "code"),
     [
-        ("the writer gave its lease back", "", ""),
-        ("policy of so101 ended", "", ""),
-        ("policy of so101 ended", "so101 (7)", "holding"),
-        ("so101 (7) stopped answering", "so101 (7)", "holding"),
-        ("so101 (7) stopped answering", "", "holding"),
-        ("the setpoint expired", "", "holding"),
-        ("policy by its process was killed", "", "holding"),
+        (Lapse.GIVEN_BACK, "", ""),
+        (Lapse.ROLLOUT_ENDED, "", ""),
+        (Lapse.ROLLOUT_ENDED, "so101 (7)", "holding"),
+        (Lapse.NONE, "so101 (7)", "holding"),
+        (Lapse.NONE, "", "holding"),
+        (Lapse.EXPIRED, "", "holding"),
     ],
 )
-def test_a_hold_needs_a_resume_unless_all_leases_were_given_back(cause: str, holder: str, code: str) -> None:
-    status = GateStatus("holding", 4, True, "", "", cause, holder, None, -1.0, (), 0, 0, 0, "", None)
+@pytest.mark.parametrize("cause", ["the writer gave its lease back", "so101 ended", "another sentence"])
+def test_a_hold_needs_a_resume_unless_all_leases_were_given_back(
+    lapse: Lapse, holder: str, code: str, cause: str
+) -> None:
+    """Whatever the sentence for people says."""
+    status = GateStatus("holding", 4, True, "", "", cause, holder, None, -1.0, (), 0, 0, 0, "", None, lapse=lapse)
     refused = refuse_by_mode(status, resumed_epoch=2)
     assert (refused.code if refused else "") == code
     assert refuse_by_mode(status, resumed_epoch=4) is None
