@@ -65,7 +65,7 @@ INSTEAD: Mapping[str, str] = {
     **dict.fromkeys(("start_policy", "run_multi_policy"), "call run_policy(policy, wait=False) of each robot"),
     **dict.fromkeys(("stop_policy",), "call stop_task()"),
     **dict.fromkeys(("policy_result", "list_policies_running"), "call get_task_status()"),
-    **dict.fromkeys(("robot_joint_names", "robot_action_keys"), "use list(robot.get_observation())"),
+    **dict.fromkeys(("robot_joint_names", "robot_action_keys"), "get_observation() has them"),
     **dict.fromkeys(("list_robots", "list_robots_info", "get_robot_state"), "each robot is a handle: call state()"),
     "actuator_ranges": "a target past the range is refused with the limits",
     **dict.fromkeys(("add_robot", "create_world", "remove_robot"), "Robot(name) makes the world and the robot"),
@@ -73,7 +73,9 @@ INSTEAD: Mapping[str, str] = {
     **dict.fromkeys(("set_body_properties", "set_geom_properties", "attach_bodies", "detach_bodies"), _SCENE),
     **dict.fromkeys(("move_object", "list_objects"), "call remove_object() and add_object()"),
     **dict.fromkeys(("render_all", "render_depth", "get_frame"), "call render(width, height, camera)"),
-    **dict.fromkeys(("list_cameras", "list_cameras_info", "remove_camera"), "render(camera='?') names the cameras"),
+    **dict.fromkeys(
+        ("list_cameras", "list_cameras_info", "remove_camera"), "render() of another name names the cameras"
+    ),
     **dict.fromkeys(("open_viewer", "close_viewer"), "call view()"),
     **dict.fromkeys(("set_joint_positions", "set_joint_velocities", "apply_force"), _PHYSICS),
     **dict.fromkeys(

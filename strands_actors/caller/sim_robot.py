@@ -94,7 +94,7 @@ class SimRobot(RealRobot):
         ``SimulationError`` without a display."""
         self._call(self._world.view)
 
-    def get_observation(  # type: ignore[override]  # in their words, too
+    def get_observation(
         self, images: Any = False, *, robot_name: str | None = None, skip_images: bool | None = None
     ) -> dict[str, Any]:
         """As ``Robot.get_observation``. In the words of strands-robots: ``robot_name`` (or that name in

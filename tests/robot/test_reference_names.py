@@ -33,10 +33,11 @@ VERBS = {
 }
 """Public names of its driver classes, by a robot of each."""
 SIM = """add_camera add_object add_robot apply_force attach_bodies create_world destroy eval_policy
-evaluate_benchmark get_contacts get_frame get_state list_cameras list_robots load_scene load_state mj_model
-move_object move_to open_viewer policy_result register_urdf remove_object render render_depth reset robot_joint_names run_multi_policy
-save_episode save_state set_gravity set_joint_positions start_policy start_recording step stop_policy
-stream_dataset verify_dataset_episodes"""
+evaluate_benchmark get_contacts get_frame get_state list_cameras list_robots load_scene
+load_state mj_model move_object move_to open_viewer policy_result register_urdf remove_object
+render render_depth reset robot_joint_names run_multi_policy save_episode save_state
+set_gravity set_joint_positions start_policy start_recording step stop_policy stream_dataset
+verify_dataset_episodes"""
 PORTS = {"serial": "/dev/ttyACM0", "address": "192.0.2.1"}
 OWN_PORTS = {
     "crazyflie": "radio://0/80/2M/E7E7E7E7E7",
