@@ -118,6 +118,9 @@ def __getattr__(name: str) -> Any:
             except ImportError as failure:
                 # hasattr(), help() and ``import *`` ask for every name: only a call refuses.
                 return import_module(f"{__name__}.contract.extras").refusing(name, failure)
+    # An ImportError: ``from strands_actors import ...`` hides the text of an AttributeError.
+    if name[:1] != "_" and (hint := import_module(f"{__name__}.caller.reference_names").package_hint(name)):
+        raise ImportError(hint, name=__name__)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

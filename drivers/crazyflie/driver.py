@@ -80,6 +80,12 @@ class Crazyflie(Driver):
             powers=True,
             late_s=LATE_S,
         ),
+        "set_twist": Service(
+            f"fly at vx and vy (m/s) and wz (rad/s) for {LIFETIME_S * 1e3:g} ms, then hover",
+            within_s=1.0,
+            arguments={"vx": 0.0, "vy": 0.0, "wz": 0.0},
+            acts=True,
+        ),
         "land": Service("come down to the floor, motors off", within_s=20.0, arguments={"duration": LAND_S}),
         "emergency_stop": Service(
             "cut the motors at once, wherever it is, and lock it until it is switched off and on",
@@ -148,6 +154,8 @@ class Crazyflie(Driver):
         if refusal is not None:
             return refusal
         for name, default in self.SERVICES[service].arguments.items():
+            if name not in SERVICE_RANGES:
+                continue  # a speed: ``parse`` judges it
             low, high, unit = SERVICE_RANGES[name]
             value = finite(arguments.get(name, default))
             if value is None or not low <= value <= high:

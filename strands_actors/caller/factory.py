@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from strands_actors.surfaces.agents.approval import APPROVE_S, Approve, approval_of
 
@@ -29,7 +29,7 @@ def Robot(  # a factory named as on the drivers page
     tool_name: str | None = None,
     cameras: Mapping[str, Any] | None = None,
     data_config: Any = None,
-    mesh: MeshConfig | Literal[False] | None = None,
+    mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None,
     at: str | None = None,
     lifetime: float | None = None,

@@ -4,6 +4,7 @@ the robot's actors; nothing here touches hardware."""
 from __future__ import annotations
 
 import functools
+import math
 import os
 import threading
 import time
@@ -29,7 +30,7 @@ from strands_actors.surfaces.agents.use import command, use
 from strands_actors.surfaces.cameras.handle import Cameras
 
 from . import envelopes as answers
-from . import forked, moving, verbs
+from . import forked, moving, reference_names, verbs
 from .bus import Bus
 from .envelopes import Answer, PendingAnswer
 from .liveness import Liveness
@@ -350,13 +351,22 @@ class RealRobot(RobotTool):
 
     if not TYPE_CHECKING:  # robot.pyi names the services of each robot, so that a slip is seen
 
-        def __getattr__(self, name: str) -> Callable[..., Answer]:
-            """Return the driver's own services and commands as methods."""
+        def __getattr__(self, name: str) -> Any:
+            """Return the driver's own services and commands as methods, and names of strands-robots."""
             if name == "bus":
                 raise AttributeError(f"{self._plan.robot} has no bus of servos. Use state() or get_observation()")
             plan = self.__dict__.get("_plan")
+            if name == "mesh":
+                return reference_names.Mesh(lambda: self.name)
             if find_command(self.__dict__.get("_driver"), name) and not verbs.is_service(plan, name):
                 return functools.partial(self.command, name)
+            own = reference_names.ALIASES.get(name, "")
+            if (
+                own
+                and not verbs.is_service(plan, name)
+                and (hasattr(type(self), own) or verbs.is_service(plan, own))
+            ):
+                return getattr(self, own)
             verbs.require_service(self, plan, name)
             return functools.partial(self.service, name)
 
@@ -439,52 +449,73 @@ class RealRobot(RobotTool):
 
     def attach_teleop(
         self,
-        leader: Teleoperator,
+        leader: Teleoperator | str,
         hz: float = 100.0,
         map_fn: Callable[..., Any] | None = None,
         deadman: str | None = None,
         max_speed: float | None = None,
         duration: float | None = None,
+        **options: Any,
     ) -> Answer:
         """Have the robot led, in a process of its own, until ``stop_task()``. Returns at once;
         ``get_task_status()`` says how it goes. ``map_fn``: from the leader's positions by joint to
         the robot's; a function of a module. ``deadman``: ``"gripper"``, a leader's own, squeezed
         twice, or ``"key"``, told by ``operate()``. ``max_speed``: degrees a second; a frame that
-        asks for more is refused. ``duration``: seconds."""
+        asks for more is refused. ``duration``: seconds. ``leader`` may be a name, such as
+        ``"so101_leader"``: then ``options`` (``port``, ``id``) are those of ``Teleoperator(...)``."""
+        from strands_actors.teleoperation.teleoperator import Teleoperator
         from strands_actors.teleoperation.verbs import attach  # for who leads a robot
 
+        if isinstance(leader, str):
+            try:
+                leader = Teleoperator(leader, **options)
+            except (TypeError, ValueError) as failure:
+                return answers.error(f"teleoperate: {failure}")
+        elif options:
+            unused = ", ".join(options)
+            return answers.error(
+                f"teleoperate: {unused} of a leader that is made already. give it to Teleoperator(...)"
+            )
         begin = attach(self._driver, leader, hz, map_fn, deadman, max_speed, duration)
         return begin if isinstance(begin, Answer) else self._verb(begin, "teleoperate")
 
     def teleoperate(
         self,
-        leader: Teleoperator | None = None,
+        leader: Teleoperator | str | None = None,
         hz: float = 100.0,
         map_fn: Callable[..., Any] | None = None,
         deadman: str | None = None,
         max_speed: float | None = None,
         duration: float | None = None,
         block: bool | None = None,
+        **options: Any,
     ) -> Answer:
         """As ``attach_teleop``, and wait until it has ended; Ctrl-C ends it, and the robot
-        holds. Without a ``leader``: the one that was attached leads on. ``block``: whether to wait;
-        left out, with a leader only."""
+        holds. Without a ``leader``: the one that was attached leads on, and ``duration`` (with
+        ``block=True``) ends it. ``block``: whether to wait; left out, with a leader only."""
         given: object = block
         if not (given is None or isinstance(given, bool)):  # the text "no" would be a yes
             return answers.error(f"teleoperate: block is {shown(given)}. give True or False")
+        end_s = math.inf
         if leader is None:
+            if options or hz != 100.0 or map_fn or deadman or max_speed is not None or (duration and not block):
+                return answers.error(
+                    "teleoperate: the leader that is attached keeps its settings. give them to attach_teleop()"
+                )
+            if duration is not None:
+                end_s = time.monotonic() + duration
             answer = self.get_task_status()
             if answer["status"] == "success" and not answer["content"][0]["json"]["running"]:
                 why = "no leader is attached"
                 answer = answers.error(f"teleoperate: {why}. give a Teleoperator, or call attach_teleop() first")
         else:
-            answer = self.attach_teleop(leader, hz, map_fn, deadman, max_speed, duration)
+            answer = self.attach_teleop(leader, hz, map_fn, deadman, max_speed, duration, **options)
         if not (leader is not None if block is None else block):
             return answer
         try:
             while answer["status"] == "success" and answer["content"][0]["json"]["running"]:
                 time.sleep(TELEOP_LOOK_S)
-                answer = self.get_task_status()
+                answer = self.get_task_status() if time.monotonic() < end_s else self.stop_task()
         except KeyboardInterrupt:
             answer = self.stop_task()
         return answer

@@ -94,14 +94,35 @@ class SimRobot(RealRobot):
         ``SimulationError`` without a display."""
         self._call(self._world.view)
 
-    def step(self, steps: int = 1, action: Mapping[str, Any] | None = None) -> Answer:
+    def get_observation(
+        self, images: Any = False, *, robot_name: str | None = None, skip_images: bool | None = None
+    ) -> dict[str, Any]:
+        """As ``Robot.get_observation``. In the words of strands-robots: ``robot_name`` (or that name in
+        the first place) and ``skip_images``. Raise ``ValueError`` for another robot's name."""
+        if isinstance(images, str):
+            images, robot_name = False, images
+        if refused := verbs.refuse_name(robot_name, self._plan, self.name, "get_observation"):
+            raise ValueError(refused["content"][0]["text"])
+        return super().get_observation(images if skip_images is None else not skip_images)
+
+    def send_action(
+        self, action: Mapping[str, Any], robot_name: str | None = None, n_substeps: int | None = None
+    ) -> Answer:
+        """As ``Robot.send_action``. ``n_substeps``: so many steps of physics pass with it, as
+        ``step`` does."""
+        if n_substeps is None:
+            return super().send_action(action, robot_name)
+        refused = verbs.refuse_name(robot_name, self._plan, self.name)
+        return refused or self.step(n_substeps, action)
+
+    def step(self, steps: int = 1, action: Mapping[str, Any] | None = None, n_steps: int | None = None) -> Answer:
         """Let so many steps of physics, of 2 ms each, pass at once, as fast as they are computed.
         Answers with ``position`` after them and ``sim_time_s``. A target that was sent before
         counts from the first step on, and so does ``action``, joints by name as ``send_action``
         takes them; when that is refused, no step passes. ``get_observation`` gives what came of
         it, or is newer. Deadlines, leases and rollouts are of the clock all the same, and between
-        calls the physics keeps to it."""
-        return self.service("step", steps=steps, action=action)
+        calls the physics keeps to it. ``n_steps``: strands-robots' word for ``steps``."""
+        return self.service("step", steps=steps if n_steps is None else n_steps, action=action)
 
     def reset(self) -> Answer:
         """Stop, put every joint and every object back to where it began, energise."""

@@ -30,6 +30,7 @@ from . import envelopes as answers
 from .envelopes import Answer
 from .plan import Plan
 from .processes import NotConnected
+from .reference_names import hint
 from .tree import RobotTree
 
 _log = logging.getLogger("strands_actors")
@@ -178,7 +179,7 @@ def require_service(handle: object, plan: Plan | None, name: str) -> None:
     """Raise ``AttributeError`` when ``name`` is none of the driver's own services. ``plan``: None
     while the handle is not made yet."""
     if not is_service(plan, name):
-        raise AttributeError(f"{type(handle).__name__} has no attribute {name!r}")
+        raise AttributeError(f"{type(handle).__name__} has no attribute {name!r}{hint(name)}")
 
 
 def name_values(

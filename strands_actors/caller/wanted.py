@@ -79,6 +79,7 @@ def read(
     transport: str | None = None,
     sim: Any = None,
     tool_name: str | None = None,
+    peer_id: str | None = None,
     cameras: Any = None,
     data_config: Any = None,
     mesh: MeshConfig | bool | None = None,
@@ -105,6 +106,10 @@ def read(
         raise TypeError(f"Robot: gated is {shown(gated)}. give True, or False to lift the ranges of joints")
     check_backend(backend)
     driver_class = _driver_class(name, robot, driver, scene.model(robot) is not None and chosen_mode != "real")
+    if peer_id is not None:  # strands-robots' word for the name on the mesh
+        if tool_name not in (None, peer_id):
+            raise ValueError("Robot: tool_name and peer_id are both given. they are the same: give one of them")
+        tool_name = peer_id
     chosen = robot if tool_name is None else tool_name
     if not isinstance(chosen, str) or not _TOOL_NAME.match(chosen):
         raise ValueError(f"Robot: tool_name is {chosen!r}. use 1 to 64 of A-Z a-z 0-9 _ -")
@@ -112,6 +117,8 @@ def read(
     options, spelled = _spelled(driver_class, options)
     if mesh is False:
         mesh = MeshConfig()
+    if mesh is True:  # strands-robots' word for what every robot has
+        mesh = None
     if mesh is not None and not isinstance(mesh, MeshConfig):
         raise TypeError(
             f"Robot: mesh is {mesh!r}. give MeshConfig(listen=...), or False for none; every robot is on the mesh "

@@ -1,0 +1,156 @@
+"""Names of strands-robots 0.5 that a script may use on a handle or import from the package.
+
+``ALIASES`` are names of verbs that exist here under another name and take the same arguments.
+``INSTEAD`` are names without such a verb: the ``AttributeError`` then says what to use.
+``PACKAGE`` are names of the package itself: the ``ImportError`` says the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from strands_actors.surfaces.mesh.outcome import Outcome
+
+ALIASES: Mapping[str, str] = {
+    "destroy": "cleanup",
+    "emergency_stop": "stop",
+    "get_state": "state",
+    "get_teleop_status": "get_task_status",
+    "get_teleoperate_status": "get_task_status",
+    "get_volume": "volume",
+    "peer_id": "name",
+    "read_state": "state",
+    "set_motors": "motors",
+    "set_tracking": "track_face",
+    "state_snapshot": "state",
+    "stop_teleop": "stop_task",
+    "stop_teleoperate": "stop_task",
+    "tracked_face": "tracking_status",
+}
+
+_SCENE = "put it into a model file: Robot(name, urdf_path='scene.xml')"
+_PHYSICS = "state(), save_state() and load_state() give and set what moves"
+_RECORD = "use record_dataset() of strands_actors"
+_CAMERA = "make the robot with cameras= and call read_camera(name)"
+_TELEOP = "one leader at a time: call attach_teleop() and stop_task()"
+
+INSTEAD: Mapping[str, str] = {
+    **dict.fromkeys(("connect", "robot"), "call connect_eagerly(), or use `with Robot(...) as robot:`"),
+    "disconnect": "call cleanup()",
+    "capture_frame": _CAMERA,
+    "set_lamp": "call lamp(1) or lamp(0)",
+    "enable_torque": "call enable() or disable()",
+    "known_skills": "call skills()",
+    "probe_hardware": "call connect_eagerly(), which returns why not",
+    "read_mode": "call get_status()",
+    "read_motors": "call get_status()",
+    "set_wobbling": "say(text) moves the head by itself",
+    "setpoint_hz": "it is a keyword of Robot(...), and get_status() has it",
+    "endpoint": "get_status() has the port",
+    "last_arm_command": "call get_observation()",
+    **dict.fromkeys(("detach_teleop", "list_teleops"), _TELEOP),
+    **dict.fromkeys(
+        ("start_teleop_publish", "start_teleop_receive"),
+        "lead the robot from its own host: robot.teleoperate(Teleoperator(...))",
+    ),
+    **dict.fromkeys(("foxglove_url", "foxglove_link"), "record to MCAP: `strands-actors record`"),
+    "publish_ros_observation": "subscribe to strands/<robot>/state on the mesh",
+    # Of hardware only: a simulation has the first three.
+    **dict.fromkeys(("start_recording", "stop_recording", "get_recording_status", "save_episode"), _RECORD),
+    **dict.fromkeys(("replay_episode", "replay"), "use `strands-actors replay`, or replay() of strands_actors"),
+    **dict.fromkeys(("stream_dataset", "verify_dataset_episodes"), "use `strands-actors dataset show`"),
+    # Of a simulation.
+    **dict.fromkeys(("start_policy", "run_multi_policy"), "call run_policy(policy, wait=False) of each robot"),
+    **dict.fromkeys(("stop_policy",), "call stop_task()"),
+    **dict.fromkeys(("policy_result", "list_policies_running"), "call get_task_status()"),
+    **dict.fromkeys(("robot_joint_names", "robot_action_keys"), "get_observation() has them"),
+    **dict.fromkeys(("list_robots", "list_robots_info", "get_robot_state"), "each robot is a handle: call state()"),
+    "actuator_ranges": "a target past the range is refused with the limits",
+    **dict.fromkeys(("add_robot", "create_world", "remove_robot"), "Robot(name) makes the world and the robot"),
+    **dict.fromkeys(("load_scene", "set_gravity", "set_timestep", "register_urdf", "export_xml"), _SCENE),
+    **dict.fromkeys(("set_body_properties", "set_geom_properties", "attach_bodies", "detach_bodies"), _SCENE),
+    **dict.fromkeys(("move_object", "list_objects"), "call remove_object() and add_object()"),
+    **dict.fromkeys(("render_all", "render_depth", "get_frame"), "call render(width, height, camera)"),
+    **dict.fromkeys(
+        ("list_cameras", "list_cameras_info", "remove_camera"), "render() of another name names the cameras"
+    ),
+    **dict.fromkeys(("open_viewer", "close_viewer"), "call view()"),
+    **dict.fromkeys(("set_joint_positions", "set_joint_velocities", "apply_force"), _PHYSICS),
+    **dict.fromkeys(
+        ("mj_model", "mj_data", "get_body_state", "get_contacts"), "it runs in a process: call state()"
+    ),
+    **dict.fromkeys(("evaluate_benchmark", "list_benchmarks"), "call eval_policy()"),
+    "set_gripper": "send_action({'gripper': ...})",
+}
+
+PACKAGE: Mapping[str, str] = {
+    **dict.fromkeys(("Simulation", "create_simulation"), "Robot(name) makes a simulation"),
+    **dict.fromkeys(("SimWorld", "SimObject", "SimCamera"), "use add_object() and add_camera() of Robot(name)"),
+    **dict.fromkeys(
+        ("list_backends", "register_backend"), "give Robot(name, backend=...) 'mujoco', 'newton' or 'isaac'"
+    ),
+    "get_robot": "use list_driver_coverage()",
+    "list_providers": "create_policy('?') names them",
+    "run_policy": "call run_policy() of a robot",
+    "robot_mesh": "use get_peers(), tell() and estop()",
+    "gr00t_inference": "start its server yourself, then policy_provider='remote'",
+    **dict.fromkeys(("lerobot_train", "train_policy"), "train with LeRobot's own tools"),
+    **dict.fromkeys(("lerobot_camera", "lerobot_teleoperate"), "use cameras= and Teleoperator(...)"),
+    **dict.fromkeys(("pose_tool", "serial_tool", "use_lerobot"), "give the agent Robot(...) itself"),
+    **dict.fromkeys(("use_ros", "use_rosbridge", "HardwareRosBridge"), "robots on ROS have a driver: Robot(...)"),
+    "stream_dataset": "use LeRobot's own dataset classes",
+    "download_assets": "nothing is fetched: models are of this package, or a file of yours",
+}
+
+
+def hint(name: str) -> str:
+    """Return what to use in place of an attribute of strands-robots; empty: it has none of that
+    name."""
+    return f". strands-robots has it: here, {INSTEAD[name]}" if name in INSTEAD else ""
+
+
+def package_hint(name: str) -> str | None:
+    """Return why a name of the package strands_robots cannot be imported here; None: it has none."""
+    if name not in PACKAGE:
+        return None
+    return f"strands_actors has no {name!r}, which strands_robots has. {PACKAGE[name]}"
+
+
+class Mesh:
+    """What a script of strands-robots asks ``robot.mesh``, by the functions of this package."""
+
+    def __init__(self, own_name: Callable[[], str]) -> None:
+        self._own_name = own_name
+
+    @property
+    def alive(self) -> bool:
+        return True
+
+    @property
+    def peer_id(self) -> str:
+        return self._own_name()
+
+    @property
+    def peers(self) -> list[dict[str, Any]]:
+        """Return the other robots on the mesh."""
+        from strands_actors.surfaces.mesh import get_peers
+
+        own = self._own_name()
+        return [peer for peer in get_peers() if peer.get("peer_id") != own]
+
+    def tell(self, target: str, instruction: str, **options: Any) -> dict[str, Any]:
+        from strands_actors.surfaces.mesh import tell
+
+        return tell(target, instruction, **{"policy_provider": "mock", **options})  # theirs, by default
+
+    def broadcast(self, cmd: Mapping[str, Any] | str) -> list[dict[str, Any]]:
+        from strands_actors.surfaces.mesh import broadcast
+
+        return broadcast(cmd)
+
+    def emergency_stop(self) -> list[Outcome]:
+        from strands_actors.surfaces.mesh import estop
+
+        return estop()

@@ -1,0 +1,116 @@
+"""Names of strands-robots 0.5.3: each exists here, or its refusal says what to use."""
+
+from __future__ import annotations
+
+import importlib
+
+import pytest
+
+import strands_actors
+from strands_actors import Robot
+from strands_actors.caller import reference_names
+from strands_actors.contract.driver import GateState
+from strands_actors.contract.wire import Observation
+from strands_actors.drivers import get_native_driver_class, list_native_drivers
+
+ROBOT = "connect_eagerly stop cleanup get_status send_action run_policy start_task get_task_status stop_task"
+TELEOP = "attach_teleop detach_teleop list_teleops teleoperate stop_teleoperate get_teleoperate_status mesh peer_id"
+VERBS = {
+    "booster_t1": "enable_upper_body move rotate_head change_mode read_state read_mode",
+    "crazyflie": "setpoint_hz set_twist takeoff land emergency_stop",
+    "earthrover": "move set_lamp speak read_state capture_frame",
+    "koch": "bus",
+    "microduck": "probe_hardware enable_torque relax emergency_stop read_state known_skills",
+    "panda": "state",
+    "reachy_mini": "play_move list_moves wake_up goto_sleep set_motors read_motors goto home get_volume set_volume "
+    "play_sound set_wobbling say set_tracking tracked_face turn_to_sound look_at state_snapshot capture_frame",
+    "so101": "bus start_recording stop_recording replay_episode connect disconnect start_teleop_publish",
+    "spot": "state set_twist stand",
+    "stretch3": "state set_twist",
+    "unitree_go2": "state release_sport_mode",
+    "ur5e": "state",
+    "yahboom_m3pro": "home move read_state last_arm_command endpoint",
+}
+"""Public names of its driver classes, by a robot of each."""
+SIM = """add_camera add_object add_robot apply_force attach_bodies create_world destroy eval_policy
+evaluate_benchmark get_contacts get_frame get_state list_cameras list_robots load_scene
+load_state mj_model move_object move_to open_viewer policy_result register_urdf remove_object
+render render_depth reset robot_joint_names run_multi_policy save_episode save_state
+set_gravity set_joint_positions start_policy start_recording step stop_policy stream_dataset
+verify_dataset_episodes"""
+PORTS = {"serial": "/dev/ttyACM0", "address": "192.0.2.1"}
+OWN_PORTS = {
+    "crazyflie": "radio://0/80/2M/E7E7E7E7E7",
+    "earthrover": "http://192.0.2.1:8000",
+    "microduck": "/run/robotd.sock",
+    "stretch3": None,
+}
+
+
+def missing(handle: object, names: str) -> list[str]:
+    """Return the names that the handle neither has nor refuses with what to use."""
+    found = []
+    for name in names.split():
+        try:
+            getattr(handle, name)
+        except AttributeError as refusal:
+            if "strands-robots has it: here, " not in str(refusal):
+                found.append(f"{name}: {refusal}")
+    return found
+
+
+@pytest.mark.parametrize("robot", sorted(VERBS))
+def test_a_name_of_a_driver_is_here_or_says_what_to_use(robot: str) -> None:
+    driver = get_native_driver_class(robot)
+    assert driver is not None
+    port = OWN_PORTS.get(robot, PORTS[driver.PORT_KIND])
+    handle = Robot(robot, mode="real", **({} if port is None else {"port": port}))
+    assert missing(handle, f"{ROBOT} {TELEOP} {VERBS[robot]}") == []
+
+
+def test_a_name_of_a_simulation_is_here_or_says_what_to_use() -> None:
+    assert missing(Robot("so101"), f"{ROBOT} {SIM}") == []
+
+
+def test_a_slip_is_not_taken_for_a_name_of_theirs() -> None:
+    arm = Robot("so101")
+    assert not hasattr(arm, "conect") and not hasattr(arm, "connect") and not hasattr(arm, "volume")
+    assert not hasattr(arm, "get_volume"), "an alias of a service of another robot"
+    with pytest.raises(AttributeError, match=r"no attribute 'conect'\Z"):
+        arm.conect  # noqa: B018
+
+
+def test_an_alias_is_a_verb_that_is_here() -> None:
+    arm = Robot("so101", mode="real", port="/dev/ttyACM0", peer_id="left")
+    assert arm.stop_teleoperate == arm.stop_task and arm.emergency_stop == arm.stop
+    assert arm.peer_id == arm.name == arm.mesh.peer_id == "left"
+    services = {name for driver in _driver_classes() for name in driver.services({})}
+    assert {own for own in reference_names.ALIASES.values() if not hasattr(type(arm), own)} <= services
+
+
+def _driver_classes() -> list[type]:
+    return [driver for name in list_native_drivers() if (driver := get_native_driver_class(name))]
+
+
+@pytest.mark.parametrize("name", sorted(reference_names.PACKAGE))
+def test_an_import_of_theirs_says_what_to_use(name: str) -> None:
+    with pytest.raises(ImportError, match=f"no '{name}', which strands_robots has"):
+        exec(f"from strands_actors import {name}")
+    assert name not in dir(importlib.import_module("strands_actors"))
+    assert not hasattr(strands_actors, "Simulatoin")
+
+
+def test_a_robot_is_on_the_mesh_as_they_say_it() -> None:
+    for mesh in (True, False, None):
+        assert Robot("so101", mesh=mesh).tool_name == "so101"
+    with pytest.raises(ValueError, match="tool_name and peer_id are both given"):
+        Robot("so101", tool_name="a", peer_id="b")
+
+
+def test_a_crazyflies_twist_is_a_command() -> None:
+    drone = get_native_driver_class("crazyflie")("crazyflie", "usb://0", {})  # type: ignore[misc]
+    service = drone.SERVICES["set_twist"]
+    assert service.acts and drone.check_service("set_twist", {"vx": 0.2}) is None
+    seen = Observation(0, (0.0,) * len(drone.axes), (1,) * len(drone.axes))
+    state = GateState(0, seen, (0.0,) * (len(drone.axes) + 1), 0, stream=False)
+    assert not hasattr(drone.parse({**service.arguments, "vx": 0.2}, state), "refusal")
