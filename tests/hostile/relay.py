@@ -36,6 +36,9 @@ GREETING = 16
 """Bytes of the first message of a Franka's host."""
 FLOODED = 20
 """Datagrams of a flood for each of the twin's."""
+DDS_FLOODED = 4
+"""As that, on DDS, where a robot says 500 a second and each may be answered: what waits here for longer
+is lost, and that would be another fault."""
 DDS_PORTS = range(7410, 7430)
 """Of domain 0: room for ten participants at one address."""
 RTPS_HEADER = 20
@@ -168,7 +171,7 @@ async def _relay_dds_port(
             await _send(by, data, (target, port))
             continue
         flood = data[:RTPS_HEADER] + hostile.word[RTPS_HEADER:]
-        for piece in _said(data, flood, hostile.kind):
+        for piece in _said(data, flood, hostile.kind, DDS_FLOODED):
             await _send(by, piece, (HOST, port))
 
 
@@ -177,7 +180,7 @@ def _locator(host: str) -> bytes:
     return bytes(12) + socket.inet_aton(host)
 
 
-def _said(data: bytes, flood: bytes, kind: str) -> list[bytes]:
+def _said(data: bytes, flood: bytes, kind: str, flooded: int = FLOODED) -> list[bytes]:
     """Return the datagrams that stand in the place of one of the twin's."""
     match kind:
         case "garbled":
@@ -185,7 +188,7 @@ def _said(data: bytes, flood: bytes, kind: str) -> list[bytes]:
         case "half":
             return []
         case "flood":
-            return [*[flood] * FLOODED, data]
+            return [*[flood] * flooded, data]
     return [data]
 
 
