@@ -512,7 +512,10 @@ def main(args: dict[str, Any], sock: socket.socket) -> None:
     )
     raise_limits()  # not the spawner's: policies have those of the user
     (page,) = args["descriptors"]
-    ahead = Ahead(spawner, ForkedAhead((page,)), ForkedAhead(session=True), page)
+    robot, label = args["robot"], args["label"]
+    wire = ForkedAhead((robot, "wire", label), (page,))
+    standby = ForkedAhead((robot, "standby", label), session=True)
+    ahead = Ahead(spawner, wire, standby, page)
     be_taken_last()  # not the spawner: policies are its children
     trio.run(_main, args, sock, ahead)
 

@@ -1,13 +1,16 @@
-"""A process between a robot's program and its twin, on TCP and datagrams, which can turn hostile.
+"""A process between a robot's program and its twin, on TCP, unix sockets and datagrams, which can turn
+hostile.
 
 It listens on an address of its own, at the ports of the twin, and hands on what either side says.
+Where the twin's address is a path, so is the relay's.
 From the line ``begin KIND FIRST HEX`` on its standard input on, what the twin says is changed, on
 every connection: ``garbled`` (random bytes in its place), ``half`` (nothing more), ``flood``
 (``FIRST`` once, if any, then ``HEX`` again and again, as fast as it is taken, and the twin's own words
 among it). ``begin ok`` ends that, and every connection.
 
 Datagrams go both ways at one port, of both ends and of the relay: the host is at ``HOST``, the twin
-wherever it speaks from.
+wherever it speaks from. On DDS each participant announces its address: the relay puts its own in the
+place of both, so neither end knows the other. A flood then has the header of the twin's own datagram.
 """
 
 from __future__ import annotations
@@ -15,8 +18,10 @@ from __future__ import annotations
 import contextlib
 import enum
 import os
+import socket
 import subprocess
 import sys
+from collections.abc import Mapping
 from types import TracebackType
 
 import trio
@@ -31,22 +36,33 @@ GREETING = 16
 """Bytes of the first message of a Franka's host."""
 FLOODED = 20
 """Datagrams of a flood for each of the twin's."""
+DDS_FLOODED = 4
+"""As that, on DDS, where a robot says 500 a second and each may be answered: what waits here for longer
+is lost, and that would be another fault."""
+DDS_PORTS = range(7410, 7430)
+"""Of domain 0: room for ten participants at one address."""
+RTPS_HEADER = 20
+"""Bytes of a datagram that name its participant."""
 
 
 class Datagrams(enum.StrEnum):
     NONE = "none"
     SAME_PORT = "same port"  # of the same number
     GREETING = "greeting"  # the port that the last two bytes of the first message on TCP name
+    DDS = "dds"  # every port of ``DDS_PORTS``
 
 
 class Relay:
-    """The process, from outside: ``with Relay(twin.port, extra_ports) as relay``. ``host``: its address."""
+    """The process, from outside: ``with Relay(twin.port, extra_ports) as relay``. ``host``: its address,
+    or its path."""
 
     def __init__(
         self, target: str, ports: tuple[int, ...] = (), datagrams: Datagrams = Datagrams.NONE, host: str = ""
     ) -> None:
-        self._host, _, port = target.rpartition(":")
-        self._ports = tuple(dict.fromkeys((int(port), *ports)))
+        self._is_path = target.startswith("/")
+        self._host, _, port = (target, "", "0") if self._is_path else target.rpartition(":")
+        more = DDS_PORTS if datagrams is Datagrams.DDS else ports
+        self._ports = tuple(dict.fromkeys((int(port), *more)))
         self._datagrams = datagrams
         self.host = host or own_host()
 
@@ -65,7 +81,7 @@ class Relay:
 
     @property
     def port(self) -> str:
-        return f"{self.host}:{self._ports[0]}"
+        return self.host if self._is_path else f"{self.host}:{self._ports[0]}"
 
     def begin(self, kind: str, flood: bytes = b"", first: bytes = b"") -> None:
         line = f"begin {kind} {first.hex() or '-'} {flood.hex() or '-'}\n"
@@ -85,13 +101,15 @@ class _Hostility:
 async def _serve(own: str, target: str, datagrams: str, ports: list[int]) -> None:
     hostile = _Hostility()
     async with trio.open_nursery() as nursery:
-        for port in ports:
+        if datagrams == Datagrams.DDS:
+            await nursery.start(_relay_dds, own, target, ports, hostile)
+        for port in ports if datagrams != Datagrams.DDS else ():
             if datagrams == Datagrams.SAME_PORT:
                 await nursery.start(_relay_datagrams, own, target, port, hostile)
                 continue
-            listeners = await trio.open_tcp_listeners(port, host=own)
+            listener = await _listener(own, port)
             names_port = datagrams == Datagrams.GREETING
-            nursery.start_soon(_accept, listeners[0], own, target, port, hostile, names_port)
+            nursery.start_soon(_accept, listener, own, target, port, hostile, names_port)
         print("ready", flush=True)
         async with trio.lowlevel.FdStream(os.dup(0)) as lines:
             async for data in lines:
@@ -102,6 +120,76 @@ async def _serve(own: str, target: str, datagrams: str, ports: list[int]) -> Non
                 for scope in hostile.connections if hostile.kind == "ok" else ():
                     scope.cancel()
         nursery.cancel_scope.cancel()
+
+
+async def _listener(own: str, port: int) -> trio.SocketListener:
+    """Listen at an address, or at a path when there is no port."""
+    if port:
+        return (await trio.open_tcp_listeners(port, host=own))[0]
+    sock = trio.socket.socket(trio.socket.AF_UNIX)
+    await sock.bind(own)
+    sock.listen()
+    return trio.SocketListener(sock)
+
+
+async def _connect(target: str, port: int, own: str) -> trio.SocketStream:
+    """Connect to the twin, from the relay's address where there is one."""
+    if port:
+        return await trio.open_tcp_stream(target, port, local_address=own)
+    sock = trio.socket.socket(trio.socket.AF_UNIX)
+    await sock.connect(target)
+    return trio.SocketStream(sock)
+
+
+async def _relay_dds(
+    own: str,
+    target: str,
+    ports: list[int],
+    hostile: _Hostility,
+    task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED,
+) -> None:
+    """Until cancelled. A datagram leaves from the port of the relay that its sender has at home, and
+    goes to the port that it came to."""
+    async with trio.open_nursery() as nursery:
+        sockets = {port: trio.socket.socket(type=trio.socket.SOCK_DGRAM) for port in ports}
+        for port, sock in sockets.items():
+            await sock.bind((own, port))
+        for port in ports:
+            nursery.start_soon(_relay_dds_port, sockets, port, own, target, hostile)
+        task_status.started()
+
+
+async def _relay_dds_port(
+    sockets: Mapping[int, trio.socket.SocketType], port: int, own: str, target: str, hostile: _Hostility
+) -> None:
+    while True:
+        data, (host, sender_port, *_) = await sockets[port].recvfrom(CHUNK)
+        if (by := sockets.get(sender_port)) is None:
+            continue
+        data = data.replace(_locator(host), _locator(own))
+        if host != target:
+            await _send(by, data, (target, port))
+            continue
+        flood = data[:RTPS_HEADER] + hostile.word[RTPS_HEADER:]
+        for piece in _said(data, flood, hostile.kind, DDS_FLOODED):
+            await _send(by, piece, (HOST, port))
+
+
+def _locator(host: str) -> bytes:
+    """Return an IPv4 address as DDS writes it."""
+    return bytes(12) + socket.inet_aton(host)
+
+
+def _said(data: bytes, flood: bytes, kind: str, flooded: int = FLOODED) -> list[bytes]:
+    """Return the datagrams that stand in the place of one of the twin's."""
+    match kind:
+        case "garbled":
+            return [os.urandom(len(data))]
+        case "half":
+            return []
+        case "flood":
+            return [*[flood] * flooded, data]
+    return [data]
 
 
 async def _relay_datagrams(
@@ -122,15 +210,7 @@ async def _relay_datagrams(
                 await _send(sock, data, twin)
                 continue
             twin = sender
-            told = [data]
-            match hostile.kind:
-                case "garbled":
-                    told = [os.urandom(len(data))]
-                case "half":
-                    told = []
-                case "flood":
-                    told = [*[hostile.word] * FLOODED, data]
-            for piece in told:
+            for piece in _said(data, hostile.word, hostile.kind):
                 await _send(sock, piece, (HOST, port))
 
 
@@ -155,7 +235,7 @@ async def _accept(
 
     async def relay(host: trio.SocketStream) -> None:
         try:
-            twin = await trio.open_tcp_stream(target, port, local_address=own)
+            twin = await _connect(target, port, own)
             async with host, twin, trio.open_nursery() as nursery:
                 nursery.start_soon(_tell, twin, host, hostile)
                 greeted = not names_port

@@ -3,6 +3,7 @@ SAF-025). Order and counts alone: the bounds are asserted in virtual time."""
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 import signal
@@ -39,6 +40,8 @@ class Cell(NamedTuple):
     flood: str = ""
     ports: tuple[int, ...] = ()
     datagrams: Datagrams = Datagrams.NONE
+    services: tuple[str, ...] = ()
+    """That the robot must have done before it takes a target."""
 
     def __str__(self) -> str:
         return "-".join(filter(None, self[:3])).replace(" ", "_")
@@ -46,7 +49,8 @@ class Cell(NamedTuple):
 
 XARM = (30001, 30002, 30003)
 UR = (29999, 30001, 30002, 30003)
-FRI, FCI = Datagrams.SAME_PORT, Datagrams.GREETING
+FRI, FCI, DDS = Datagrams.SAME_PORT, Datagrams.GREETING, Datagrams.DDS
+RELEASED = ("release_sport_mode",)
 CELLS = [
     Cell("rby1", "flood", "pings"),
     Cell("xarm7", "flood", "unasked answers", XARM),
@@ -81,6 +85,13 @@ CELLS = [
     Cell("ur5e", "flood", "texts", UR),
     Cell("ur5e", "garbled", "", UR),
     Cell("ur5e", "half", "", UR),
+    Cell("microduck", "flood", "unasked answers"),
+    Cell("microduck", "garbled"),
+    Cell("microduck", "half"),
+    Cell("unitree_go2", "flood", "empty states", (), DDS, RELEASED),
+    Cell("unitree_go2", "flood", "announcements", (), DDS, RELEASED),
+    Cell("unitree_go2", "garbled", "", (), DDS, RELEASED),
+    Cell("unitree_go2", "half", "", (), DDS, RELEASED),
 ]
 JOINTS = {
     "rby1": ["torso_0"],
@@ -90,23 +101,30 @@ JOINTS = {
     "kuka_iiwa": ["joint1"],
     "ur5e": ["shoulder_pan_joint"],
     "panda": [f"joint{number}" for number in range(1, 8)],
+    "unitree_go2": ["FR_hip_joint"],
 }
 """What a target names, of robots that are told positions. The first one moves."""
 ACTIONS: Mapping[str, Mapping[str, float]] = {
     "yahboom_m3pro": {"linear.x": 0.1},
     "earthrover": {"linear": 0.1},
     "reachy_mini": {"head_yaw": 5.0},
+    "microduck": {"vx": 0.1},
 }
 """What the others are sent."""
+TWINS: Mapping[str, Mapping[str, object]] = {"microduck": {"enabled": True}}
+"""Options of a twin."""
 SCHEMES = {"yahboom_m3pro": "ws://", "earthrover": "http://", "reachy_mini": "http://"}
 
 CALLER = """
 import json, sys, time
 from strands_actors import Robot
-robot, port, action, *joints = sys.argv[1:]
+robot, port, action, services, *joints = sys.argv[1:]
 arm = Robot(robot, mode="real", port=port)
 while arm.connect_eagerly() is not None:
     time.sleep(0.1)
+for service in json.loads(services):
+    while arm.service(service)["status"] != "success":
+        time.sleep(0.1)
 seen = arm.get_observation()
 target = json.loads(action) | {joint: seen[joint] for joint in joints}
 print("ready", flush=True)
@@ -148,14 +166,14 @@ def cell(request: pytest.FixtureRequest) -> Cell:
 
 
 @pytest.fixture
-def host() -> str:
-    """Address of the relay."""
-    return own_host()
+def host(cell: Cell, tmp_path: Path) -> str:
+    """Address of the relay, or its path."""
+    return str(tmp_path / "relay.sock") if cell.robot == "microduck" else own_host()
 
 
 @pytest.fixture
 def twin(cell: Cell, host: str, tmp_path: Path) -> Iterator[Twin]:
-    options = {"client": host} if cell.datagrams is FRI else {}
+    options = {"client": host} if cell.datagrams is FRI else TWINS.get(cell.robot, {})
     with Twin(cell.robot, tmp_path, options=options) as twin:
         yield twin
 
@@ -168,17 +186,23 @@ def relay(cell: Cell, host: str, twin: Twin) -> Iterator[Relay]:
 
 def begin(cell: Cell, relay: Relay) -> None:
     rig = RIGS[cell.robot]
-    words = {"": b"", **rig.floods, **rig.bombs}[cell.flood]
-    assert isinstance(words, bytes)
+    flood = {"": b"", **rig.floods, **rig.bombs}[cell.flood]
+    words = flood if isinstance(flood, bytes) else flood(0)
     head, end, body = words.partition(b"\r\n\r\n") if cell.flood in rig.bombs else (b"", b"", words)
     relay.begin(cell.kind, body[:MOST_FLOOD], head + end)
     time.sleep(FLOODED_S)
 
 
-def moving(arm: RealRobot, twin: Twin, robot: str) -> None:
+def succeeds(arm: RealRobot, service: str) -> bool:
+    return bool(arm.service(service)["status"] == "success")
+
+
+def moving(arm: RealRobot, twin: Twin, cell: Cell) -> None:
     armed(arm)
+    for service in cell.services:
+        until(functools.partial(succeeds, arm, service), service)
     began_ns = time.monotonic_ns()
-    until(lambda: moved(arm, robot)["status"] == "success", "a target is taken")
+    until(lambda: moved(arm, cell.robot)["status"] == "success", "a target is taken")
     until(lambda: twin.log.host("setpoint", began_ns), "a setpoint")
 
 
@@ -199,17 +223,17 @@ def moved(arm: RealRobot, robot: str) -> Mapping[str, Any]:
 @pytest.mark.parametrize("cell", CELLS, indirect=True, ids=str)
 def test_saf_022_025_a_stop_behind_a_hostile_peer(cell: Cell, twin: Twin, relay: Relay) -> None:
     with robot_on(address(cell, relay), cell.robot) as arm:
-        moving(arm, twin, cell.robot)
+        moving(arm, twin, cell)
         memory = Memory(pids(arm))
         begin(cell, relay)
         asked_ns = time.monotonic_ns()
         answer = arm.stop()
-        first_safe(twin.log, asked_ns)
+        safe = first_safe(twin.log, asked_ns)
         twin.log.no_setpoint_after_safe(asked_ns)
         assert memory.grown() <= MOST_MEMORY
         if cell.kind != "flood":
             assert answer["status"] == "error", "confirmed by words that cannot be understood"
-        twin.log.silent_after(asked_ns, "setpoint", "enable")
+        twin.log.silent_after(safe.t_ns, "setpoint", "enable")  # what was on its way may come before
         relay.begin("ok")
         until(lambda: arm.stop()["status"] == "success", "it is known to be safe")
 
@@ -219,7 +243,7 @@ def test_saf_022_025_a_stop_behind_a_hostile_peer(cell: Cell, twin: Twin, relay:
 @pytest.mark.parametrize("cell", CELLS, indirect=True, ids=str)
 def test_saf_022_025_the_caller_is_killed_behind_a_hostile_peer(cell: Cell, twin: Twin, relay: Relay) -> None:
     action = json.dumps(ACTIONS.get(cell.robot, {}))
-    told = [cell.robot, address(cell, relay), action, *JOINTS.get(cell.robot, [])]
+    told = [cell.robot, address(cell, relay), action, json.dumps(cell.services), *JOINTS.get(cell.robot, [])]
     arguments = [sys.executable, "-c", CALLER, *told]
     with subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True) as caller:
         assert caller.stdout is not None
@@ -230,7 +254,7 @@ def test_saf_022_025_the_caller_is_killed_behind_a_hostile_peer(cell: Cell, twin
         finally:
             killed_ns = time.monotonic_ns()
             caller.send_signal(signal.SIGKILL)
-    first_safe(twin.log, killed_ns)
+    safe = first_safe(twin.log, killed_ns)
     time.sleep(0.3)
     twin.log.no_setpoint_after_safe(killed_ns)
     relay.begin("ok")
@@ -238,4 +262,4 @@ def test_saf_022_025_the_caller_is_killed_behind_a_hostile_peer(cell: Cell, twin
     if cell.kind != "flood" or cell.datagrams is Datagrams.NONE:  # a flood of datagrams may be kept up with
         first_safe(twin.log, healed_ns)  # which is confirmed, and the tree ends
     time.sleep(0.3)
-    twin.log.silent_after(killed_ns, "setpoint", "enable")
+    twin.log.silent_after(safe.t_ns, "setpoint", "enable")

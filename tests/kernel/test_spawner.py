@@ -13,6 +13,7 @@ import pytest
 import trio
 
 from strands_actors.kernel.processes import spawner as spawner_module
+from strands_actors.kernel.processes.fork import ForkedAhead
 from strands_actors.kernel.processes.process import ChildProcess
 from strands_actors.kernel.processes.spawner import Spawner
 
@@ -107,3 +108,16 @@ async def test_a_spawner_that_dies_while_it_is_asked_is_no_reason_to_wait() -> N
             nursery.start_soon(kill)
             with trio.fail_after(PATIENCE_S), pytest.raises(OSError, match="has ended"):
                 await made.start(f"{children.__name__}:wait", {})
+
+
+@real_time
+async def test_saf_021_a_child_that_waits_for_its_work_has_its_own_name() -> None:
+    """Until a robot is connected, its standby waits to be told what to run: who kills the root by its
+    name must not get that one."""
+    ahead = ForkedAhead(("so101", "standby", ""))
+    assert ahead._child is not None
+    command = Path(f"/proc/{ahead._child.pid}/comm")
+    await until(lambda: command.read_text().strip() == "strands-standby")
+    child = ahead.start(f"{children.__name__}:wait", {})
+    assert child is not None
+    await end(child)

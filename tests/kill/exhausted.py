@@ -9,6 +9,9 @@ import os
 import resource
 import secrets
 import signal
+import sys
+import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic_ns
@@ -31,6 +34,8 @@ from strands_actors.testing.cells import (
     told,
     until_safe,
 )
+
+from .full_table import sitecustomize as full_table
 
 TAKES_EFFECT_S = 0.15
 """Between the exhaustion and the kill: a process that cannot live with it has ended by then."""
@@ -57,6 +62,7 @@ class Lacks(enum.StrEnum):
 
     LEAK = "free files"  # something took all that were free; what the process holds in reserve is its own
     FILES = "files"  # a limit of 0: what is freed cannot be opened again either
+    TABLE = "system files"  # the whole system's table of open files is full
     MEMORY = "memory"  # of address space
     THREADS = "threads"  # nor processes
     DISK = "disk"  # no file may grow
@@ -88,6 +94,10 @@ def take(lacks: Lacks, pid: int) -> None:
     match lacks:
         case Lacks.FILES:
             _limit(pid, resource.RLIMIT_NOFILE, 0)
+        case Lacks.TABLE:
+            os.kill(pid, full_table.SIGNAL)
+            while full_table.FILTERED not in Path(f"/proc/{pid}/status").read_text():
+                time.sleep(0.001)
         case Lacks.MEMORY:
             pages = int(Path(f"/proc/{pid}/statm").read_text().split()[0])
             _limit(pid, resource.RLIMIT_AS, pages * resource.getpagesize())
@@ -126,6 +136,17 @@ def leave_groups() -> None:
     for group in GROUPS.glob(f"*/{_GROUP}-*"):
         with contextlib.suppress(OSError):  # one that still ends
             group.rmdir()
+
+
+@contextlib.contextmanager
+def can_lack_table() -> Iterator[None]:
+    """Let a bench that is begun here have processes which ``Lacks.TABLE`` can be put on."""
+    folder = str(Path(full_table.__file__).parent)
+    sys.path.insert(0, folder)
+    try:
+        yield
+    finally:
+        sys.path.remove(folder)
 
 
 def can_group(controller: str) -> bool:

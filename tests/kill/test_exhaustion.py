@@ -26,7 +26,7 @@ from strands_actors.testing import Bench, Twin
 from tests.answers import pids, status, until, why
 
 from .broken_disk import Disk, broken, can_mount, small
-from .exhausted import SETTLE_S, Lacks, Roles, Row, can_group, run_exhausted, take
+from .exhausted import SETTLE_S, Lacks, Roles, Row, can_group, can_lack_table, run_exhausted, take
 
 Start = Callable[..., tuple[RealRobot, Twin]]
 
@@ -37,6 +37,8 @@ GROUPED = [lacks for lacks, at in ((Lacks.GROUP_MEMORY, "memory"), (Lacks.GROUP_
 """Only where this user may make control groups of version 1."""
 PLAIN = [Lacks.FILES, Lacks.MEMORY, Lacks.THREADS, Lacks.DISK, Lacks.CPU]
 ROWS = [Row(role, lacks) for role in (Roles.ROOT, Roles.WIRE, Roles.STANDBY) for lacks in (*PLAIN, *GROUPED)]
+FULL_TABLE = [Row(Roles.ROOT, Lacks.TABLE), Row(Roles.WIRE, Lacks.TABLE)]
+"""The standby is the last: what it cannot open, nobody can."""
 LEAKS = [Row(Roles.ROOT, Lacks.LEAK), Row(Roles.WIRE, Lacks.LEAK)]
 EVERYBODY = [Row(Roles.EVERY, Lacks.THREADS), Row(Roles.EVERY, Lacks.DISK)]
 """What a whole container lacks: no process is left that has it."""
@@ -46,6 +48,7 @@ QUICK = {
     ("xarm7", Roles.ROOT, Lacks.FILES),  # ConnectWhenNeeded: it ends
     ("panda", Roles.ROOT, Lacks.FILES),  # WatchedFirmware: it ends
     ("rby1", Roles.ROOT, Lacks.FILES),  # KeptSession
+    ("xarm7", Roles.ROOT, Lacks.TABLE),  # ConnectWhenNeeded: what it frees cannot be opened again
     ("ur3e", Roles.ROOT, Lacks.LEAK),  # three sockets, and the root stays
 }
 
@@ -57,7 +60,7 @@ def marks_of(robot: str, row: Row) -> tuple[pytest.MarkDecorator, ...]:
 CELLS = [
     pytest.param(robot, row, marks=marks_of(robot, row), id=f"{robot}-{row}")
     for robot in ROBOTS
-    for row in (*ROWS, *LEAKS, *EVERYBODY)
+    for row in (*ROWS, *FULL_TABLE, *LEAKS, *EVERYBODY)
 ]
 
 
@@ -75,7 +78,8 @@ def bench_of(robot: str, benches: dict[str, Bench]) -> Bench:
     if robot not in benches:
         for other in list(benches):
             benches.pop(other).__exit__(None, None, None)
-        benches[robot] = Bench(robot).__enter__()
+        with can_lack_table():
+            benches[robot] = Bench(robot).__enter__()
     return benches[robot]
 
 

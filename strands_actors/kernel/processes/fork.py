@@ -10,16 +10,18 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from . import child
+from .identity import take_name
 from .process import ChildProcess, OwnChild, specify
 
 UNKNOWN = 1
 """Exit code of a child that this process did not see end: no success."""
 
 
-def fork_child(link_fd: int, keep: Sequence[int] = (), session: bool = False) -> int:
+def fork_child(link_fd: int, keep: Sequence[int] = (), session: bool = False, name: Sequence[str] = ()) -> int:
     """Return its pid. It is as one that ``process.execute`` starts: a process group of its own
     (with ``session`` a session too), no descriptor of anybody else's but those to ``keep``, told
-    over ``link_fd`` what to run. This process must have one thread."""
+    over ``link_fd`` what to run. ``name``: what it is called meanwhile, for ``take_name``. This
+    process must have one thread."""
     pid = os.fork()
     if pid == 0:
         if session:
@@ -31,6 +33,8 @@ def fork_child(link_fd: int, keep: Sequence[int] = (), session: bool = False) ->
             os.closerange(first, fd)
             first = fd + 1
         os.closerange(first, os.sysconf("SC_OPEN_MAX"))
+        if name:
+            take_name(*name)
         child.main(link_fd)
     return pid
 
@@ -63,13 +67,19 @@ class Forked:
 
 
 class ForkedAhead:
-    """One child, forked now; it waits to be told what to run. ``keep``: descriptors that it is
-    given. ``session``: see ``fork_child``."""
+    """One child, forked now; it waits to be told what to run, for as long as a robot takes to connect.
 
-    def __init__(self, keep: Sequence[int] = (), session: bool = False) -> None:
+    Args:
+        name: What it is called from now on, for ``take_name``. Without one it has its parent's name,
+            and who kills by name misses that.
+        keep: Descriptors that it is given.
+        session: See ``fork_child``.
+    """
+
+    def __init__(self, name: Sequence[str], keep: Sequence[int] = (), session: bool = False) -> None:
         self._socket, theirs = socket.socketpair()
         with theirs:
-            self._child: Forked | None = Forked(fork_child(theirs.fileno(), keep, session))
+            self._child: Forked | None = Forked(fork_child(theirs.fileno(), keep, session, name))
 
     def start(self, entry: str, args: Mapping[str, Any], descriptors: Sequence[int] = ()) -> ChildProcess | None:
         """As ``process.start``. None when it was started before, or has ended. ``descriptors``: see
