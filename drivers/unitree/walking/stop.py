@@ -1,7 +1,8 @@
 """How a robot that walks is stopped, by the wire and by the root's stop channel alike: the order is
 repeated until the onboard controller has answered it and reports that the robot obeys.
 
-``stop``  StopMove: the robot ends what it does and stays on its feet by its own controller
+``stop``  StopMove: the robot ends what it does and stays on its feet by its own controller. A G1 and an H1
+          end what they walk; a change of posture that has begun is finished by them, and nothing follows it
 ``zero``  the same, then BalanceStand: it takes the next velocity from there
 ``damp``  Damp, the vendor's own emergency stop: every joint brakes, the robot sinks to the floor
 """
@@ -22,7 +23,7 @@ from strands_actors.drivers.unitree.link import FIND_S
 
 from .link import WalkingLink
 from .robots import BASE
-from .sport import Order
+from .dialect import Order
 from .states import SportState
 
 STOP_S = 1.7
@@ -51,7 +52,7 @@ class Stopping:
 
     def zero(self) -> None:
         if not self._link.send_stop(self._order):
-            raise WireDown("the sport service does not hear us")
+            raise WireDown("the service that walks does not hear us")
 
     async def taken(self, within_s: float) -> None:
         """Return when an order that was made after this call has been answered: the service
@@ -66,7 +67,7 @@ class Stopping:
     async def next_report(self, within_s: float) -> Report:
         link = self._link
         if not await link.until(lambda: link.gait_ns > self._told_ns, within_s) or link.gait is None:
-            raise WireDown("no SportModeState comes")
+            raise WireDown(f"no {link.dialect.mode_source} comes")
         self._told_ns = link.gait_ns
         return Report(link.gait.stamp_ns, self._obeys(link.gait), self._shown(link.gait))
 
@@ -74,11 +75,16 @@ class Stopping:
         dialect = self._link.dialect
         if self._damps:
             return gait.mode == dialect.damped
-        return gait.mode in dialect.rests or (gait.mode in dialect.walks and stands(gait))
+        if gait.mode not in dialect.walks:
+            return gait.mode in dialect.rests
+        return stands(gait) if gait.has_pose else self._link.tells_no_speed
 
     def _shown(self, gait: SportState) -> str:
+        mode = self._link.dialect.name(gait.mode)
+        if not gait.has_pose:
+            return f"not known in {mode}"
         vx, vy, wz = gait.velocity
-        return f"{vx:.2f}, {vy:.2f} m/s, {wz:.2f} rad/s in {self._link.dialect.name(gait.mode)}"
+        return f"{vx:.2f}, {vy:.2f} m/s, {wz:.2f} rad/s in {mode}"
 
 
 def stands(gait: SportState) -> bool:
