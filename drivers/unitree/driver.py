@@ -37,8 +37,8 @@ from .options import IMU, OF_JOINTS, LegsOptions
 from .protocol import COMMAND_TOPIC
 from .robots import TABLES, model_of
 from .walking.gates import WALKS_ELSEWHERE
-from .walking.robots import BASE
 from .walking.loco import G1, H1
+from .walking.robots import BASE
 from .walking.services import services_of
 from .walking.sport import GO2
 

@@ -11,8 +11,8 @@ from strands_actors.drivers.unitree.robots import Model
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
 
-from .robots import BASE
 from .dialect import Dialect
+from .robots import BASE
 
 GAIT_TTL_S = 0.3
 """A SportModeState comes 300 times a second from a robot, 50 times from a twin. An FSM id is asked for

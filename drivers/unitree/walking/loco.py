@@ -3,7 +3,8 @@ and what its states mean. Pure.
 
 It is a state machine. SetFsmId sets its number and GetFsmId asks for it. It answers success to a
 number that it does not go to, and to a velocity that it ignores, so only the number that it reports
-counts. It reports it when it begins to move there [assumed], so the joints must rest, too. Every velocity is sent with its duration, after which the robot ends it by itself.
+counts. It reports it when it begins to move there [assumed], so the joints must rest, too. Every
+velocity is sent with its duration, after which the robot ends it by itself.
 
 Ids of requests, numbers and their names: the vendor's SDK, ``unitree_sdk2`` (BSD-3).
 """

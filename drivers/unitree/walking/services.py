@@ -5,8 +5,8 @@ from __future__ import annotations
 from strands_actors.contract.driver import Service
 from strands_actors.contract.tool_verbs import DURATION, SENSORS, STATE, STATUS, STOP, ToolVerb, held_move
 
-from .robots import BASE
 from .dialect import MOVE_S, Dialect
+from .robots import BASE
 
 LATE_S = 1.0
 """A request of a participant that was killed may be carried out so late [assumed: the vendor's client

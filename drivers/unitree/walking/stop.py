@@ -21,9 +21,9 @@ from strands_actors.drivers.common.reporting_base import Report, stop_until_it_s
 from strands_actors.drivers.unitree.config import UnitreeConfig
 from strands_actors.drivers.unitree.link import FIND_S
 
+from .dialect import Order
 from .link import WalkingLink
 from .robots import BASE
-from .dialect import Order
 from .states import SportState
 
 STOP_S = 1.7

@@ -24,9 +24,9 @@ from strands_actors.drivers.unitree.session import ASK_EVERY_NS, RobotSession
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
 
+from .dialect import Order, Posture
 from .link import WalkingLink
 from .robots import BASE
-from .dialect import Order, Posture
 from .states import SportState
 from .stop import bring_down, reports
 
@@ -226,15 +226,14 @@ class WalkingWire(PromptSessionWire[WalkingSession]):
         return {"mode": link.dialect.name(link.gait.mode), "already": False}
 
     async def _until_joints_rest(self, permit: Permit) -> None:
-        """Return when no joint has moved for a while. Whoever asked waits no longer than the service
-        may take."""
-        link, clock = self.session.link, self._clock
-        moved_ns = clock.now_ns()
-        while clock.now_ns() - moved_ns < SETTLE_S * NS:
-            await link.until(lambda: self._joints_move, LOOK_S)
+        """Return when no joint has moved for a while."""
+        moved_ns = self._clock.now_ns()
+        while self._clock.now_ns() - moved_ns < SETTLE_S * NS:
+            await trio.sleep(LOOK_S)
+            self.session.link.poll()
             permit.check()
             if self._joints_move:
-                moved_ns = clock.now_ns()
+                moved_ns = self._clock.now_ns()
 
     @property
     def _joints_move(self) -> bool:

@@ -220,9 +220,10 @@ def test_saf_021_a_stop_overtakes_standing_up_and_nothing_follows_it(world: Worl
     on(world, act)
 
 
-def test_a_g1_without_odometry_is_confirmed_by_its_answers_once_it_had_time_to_tell_its_speed(
+def test_saf_023_a_g1_without_odometry_is_confirmed_once_it_had_time_to_tell_its_speed(
     make_world: MakeWorld,
 ) -> None:
+    """The root begins to hear it when it stops it: by its answer alone it would be confirmed at once."""
     world = make_world("unitree_g1")
     world.server._gait_writer = None
 
@@ -230,7 +231,14 @@ def test_a_g1_without_odometry_is_confirmed_by_its_answers_once_it_had_time_to_t
         assert isinstance(await robot.move(vx=0.5), Accepted)
         report = await stop(robot)
         assert report.confirmed and world.gait.twist == REST
-        assert robot.tree.driver.readings(await robot.tree.wire.read())["pose"] is None
+        channel = WalkingStopChannel(world.driver.config, (), VirtualClock())
+        async with trio.open_nursery() as nursery:
+            await nursery.start(channel.serve)
+            began_s = trio.current_time()
+            motors = await channel.make_safe(SafeState.STOP)
+            assert all(motor.safe for motor in motors), motors
+            assert 0.6 <= trio.current_time() - began_s < 1.0
+            nursery.cancel_scope.cancel()
 
     on(world, act)
 
@@ -307,15 +315,47 @@ def test_postures_are_done_when_the_robot_reports_them(make_world: MakeWorld) ->
     on(world, act)
 
 
-def test_a_robot_that_answers_and_does_not_stand_up_is_no_success(
+def test_saf_021_a_robot_that_answers_and_does_not_stand_up_is_no_success(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def act(robot: Commander) -> None:
         await robot.do("damp")
         monkeypatch.setattr(LocoGait, "_goes_to", lambda *_: False)
-        done = await robot.tree.gate.ask(robot.perform("stand_up"), 40.0)
-        assert isinstance(done, Refused), done
-        assert world.gait.mode == DAMP
+        answers: list[object] = []
+
+        async def stand_up() -> None:
+            answers.append(await robot.do("stand_up"))
+
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(stand_up)
+            await trio.sleep(2.0)
+            assert not answers and len(numbers_asked(world)) > 3, "it is asked again"
+            await stop(robot)
+        assert isinstance(answers[0], Refused) and world.gait.mode == DAMP
+
+
+def test_saf_021_a_robot_whose_joints_still_move_has_not_stood_up(make_world: MakeWorld) -> None:
+    """It reports the state at once. Start is asked for when it has come to rest."""
+    world = make_world("unitree_g1")
+
+    async def act(robot: Commander) -> None:
+        await robot.do("damp")
+        moves = [0.5] * len(world.server.onboard.model.joints)
+        rests = world.server.onboard.body.velocity_rad_s
+        body = type(world.server.onboard.body)
+        answers: list[object] = []
+
+        async def stand_up() -> None:
+            answers.append(await robot.do("stand_up"))
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(body, "velocity_rad_s", property(lambda _: moves))
+            async with trio.open_nursery() as nursery:
+                nursery.start_soon(stand_up)
+                await trio.sleep(2.0)
+                assert world.gait.mode == G1.stand and G1.start not in numbers_asked(world)
+                patch.setattr(body, "velocity_rad_s", property(lambda _: rests))
+        assert isinstance(answers[0], Performed) and world.gait.mode == G1.start
 
     on(world, act)
 
