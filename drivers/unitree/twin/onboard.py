@@ -163,16 +163,18 @@ class Onboard:
         """Whether its onboard controller has laid it down, or is about to."""
         return self.gait is not None and self.gait.pose is Pose.DOWN
 
-    def _drive_way(self) -> None:
-        """Go on from one pose to the other, as far as the gait is."""
+    def _drive_way(self) -> bool:
+        """Go on from one pose to the other, as far as the gait is. Return whether it is there."""
         if self._way is None or self.gait is None:
             self.body.drive(*self._stand)
-            return
+            return True
         share = self.gait.share
         q = [(1.0 - share) * at + share * to for at, to in zip(*self._way, strict=True)]
         self.body.drive(q, *self._stand[1:])
-        if share >= 1.0:
-            self._way = None
+        if share < 1.0:
+            return False
+        self._way = None
+        return True
 
     def _gait_changed(self, kind: str, text: str) -> None:
         self._note(kind, text)
@@ -189,10 +191,8 @@ class Onboard:
             walked_s = self.gait.advance(now_s)
             if walked_s:
                 self.body.carry(*self.gait.twist, walked_s)
-            if self._way is not None:
-                self._drive_way()
-                if self._way is None and self.body.fallen and isinstance(self.gait, LocoGait):
-                    self._hang_up()
+            if self._way is not None and self._drive_way() and isinstance(self.gait, LocoGait):
+                self._hang_up()
         self.body.catch_up(now_s)
         self._tick += 1
         if self.body.fallen != self.fallen and not self._is_down:
@@ -201,7 +201,7 @@ class Onboard:
 
     def _hang_up(self) -> None:
         """A G1 or an H1 that has stood up is on its feet, since it hangs on its hanger meanwhile."""
-        if not self._is_down:
+        if self.body.fallen and not self._is_down:
             self.body.stand_up()
             self.body.drive(*self._stand)
 

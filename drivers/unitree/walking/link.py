@@ -47,7 +47,7 @@ class WalkingLink(Network):
         self.gait_ns = 0
         """When the newest came whose stamp had changed; 0: none yet."""
         self.answered: dict[Order, int] = {}
-        """Requests that were done, and when the newest of those was made."""
+        """Requests that were answered, with yes or no, and when the newest of those was made."""
         self.refused: dict[Order, str] = {}
         """Requests whose last answer says no, and why."""
         self._stamps = Stamps()
@@ -119,11 +119,13 @@ class WalkingLink(Network):
     # -- what is heard
 
     def _hear(self, order: Order, response: rpc.Response) -> None:
+        if response.id < self.answered.get(order, 0):
+            return
+        self.answered[order] = response.id
         if response.why:
             self.refused[order] = response.why
-            return
-        self.refused.pop(order, None)
-        self.answered[order] = max(response.id, self.answered.get(order, 0))
+        else:
+            self.refused.pop(order, None)
 
     def _on_state(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
         """500 come a second, and one in ten of them is looked at."""

@@ -29,6 +29,8 @@ from .states import SportState
 STOP_S = 1.7
 """How long an order is repeated: less than ``Timing.safe_s``, and than what is left of it when a
 link is reached."""
+REST_S = 0.3
+"""Within which a robot that refuses an order tells that it rests anyway."""
 STILL_M_S, STILL_RAD_S = 0.1, 0.15
 """Below these speeds a robot that balances on the spot stands [assumed]."""
 
@@ -58,11 +60,17 @@ class Stopping:
         """Return when an order that was made after this call has been answered: the service
         answers one after the other, so all that was asked for before was taken then."""
         link, since_ns = self._link, self._link.clock.now_ns()
-        await link.until(lambda: link.answered.get(self._order, 0) >= since_ns, within_s)
-        if link.answered.get(self._order, 0) < since_ns:
-            raise WireDown(f"the robot says {link.refused.get(self._order) or 'nothing'}")
+        if not await link.until(lambda: link.answered.get(self._order, 0) >= since_ns, within_s):
+            raise WireDown("the robot says nothing")
         link.follow()
+        why = link.refused.get(self._order)
+        if why and not await link.until(lambda: self._rests_since(since_ns), min(within_s, REST_S)):
+            raise WireDown(f"the robot says {why}")
         self._told_ns = link.gait_ns
+
+    def _rests_since(self, since_ns: int) -> bool:
+        """Return whether it reports a mode in which there is nothing to stop."""
+        return self._link.gait_ns >= since_ns and self._link.is_in(self._link.dialect.rests)
 
     async def next_report(self, within_s: float) -> Report:
         link = self._link

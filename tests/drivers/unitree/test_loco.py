@@ -8,6 +8,7 @@ import json
 import math
 from collections.abc import Awaitable, Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 import trio
@@ -237,8 +238,29 @@ def test_saf_023_a_g1_without_odometry_is_confirmed_once_it_had_time_to_tell_its
             began_s = trio.current_time()
             motors = await channel.make_safe(SafeState.STOP)
             assert all(motor.safe for motor in motors), motors
-            assert 0.6 <= trio.current_time() - began_s < 1.0
+            assert 0.59 < trio.current_time() - began_s < 1.0
             nursery.cancel_scope.cancel()
+
+    on(world, act)
+
+
+@pytest.mark.parametrize("mode", [DAMP, 500])
+def test_saf_021_a_stop_that_is_refused_counts_only_of_a_robot_that_rests(
+    make_world: MakeWorld, monkeypatch: pytest.MonkeyPatch, mode: int
+) -> None:
+    world = make_world("unitree_g1")
+    order = LocoGait.order
+
+    def refuse(gait: LocoGait, api: int, parameter: dict[str, Any]) -> tuple[int, Any]:
+        return (7301, None) if api == rpc.SET_VELOCITY else order(gait, api, parameter)
+
+    async def act(robot: Commander) -> None:
+        world.server.onboard.set_fsm(mode)
+        await trio.sleep(0.2)
+        monkeypatch.setattr(LocoGait, "order", refuse)
+        report = await stop(robot)
+        assert report.confirmed is (mode == DAMP)
+        assert report.confirmed or "the locomotion state is missing" in report.motors[0].detail
 
     on(world, act)
 
