@@ -36,7 +36,7 @@ def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
 
 
 @pytest.mark.real_time
-@pytest.mark.parametrize(("bench", "cell"), handful(), indirect=["bench"])
+@pytest.mark.parametrize(("bench", "cell"), list(handful()), indirect=["bench"])
 def test_saf_003_a_robot_that_walks_stands_when_a_process_breaks(cell: Cell, bench: Bench) -> None:
     assert not cell.why_not
     outcome = run_cell(cell, bench)
