@@ -37,6 +37,7 @@ from .options import IMU, OF_JOINTS, LegsOptions
 from .protocol import COMMAND_TOPIC
 from .robots import TABLES, model_of
 from .walking.gates import WALKS_ELSEWHERE
+from .walking.loco import G1, H1
 from .walking.robots import BASE
 from .walking.services import services_of
 from .walking.sport import GO2
@@ -46,8 +47,6 @@ _MOVE = Service(
     within_s=1.0,
     arguments=dict.fromkeys((*BASE, DURATION), 0.0),
 )
-OF_WALKING = {"move": _MOVE, **services_of(GO2)}
-"""Services of the robots that also walk (``level="sport"``)."""
 
 
 class _Legs(Driver):
@@ -64,6 +63,8 @@ class _Legs(Driver):
     )
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(LegsOptions)
     SPELLINGS: ClassVar[Mapping[str, str]] = {"interface": "network_interface"}
+    OF_WALKING: ClassVar[Mapping[str, Service]] = {}
+    """Services of those that also walk (``level="sport"``)."""
     SIMULATED_ROWS: ClassVar[int] = len(ROWS) + 1
 
     unit = "radians"
@@ -113,12 +114,14 @@ class _Legs(Driver):
     @classmethod
     def services(cls, options: Mapping[str, Any]) -> Mapping[str, Service]:
         """Those of the onboard controller, too: they say what to do instead."""
-        return {**OF_WALKING, **cls.SERVICES} if cls.LEVELS else cls.SERVICES
+        return {**cls.OF_WALKING, **cls.SERVICES}
 
     def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
-        if self.LEVELS and service in OF_WALKING:
+        if service in self.OF_WALKING:
             why = f"{service}: this robot is commanded joint by joint (level='low')"
-            return Refused("level", why, WALKS_ELSEWHERE, "low", "sport")
+            walks = f"{self.robot}:sport" in self.LEVELS
+            remedy = WALKS_ELSEWHERE if walks else "command its joints: its way to walk is not known here"
+            return Refused("level", why, remedy, "low", "sport" if walks else "")
         return super().check_service(service, arguments)
 
     def check_port(self) -> None:
@@ -193,6 +196,10 @@ class G1Driver(_Legs):
     ALIASES: ClassVar[Mapping[str, str]] = {
         alias: name for alias, name in TABLES.aliases.items() if name == "unitree_g1"
     }
+    OF_WALKING: ClassVar[Mapping[str, Service]] = {"move": _MOVE, **services_of(G1)}
+    LEVELS: ClassVar[Mapping[str, str]] = {
+        "unitree_g1:sport": "strands_actors.drivers.unitree.walking.driver:G1Walking",
+    }
 
 
 class Go2Driver(_Legs):
@@ -205,8 +212,10 @@ class Go2Driver(_Legs):
         alias: name for alias, name in TABLES.aliases.items() if name != "unitree_g1"
     }
     SERVICES: ClassVar[Mapping[str, Service]] = OF_JOINTS
+    OF_WALKING: ClassVar[Mapping[str, Service]] = {"move": _MOVE, **services_of(H1), **services_of(GO2)}
     BEFORE_MOTION: ClassVar[str] = "release_sport_mode"
     LEVELS: ClassVar[Mapping[str, str]] = {
         "unitree_go2:sport": "strands_actors.drivers.unitree.walking.driver:Go2Walking",
         "b2:sport": "strands_actors.drivers.unitree.walking.driver:B2Walking",
+        "unitree_h1:sport": "strands_actors.drivers.unitree.walking.driver:H1Walking",
     }

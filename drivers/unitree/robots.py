@@ -18,12 +18,12 @@ TABLES = RobotTables(__package__, "Unitree")
 class Walks(msgspec.Struct, frozen=True):
     """How a robot walks by its onboard controller."""
 
-    by: Literal["sport", "loco"]  # whose requests: ``walking/sport.py``
+    by: Literal["sport", "loco"]  # whose requests: ``walking/sport.py``, ``walking/loco.py``
     vx_m_s: tuple[float, float]  # backward, forward
     vy_m_s: tuple[float, float]
     wz_rad_s: tuple[float, float]
     sits: bool = False
-    lie_rad: tuple[float, ...] = ()  # joints of the twin that lies, in the order of its joints
+    lie_rad: tuple[float, ...] = ()  # joints of the twin that lies or squats, in the order of its joints
 
 
 class Model(msgspec.Struct, frozen=True):

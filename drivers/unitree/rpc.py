@@ -7,6 +7,7 @@ matched by id.
 from __future__ import annotations
 
 import json
+import math
 import struct
 from typing import Any, NamedTuple
 
@@ -23,9 +24,10 @@ ATTEMPTS = 5
 RELEASE_S = 3.0
 """What the robot may take for one attempt to release its mode."""
 
-GET_FSM_ID, SET_FSM_ID, SET_VELOCITY = 7001, 7101, 7105
+GET_FSM_ID, SET_FSM_ID, SET_BALANCE_MODE, SET_VELOCITY = 7001, 7101, 7102, 7105
 """Of service ``sport`` on a G1."""
-LOCO_GET_FSM_ID, LOCO_SET_FSM_ID, LOCO_SET_VELOCITY = 8001, 8101, 8105
+LOCO_GET_FSM_ID, LOCO_SET_FSM_ID, LOCO_SET_BALANCE_MODE, LOCO_SET_VELOCITY = 8001, 8101, 8102, 8105
+LOCO_ENABLE_ODOM, LOCO_GET_ODOM = 8201, 8203
 """Of service ``loco`` on an H1."""
 DAMP, BALANCE_STAND, STOP_MOVE, STAND_UP, STAND_DOWN, RECOVERY_STAND, MOVE = (
     1001,
@@ -41,6 +43,7 @@ SIT, RISE_SIT = 1009, 1010
 """Of a Go2 alone."""
 
 OK, TIMEOUT, NOT_IMPLEMENTED, BAD_DATA, NOT_REGISTERED = 0, 3104, 3203, 3106, 3103
+NO_SUCH_FSM = 7302
 
 SELECTED_TOO_SOON = 7002
 """What SelectMode says for some ten seconds after ReleaseMode."""
@@ -67,7 +70,19 @@ ERRORS = {
     7404: "the FSM is not in 500, 501 or 801",
 }
 
-FSM_WORDS = {0: "zero torque", 1: "damp", 3: "sit", 500: "start", 501: "walk", 702: "stand up", 801: "walk"}
+FSM_WORDS = {
+    0: "zero torque",
+    1: "damp",
+    2: "squat",
+    3: "sit",
+    4: "stand with locked joints",
+    500: "start",
+    501: "walk",
+    702: "stand up",
+    706: "between squat and stand",
+    801: "walk",
+}
+"""States of a G1."""
 
 _REQUEST = struct.Struct("<qqqi?3xI")
 _RESPONSE = struct.Struct("<qqiI")
@@ -163,6 +178,18 @@ def fsm_id(response: Response) -> int:
     if isinstance(value, bool) or not isinstance(value, int):
         raise MalformedFrame(f"an FSM id of {value!r}")
     return value
+
+
+def odometry(response: Response) -> tuple[float, float, float]:
+    """Return what GetOdom answered: x and y in metres, and the heading. Raise ``MalformedFrame``."""
+    value = parsed(response.data)
+    try:
+        x, y, heading = (float(value[key]) for key in ("x", "y", "z"))
+    except (KeyError, TypeError, ValueError) as error:
+        raise MalformedFrame(f"no pose: {error}") from None
+    if not all(map(math.isfinite, (x, y, heading))):
+        raise MalformedFrame("a pose that is not finite")
+    return x, y, heading
 
 
 def mode_name(response: Response) -> str:

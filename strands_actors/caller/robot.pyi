@@ -180,23 +180,52 @@ class AsyncFranka(AsyncRobot):
     async def recover(self) -> Answer: ...
 
 @type_check_only
+class G1(RealRobot):
+    def move(self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0, duration_s: float = 0.0) -> Answer:
+        """Walk so fast, m/s and rad/s of the body, for so many seconds."""
+    def stand_up(self) -> Answer:
+        """Stand up, held by its hanger or from squatting, and balance."""
+    def balance(self) -> Answer:
+        """Unlock the joints of a robot that stands, so that it balances and can walk."""
+    def damp(self) -> Answer:
+        """Brake every joint: a robot that stands sinks to the floor unless its hanger holds it."""
+    def squat(self) -> Answer:
+        """Squat down; the joints stay locked."""
+    def sit(self) -> Answer:
+        """Sit down; something to sit on must be behind it."""
+    def select_sport_mode(self) -> Answer:
+        """Give the joints back to the onboard controller after they were commanded one by one (level='low')."""
+
+@type_check_only
+class AsyncG1(AsyncRobot):
+    async def move(self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0, duration_s: float = 0.0) -> Answer: ...
+    async def stand_up(self) -> Answer: ...
+    async def balance(self) -> Answer: ...
+    async def damp(self) -> Answer: ...
+    async def squat(self) -> Answer: ...
+    async def sit(self) -> Answer: ...
+    async def select_sport_mode(self) -> Answer: ...
+
+@type_check_only
 class Go2(RealRobot):
     def move(self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0, duration_s: float = 0.0) -> Answer:
         """Walk so fast, m/s and rad/s of the body, for so many seconds."""
     def stand_up(self) -> Answer:
         """Stand up from lying or from damping, and balance."""
-    def lie_down(self) -> Answer:
-        """Lie down; the joints stay locked."""
     def balance(self) -> Answer:
         """Unlock the joints of a robot that stands, so that it balances and can walk."""
+    def damp(self) -> Answer:
+        """Brake every joint: a robot that stands sinks to the floor unless its hanger holds it."""
+    def select_sport_mode(self) -> Answer:
+        """Give the joints back to the onboard controller after they were commanded one by one (level='low')."""
+    def lie_down(self) -> Answer:
+        """Lie down; the joints stay locked."""
     def recover(self) -> Answer:
         """Get up from wherever it lies, turned over or not, and balance."""
     def sit(self) -> Answer:
         """Sit down."""
     def rise(self) -> Answer:
         """Rise from sitting, and balance."""
-    def select_sport_mode(self) -> Answer:
-        """Give the joints back to the onboard controller after they were commanded one by one (level='low')."""
     def release_sport_mode(self, attempts: int = 5) -> Answer:
         """End the robot's own controller, so that its joints can be commanded: it no longer balances by itself."""
 
@@ -204,12 +233,13 @@ class Go2(RealRobot):
 class AsyncGo2(AsyncRobot):
     async def move(self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0, duration_s: float = 0.0) -> Answer: ...
     async def stand_up(self) -> Answer: ...
-    async def lie_down(self) -> Answer: ...
     async def balance(self) -> Answer: ...
+    async def damp(self) -> Answer: ...
+    async def select_sport_mode(self) -> Answer: ...
+    async def lie_down(self) -> Answer: ...
     async def recover(self) -> Answer: ...
     async def sit(self) -> Answer: ...
     async def rise(self) -> Answer: ...
-    async def select_sport_mode(self) -> Answer: ...
     async def release_sport_mode(self, attempts: int = 5) -> Answer: ...
 
 @type_check_only
@@ -724,7 +754,7 @@ def Robot(
     approve_within_s: float = 30.0, level: Literal["low", "sport"] = "low",
     on_exit: Literal["zero_torque", "damp"] = "zero_torque", battery_floor_pct: float = 15.0,
     domain: int | None = None, simulator: bool = False, network_interface: str = "", interface: str = "",
-) -> RealRobot: ...
+) -> G1: ...
 @overload
 def Robot(
     name: Go2Name, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
@@ -1051,7 +1081,7 @@ def open_robot(
     approve_within_s: float = 30.0, level: Literal["low", "sport"] = "low",
     on_exit: Literal["zero_torque", "damp"] = "zero_torque", battery_floor_pct: float = 15.0,
     domain: int | None = None, simulator: bool = False, network_interface: str = "", interface: str = "",
-) -> AbstractAsyncContextManager[AsyncRobot]: ...
+) -> AbstractAsyncContextManager[AsyncG1]: ...
 @overload
 def open_robot(
     name: Go2Name, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",

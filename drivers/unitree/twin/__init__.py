@@ -1,8 +1,9 @@
 """The robot's end of a Unitree network: LowState 500 times a second, LowCmd, the services; MuJoCo
 behind them.
 
-A Go2 and a B2 also walk: SportModeState 50 times a second as long as their onboard mode has the
-motors. Their velocities are ``setpoint`` in the log, StopMove and Damp ``safe``.
+All but the H1-2 also walk by their onboard controller, as long as their onboard mode has the motors.
+A Go2 and a B2 tell their SportModeState 50 times a second, and a G1 its odometry. Their velocities
+are ``setpoint`` in the log; StopMove, a velocity of zero and Damp are ``safe``.
 
 The log has every LowCmd (``safe`` with its safe state when it gives no torque, else ``setpoint``;
 ``garbled`` when its checksum is wrong, ``other`` when it is for another ``mode_machine``) and every
@@ -31,7 +32,9 @@ from strands_actors.drivers.unitree import protocol as p
 from strands_actors.drivers.unitree import rpc
 from strands_actors.drivers.unitree.protocol import Command, CommandCodec, StateCodec
 from strands_actors.drivers.unitree.robots import Model, model_of
-from strands_actors.drivers.unitree.walking.states import STATE_TOPIC, STATE_TYPE, encode_state
+from strands_actors.drivers.unitree.walking.loco import DAMP, ZERO_TORQUE
+from strands_actors.drivers.unitree.walking.robots import dialect_of
+from strands_actors.drivers.unitree.walking.states import STATE_TYPE, encode_state
 from strands_actors.kernel.clock import NS
 
 from .onboard import Onboard
@@ -52,7 +55,9 @@ class UnitreeTwinOptions(DdsOptions, frozen=True):
 BATTERY_EVERY, GAIT_EVERY = 50, 10
 """Ticks."""
 WRONG_RAD = 1.0
-_READS = (rpc.SERVER_VERSION, rpc.CHECK_MODE, rpc.GET_FSM_ID, rpc.LOCO_GET_FSM_ID)
+_SAFE_STATES = {ZERO_TORQUE: SafeState.ZERO_TORQUE, DAMP: SafeState.DAMP}
+"""FSM id to the safe state that it is."""
+_READS = (rpc.SERVER_VERSION, rpc.CHECK_MODE, rpc.GET_FSM_ID, rpc.LOCO_GET_FSM_ID, rpc.LOCO_GET_ODOM)
 
 
 def safe_state_of(command: Command) -> str:
@@ -85,8 +90,9 @@ class UnitreeServer(DdsServer):
         family = self._model.family
         self._state_writer = participant.writer(p.STATE_TOPIC, p.state_type(family))
         participant.reader(p.COMMAND_TOPIC, p.command_type(family), self._on_command)
-        walks = self.onboard.gait is not None and not self._simulator
-        self._gait_writer = participant.writer(STATE_TOPIC, STATE_TYPE) if walks else None
+        walks = None if self._simulator else self._model.walks
+        topic = "" if walks is None else dialect_of(walks).state_topic
+        self._gait_writer = participant.writer(topic, STATE_TYPE) if topic else None
         tells_battery = family == "hg" and not self._simulator
         self._battery_writer = participant.writer(p.BATTERY_TOPIC, p.BATTERY_TYPE) if tells_battery else None
         for service in () if self._simulator else self.onboard.services:
@@ -152,7 +158,21 @@ class UnitreeServer(DdsServer):
                 return "safe", None
             case rpc.DAMP:
                 return "safe", SafeState.DAMP
+            case rpc.SET_VELOCITY | rpc.LOCO_SET_VELOCITY:
+                velocity = self._asked(request, "velocity")
+                return ("safe", None) if velocity == [0.0, 0.0, 0.0] else ("setpoint", "")
+            case rpc.SET_FSM_ID | rpc.LOCO_SET_FSM_ID:
+                number = self._asked(request, "data")
+                if isinstance(number, int) and number in _SAFE_STATES:
+                    return "safe", _SAFE_STATES[number]
         return "config", None
+
+    @staticmethod
+    def _asked(request: rpc.Request, key: str) -> Any:
+        try:
+            return rpc.parsed(request.parameter).get(key)
+        except MalformedFrame:
+            return None
 
     # -- what it says
 
@@ -183,7 +203,7 @@ class UnitreeServer(DdsServer):
 
     def order(self, words: Sequence[str]) -> bool:
         match words:
-            case ["fsm", number] if number.isdecimal():
+            case ["fsm", number] if number.isdecimal() and self.onboard.fsm_id is not None:
                 self.onboard.set_fsm(int(number))
             case ["mode", name]:
                 self.onboard.set_mode("" if name == "-" else name)

@@ -18,11 +18,14 @@ from strands_actors.drivers.unitree.gates import HANDSHAKE_FSM
 from strands_actors.drivers.unitree.protocol import Command, State
 from strands_actors.drivers.unitree.robots import Model
 from strands_actors.drivers.unitree.rpc import Request, Response
-from strands_actors.drivers.unitree.walking.sport import DAMPING, LIE, SIT
+from strands_actors.drivers.unitree.walking.loco import LocoDialect
+from strands_actors.drivers.unitree.walking.robots import dialect_of
 from strands_actors.drivers.unitree.walking.states import SportState
 
 from .body import body_of
-from .gait import Gait
+from .gait import Gait, Pose
+from .loco import LocoGait
+from .sport import SportGait
 
 STAND_KP, STAND_KD = 1000.0, 20.0
 """Of the onboard controller, which does nothing but stand."""
@@ -30,8 +33,6 @@ STAND_KP, STAND_KD = 1000.0, 20.0
 ROOM_C = 30
 MODE_MACHINE = 5
 """What a G1 of 29 joints says of itself [assumed]."""
-
-FSM_ZERO_TORQUE, FSM_WALK = 0, 801
 
 
 class Onboard:
@@ -60,11 +61,8 @@ class Onboard:
         self._zero = (0.0,) * count
         home = tuple(self.body.position_rad)
         self._lie = model.walks.lie_rad if model.walks and model.walks.lie_rad else home
-        sports = model.walks is not None and model.walks.by == "sport"
-        self.gait = (
-            Gait(self._gait_changed, keeps_s, model.walks is not None and model.walks.sits) if sports else None
-        )
-        """Of a robot that walks by a sport service."""
+        self.gait = self._make_gait(keeps_s)
+        """Of a robot whose way to walk is known."""
         self._way: tuple[Sequence[float], Sequence[float]] | None = (
             None  # from which pose to which it is on its way
         )
@@ -77,7 +75,6 @@ class Onboard:
     def reset(self) -> None:
         """As after a boot, put back on its feet."""
         self.body.stand_up()
-        self.fsm_id = FSM_WALK
         self.mode = self.model.sport_mode
         if self.gait is not None:
             self.gait.reset()
@@ -87,7 +84,21 @@ class Onboard:
         """Whether the newest LowCmd asks for torque, and is obeyed."""
         self.obey_itself()
 
+    def _make_gait(self, keeps_s: float) -> Gait | None:
+        walks = self.model.walks
+        if walks is None:
+            return None
+        dialect = dialect_of(walks)
+        if isinstance(dialect, LocoDialect):
+            return LocoGait(self._gait_changed, keeps_s, dialect)
+        return SportGait(self._gait_changed, keeps_s, walks.sits)
+
     # -- who moves the body
+
+    @property
+    def fsm_id(self) -> int | None:
+        """Of a robot that has a state machine."""
+        return self.gait.mode if isinstance(self.gait, LocoGait) else None
 
     @property
     def machine(self) -> int:
@@ -123,9 +134,10 @@ class Onboard:
         self.body.drive(*mixed)
 
     def set_fsm(self, number: int) -> None:
-        self.fsm_id = number
-        self._note("fsm", str(number))
-        self.obey_itself()
+        """Of a robot that has a state machine: as its remote does."""
+        if isinstance(self.gait, LocoGait):
+            self.gait.become(number)
+            self.obey_itself()
 
     def set_mode(self, name: str) -> None:
         self.mode = name
@@ -136,43 +148,38 @@ class Onboard:
         """The onboard controller moves the body: by its mode, its FSM and its posture."""
         self._commanded_s = 0.0
         self.commanded = False
-        damps = self.gait is not None and self.gait.next_mode == DAMPING
-        if not self.mode or damps or (self._has_fsm and self.fsm_id not in HANDSHAKE_FSM):
-            limp = self._has_fsm and self.fsm_id == FSM_ZERO_TORQUE
-            self.body.drive(*(self._limp if limp else self._brake))
-        elif self._is_down:
-            self._way = self.body.position_rad, self._lie
-            self._drive_way()
-        else:
-            self._way = (
-                None if self.gait is None or self.gait.share >= 1.0 else (self.body.position_rad, self._stand[0])
-            )
-            self._drive_way()
+        pose = Pose.UP if self.gait is None else self.gait.pose
+        if pose is Pose.LIMP or pose is Pose.BRAKED or not self.mode:
+            self._way = None
+            self.body.drive(*(self._limp if pose is Pose.LIMP else self._brake))
+            return
+        to = self._lie if pose is Pose.DOWN else self._stand[0]
+        rests = pose is Pose.UP and (self.gait is None or self.gait.share >= 1.0)
+        self._way = None if rests else (self.body.position_rad, to)
+        self._drive_way()
 
     @property
     def _is_down(self) -> bool:
         """Whether its onboard controller has laid it down, or is about to."""
-        return self.gait is not None and self.gait.next_mode in (LIE, SIT)
+        return self.gait is not None and self.gait.pose is Pose.DOWN
 
-    def _drive_way(self) -> None:
-        """Go on from one pose to the other, as far as the gait is."""
+    def _drive_way(self) -> bool:
+        """Go on from one pose to the other, as far as the gait is. Return whether it is there."""
         if self._way is None or self.gait is None:
             self.body.drive(*self._stand)
-            return
+            return True
         share = self.gait.share
         q = [(1.0 - share) * at + share * to for at, to in zip(*self._way, strict=True)]
         self.body.drive(q, *self._stand[1:])
-        if share >= 1.0:
-            self._way = None
+        if share < 1.0:
+            return False
+        self._way = None
+        return True
 
     def _gait_changed(self, kind: str, text: str) -> None:
         self._note(kind, text)
-        if kind == "gait" and self.mode and self.gait is not None and self.gait.mode == DAMPING:
+        if self.mode and self.gait is not None and self.gait.pose is Pose.BRAKED and kind == "gait":
             self.obey_itself()
-
-    @property
-    def _has_fsm(self) -> bool:
-        return self.model.handshake == "fsm"
 
     def advance(self, now_s: float) -> None:
         if self._silence_s and self._commanded_s and now_s - self._commanded_s > self._silence_s:
@@ -184,13 +191,19 @@ class Onboard:
             walked_s = self.gait.advance(now_s)
             if walked_s:
                 self.body.carry(*self.gait.twist, walked_s)
-            if self._way is not None:
-                self._drive_way()
+            if self._way is not None and self._drive_way() and isinstance(self.gait, LocoGait):
+                self._hang_up()
         self.body.catch_up(now_s)
         self._tick += 1
         if self.body.fallen != self.fallen and not self._is_down:
             self.fallen = not self.fallen
             self._note("fell" if self.fallen else "stood", f"{self.body.height_m:.3f}")
+
+    def _hang_up(self) -> None:
+        """A G1 or an H1 that has stood up is on its feet, since it hangs on its hanger meanwhile."""
+        if self.body.fallen and not self._is_down:
+            self.body.stand_up()
+            self.body.drive(*self._stand)
 
     def state(self) -> State:
         body = self.body
@@ -216,7 +229,8 @@ class Onboard:
         heading = (math.cos(half), 0.0, 0.0, math.sin(half))
         x, y = gait.position
         height_m = self.body.height_m
-        return SportState(now_ns, gait.mode, (x, y, height_m), gait.twist, heading, height_m)
+        mode = 0 if isinstance(gait, LocoGait) else gait.mode
+        return SportState(now_ns, mode, (x, y, height_m), gait.twist, heading, height_m)
 
     # -- services
 
@@ -234,7 +248,7 @@ class Onboard:
                 return None  # it is the released mode that serves it
             else:
                 answer = self._sport(request.api, parameter)
-        except (MalformedFrame, KeyError, TypeError):
+        except (MalformedFrame, KeyError, TypeError, ValueError):
             answer = rpc.BAD_DATA, None
         code, data = answer
         return Response(request.id, request.api, code, "" if data is None else json.dumps(data))
@@ -254,20 +268,12 @@ class Onboard:
         return rpc.NOT_IMPLEMENTED, None
 
     def _sport(self, api: int, parameter: dict[str, Any]) -> tuple[int, Any]:
-        match api:
-            case rpc.SERVER_VERSION:
-                return rpc.OK, "1.0.0.0"
-            case rpc.GET_FSM_ID | rpc.LOCO_GET_FSM_ID:
-                return rpc.OK, {"data": self.fsm_id}
-            case rpc.SET_FSM_ID | rpc.LOCO_SET_FSM_ID:
-                self.set_fsm(int(parameter["data"]))
-                return rpc.OK, None
-            case rpc.SET_VELOCITY | rpc.LOCO_SET_VELOCITY:
-                return (rpc.OK if len(parameter["velocity"]) == 3 else rpc.BAD_DATA), None
+        if api == rpc.SERVER_VERSION:
+            return rpc.OK, "1.0.0.0"
         if self.gait is None:
             return rpc.NOT_IMPLEMENTED, None
-        before = self.gait.next_mode
+        before = self.gait.mode, self.gait.next_mode
         answer = self.gait.order(api, parameter)
-        if self.gait.next_mode != before:
+        if (self.gait.mode, self.gait.next_mode) != before:
             self.obey_itself()
         return answer

@@ -28,10 +28,12 @@ from strands_actors.drivers.unitree.options import IMU, OF_JOINTS, LegsOptions
 from strands_actors.drivers.unitree.robots import model_of
 from strands_actors.kernel.messages import Refused
 
+from .dialect import MOVE_S
 from .gates import JOINTS_ELSEWHERE, conditions, refuse_joints
-from .robots import base_of
+from .loco import G1, H1
+from .robots import base_of, dialect_of
 from .services import services_of, verbs_of
-from .sport import B2, GO2, MOVE_S, dialect_of
+from .sport import B2, GO2
 
 
 class _Walking(Driver):
@@ -57,6 +59,8 @@ class _Walking(Driver):
         ),
     )
     BEFORE_MOTION: ClassVar[str] = "stand_up"
+    JOINTS_SERVICES: ClassVar[Mapping[str, Service]] = OF_JOINTS
+    """Of the same robot at ``level="low"``."""
 
     config: UnitreeConfig
     unit = "m/s and rad/s"
@@ -84,7 +88,7 @@ class _Walking(Driver):
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
         chosen = read_options(robot, LegsOptions, options)
         if chosen.simulator:
-            raise ValueError(f"{robot}: simulator=True has no sport service. Leave out level='sport'")
+            raise ValueError(f"{robot}: simulator=True has no service that walks. Leave out level='sport'")
         if chosen.on_exit != "zero_torque":
             raise ValueError(
                 f"{robot}: on_exit is of level='low'. Leave it out: walking, a stop leaves it standing"
@@ -108,10 +112,10 @@ class _Walking(Driver):
 
     @classmethod
     def services(cls, options: Mapping[str, Any]) -> Mapping[str, Service]:
-        return {**OF_JOINTS, **cls.SERVICES}
+        return {**cls.JOINTS_SERVICES, **cls.SERVICES}
 
     def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
-        if service in OF_JOINTS:
+        if service in self.JOINTS_SERVICES:
             why = f"{service}: this robot walks by its sport mode (level='sport'), which keeps the joints"
             return Refused("level", why, JOINTS_ELSEWHERE, "sport", "low")
         return super().check_service(service, arguments)
@@ -143,3 +147,23 @@ class B2Walking(_Walking):
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = ("b2",)
     SERVICES: ClassVar[Mapping[str, Service]] = services_of(B2)
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = verbs_of(B2)
+
+
+class _Loco(_Walking):
+    firmware_watchdog = (
+        "each velocity is sent with its duration of 0.3 s: the robot ends it by itself, its vendor says. It can be "
+        "neither armed nor read back"
+    )
+
+
+class G1Walking(_Loco):
+    SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = ("unitree_g1",)
+    SERVICES: ClassVar[Mapping[str, Service]] = services_of(G1)
+    TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = verbs_of(G1)
+    JOINTS_SERVICES: ClassVar[Mapping[str, Service]] = {}
+
+
+class H1Walking(_Loco):
+    SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = ("unitree_h1",)
+    SERVICES: ClassVar[Mapping[str, Service]] = services_of(H1)
+    TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = verbs_of(H1)

@@ -11,11 +11,12 @@ from strands_actors.drivers.unitree.robots import Model
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
 
+from .dialect import Dialect
 from .robots import BASE
-from .sport import Dialect
 
 GAIT_TTL_S = 0.3
-"""A SportModeState comes 300 times a second from a robot, 50 times from a twin."""
+"""A SportModeState comes 300 times a second from a robot, 50 times from a twin. An FSM id is asked for
+20 times a second."""
 
 JOINTS_ELSEWHERE = "make it with level='low' to command its joints"
 WALKS_ELSEWHERE = "make it with level='sport' to walk"
@@ -53,12 +54,13 @@ class Walks:
     def mode_known(self, observation: Observation, now_ns: int) -> Refused | None:
         known = observation.sensors.get("sport_mode")
         if known is None:
-            return Refused("mode_unknown", "move: no SportModeState yet", "check that its sport service runs")
+            why = f"move: no {self._dialect.mode_source} yet"
+            return Refused("mode_unknown", why, "check that its sport service runs")
         age_s = now_ns / NS - known[1]
         if age_s <= GAIT_TTL_S:
             return None
         age, limit = f"{age_s:.1f} s", f"{GAIT_TTL_S:g} s"
-        why = f"move: the last SportModeState is {age} old (limit {limit})"
+        why = f"move: the last {self._dialect.mode_source} is {age} old (limit {limit})"
         return Refused("mode_stale", why, "check the robot and the network", age, limit)
 
     def posture(self, observation: Observation, now_ns: int) -> Refused | None:

@@ -1,9 +1,13 @@
-"""The axes of a robot that walks by its onboard controller."""
+"""What the table of a robot says of how it walks: its axes, and the service that is asked."""
 
 from __future__ import annotations
 
 from strands_actors.contract.axis import Axis, AxisMode, Part, PartKind
 from strands_actors.drivers.unitree.robots import Walks
+
+from .dialect import Dialect
+from .loco import G1, H1
+from .sport import B2, GO2
 
 BASE = ("vx", "vy", "wz")
 
@@ -18,3 +22,10 @@ def base_of(walks: Walks) -> Part:
             for number, (key, unit, (low, high)) in enumerate(ranges, 1)
         ),
     )
+
+
+def dialect_of(walks: Walks) -> Dialect:
+    """Return the words of the service by which a robot walks."""
+    if walks.by == "sport":
+        return GO2 if walks.sits else B2
+    return G1 if walks.sits else H1

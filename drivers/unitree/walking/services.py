@@ -5,11 +5,9 @@ from __future__ import annotations
 from strands_actors.contract.driver import Service
 from strands_actors.contract.tool_verbs import DURATION, SENSORS, STATE, STATUS, STOP, ToolVerb, held_move
 
+from .dialect import MOVE_S, Dialect
 from .robots import BASE
-from .sport import MOVE_S, Dialect
 
-POSTURE_S = 10.0
-"""Longest time for a posture [assumed: standing up takes a Go2 some two seconds]."""
 LATE_S = 1.0
 """A request of a participant that was killed may be carried out so late [assumed: the vendor's client
 gives up after 1 s]. The root is another participant, and its requests may overtake it."""
@@ -21,7 +19,7 @@ _SPEEDS = {"vx": "m/s forward", "vy": "m/s to the left", "wz": "rad/s to the lef
 def services_of(dialect: Dialect) -> dict[str, Service]:
     """Return what such a robot does beyond the common verbs."""
     postures = {
-        name: Service(posture.about, within_s=POSTURE_S, powers=True, needs_armed=True, late_s=LATE_S)
+        name: Service(posture.about, within_s=dialect.posture_s, powers=True, needs_armed=True, late_s=LATE_S)
         for name, posture in dialect.postures.items()
     }
     select = Service(

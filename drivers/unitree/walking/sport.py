@@ -1,75 +1,17 @@
-"""What the walking services of Unitree's robots are asked, and what their modes mean. Pure.
+"""The service ``sport`` of a Go2 and a B2: what it is asked, and what its modes mean. Pure.
 
-Two services walk. ``sport`` of a Go2 and a B2 has a request for each posture, and tells its mode in
-SportModeState. ``loco`` (G1: it is called ``sport`` there; H1) is a state machine that is set to a
-number, its FSM id, which it is asked for. Here both have modes, which are numbers:
-
-    walks    a velocity is carried out
-    rests    no velocity is, and none moves the robot
-    others   a motion is under way: getting up, a jump
-
-Ids of requests: the vendor's SDK, ``unitree_sdk2`` (BSD-3), whose ``Move`` and ``SetVelocity`` are
-these. Modes: its documentation of SportModeState, and the examples of its SDK.
+Ids of requests: the vendor's SDK, ``unitree_sdk2`` (BSD-3). Modes: its documentation of
+SportModeState, and the examples of its SDK.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from typing import NamedTuple
-
-import msgspec
 
 from strands_actors.drivers.unitree import rpc
-from strands_actors.drivers.unitree.robots import Walks
 
-MOVE_S = 0.3
-"""Lifetime of one velocity. G1 and H1 are told it; a Go2 and a B2 are told to stop by us."""
-
-
-class Order(NamedTuple):
-    """One request."""
-
-    api: int
-    parameter: str = "{}"
-
-
-class Posture(NamedTuple):
-    """How one service of the handle is carried out: requests one by one, each done when the robot
-    reports one of its modes."""
-
-    about: str
-    steps: tuple[tuple[Order, frozenset[int]], ...]
-    after: frozenset[int]
-    """Modes in which it may be asked for."""
-    done: frozenset[int]
-    """Modes in which there is nothing to do."""
-
-
-class Dialect(msgspec.Struct, frozen=True):
-    """One service: its words for the same things."""
-
-    stop: Order
-    """Ends a velocity, and whatever else it does; is answered, as a velocity need not be. The robot
-    stays on its feet."""
-    balance: Order
-    """Ends a gait on the spot, once it stands."""
-    damp: Order
-    """Brakes every joint: it sinks to the floor. The vendor's own emergency stop."""
-    names: Mapping[int, str]
-    walks: frozenset[int]
-    rests: frozenset[int]
-    damped: int
-    postures: Mapping[str, Posture]
-
-    def move(self, vx_m_s: float, vy_m_s: float, wz_rad_s: float) -> Order:
-        raise NotImplementedError
-
-    def name(self, mode: int) -> str:
-        return self.names.get(mode, f"mode {mode}")
-
-
-# -- Go2 and B2
+from .dialect import Dialect, Order, Posture
 
 IDLE, BALANCE, POSE, LOCOMOTION, LIE, LOCK, DAMPING, RECOVERY, SIT = 0, 1, 2, 3, 5, 6, 7, 8, 10
 SPORT_MODES: Mapping[int, str] = {
@@ -142,8 +84,3 @@ def _sport(sits: bool) -> SportDialect:
 
 
 GO2, B2 = _sport(sits=True), _sport(sits=False)
-
-
-def dialect_of(walks: Walks) -> Dialect:
-    """Return the words of the service by which a robot walks."""
-    return GO2 if walks.sits else B2

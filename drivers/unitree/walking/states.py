@@ -1,5 +1,5 @@
-"""SportModeState of a Go2 and a B2: what the onboard controller does, and where it believes to be. No
-I/O, no clock.
+"""SportModeState: what the onboard controller of a Go2 or a B2 does, and where it believes to be; of a
+G1 only the latter. No I/O, no clock.
 
 XCDR1, little endian, without its four-byte encapsulation. Layout: the IDL of ``unitree_sdk2``.
 """
@@ -31,6 +31,11 @@ class SportState(NamedTuple):
     velocity: tuple[float, float, float]  # vx, vy in m/s, and the turn about z in rad/s
     orientation_wxyz: tuple[float, ...]
     height_m: float
+
+    @property
+    def has_pose(self) -> bool:
+        """Return whether its pose and its velocity are known."""
+        return math.isfinite(self.velocity[0])
 
     @property
     def heading_rad(self) -> float:

@@ -1,7 +1,8 @@
 """How a robot that walks is stopped, by the wire and by the root's stop channel alike: the order is
 repeated until the onboard controller has answered it and reports that the robot obeys.
 
-``stop``  StopMove: the robot ends what it does and stays on its feet by its own controller
+``stop``  StopMove: the robot ends what it does and stays on its feet by its own controller. A G1 and an H1
+          end what they walk; a change of posture that has begun is finished by them, and nothing follows it
 ``zero``  the same, then BalanceStand: it takes the next velocity from there
 ``damp``  Damp, the vendor's own emergency stop: every joint brakes, the robot sinks to the floor
 """
@@ -20,14 +21,16 @@ from strands_actors.drivers.common.reporting_base import Report, stop_until_it_s
 from strands_actors.drivers.unitree.config import UnitreeConfig
 from strands_actors.drivers.unitree.link import FIND_S
 
+from .dialect import Order
 from .link import WalkingLink
 from .robots import BASE
-from .sport import Order
 from .states import SportState
 
 STOP_S = 1.7
 """How long an order is repeated: less than ``Timing.safe_s``, and than what is left of it when a
 link is reached."""
+REST_S = 0.3
+"""Within which a robot that refuses an order tells that it rests anyway."""
 STILL_M_S, STILL_RAD_S = 0.1, 0.15
 """Below these speeds a robot that balances on the spot stands [assumed]."""
 
@@ -51,22 +54,28 @@ class Stopping:
 
     def zero(self) -> None:
         if not self._link.send_stop(self._order):
-            raise WireDown("the sport service does not hear us")
+            raise WireDown("the service that walks does not hear us")
 
     async def taken(self, within_s: float) -> None:
         """Return when an order that was made after this call has been answered: the service
         answers one after the other, so all that was asked for before was taken then."""
         link, since_ns = self._link, self._link.clock.now_ns()
-        await link.until(lambda: link.answered.get(self._order, 0) >= since_ns, within_s)
-        if link.answered.get(self._order, 0) < since_ns:
-            raise WireDown(f"the robot says {link.refused.get(self._order) or 'nothing'}")
+        if not await link.until(lambda: link.answered.get(self._order, 0) >= since_ns, within_s):
+            raise WireDown("the robot says nothing")
         link.follow()
+        why = link.refused.get(self._order)
+        if why and not await link.until(lambda: self._rests_since(since_ns), min(within_s, REST_S)):
+            raise WireDown(f"the robot says {why}")
         self._told_ns = link.gait_ns
+
+    def _rests_since(self, since_ns: int) -> bool:
+        """Return whether it reports a mode in which there is nothing to stop."""
+        return self._link.gait_ns >= since_ns and self._link.is_in(self._link.dialect.rests)
 
     async def next_report(self, within_s: float) -> Report:
         link = self._link
         if not await link.until(lambda: link.gait_ns > self._told_ns, within_s) or link.gait is None:
-            raise WireDown("no SportModeState comes")
+            raise WireDown(f"no {link.dialect.mode_source} comes")
         self._told_ns = link.gait_ns
         return Report(link.gait.stamp_ns, self._obeys(link.gait), self._shown(link.gait))
 
@@ -74,11 +83,16 @@ class Stopping:
         dialect = self._link.dialect
         if self._damps:
             return gait.mode == dialect.damped
-        return gait.mode in dialect.rests or (gait.mode in dialect.walks and stands(gait))
+        if gait.mode not in dialect.walks:
+            return gait.mode in dialect.rests
+        return stands(gait) if gait.has_pose else self._link.tells_no_speed
 
     def _shown(self, gait: SportState) -> str:
+        mode = self._link.dialect.name(gait.mode)
+        if not gait.has_pose:
+            return f"not known in {mode}"
         vx, vy, wz = gait.velocity
-        return f"{vx:.2f}, {vy:.2f} m/s, {wz:.2f} rad/s in {self._link.dialect.name(gait.mode)}"
+        return f"{vx:.2f}, {vy:.2f} m/s, {wz:.2f} rad/s in {mode}"
 
 
 def stands(gait: SportState) -> bool:

@@ -7,6 +7,7 @@ software 1.1.6 and later), or for ever (before): the tree sends zero when its li
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
@@ -23,9 +24,10 @@ from strands_actors.drivers.unitree.session import ASK_EVERY_NS, RobotSession
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
 
+from .dialect import Order, Posture
 from .link import WalkingLink
 from .robots import BASE
-from .sport import Order, Posture
+from .states import SportState
 from .stop import bring_down, reports
 
 SILENT_S = 1.0
@@ -34,6 +36,11 @@ EXTRAS_S = 1.0
 """For what is told slowly."""
 AGAIN_S = 0.5
 """Between two requests for a posture that the robot has not taken yet."""
+SETTLE_S = 0.5
+STILL_RAD_S = 0.3
+"""Joints that are slower than this for so long rest [assumed]."""
+LOOK_S = 0.05
+"""Between two looks at them."""
 
 
 class WalkingSession(RobotSession):
@@ -76,13 +83,19 @@ class WalkingSession(RobotSession):
         if gait is None:
             return Observation(link.state_ns, (0.0,) * len(BASE), (0,) * len(BASE), (), sensors, faults)
         sensors["sport_mode"] = float(gait.mode), link.gait_ns / NS
+        if gait.has_pose:
+            self._add_odometry(sensors, gait)
+        stamps = (link.gait_ns,) * len(BASE)
+        return Observation(link.state_ns, gait.velocity, stamps, gait.velocity, sensors, faults)
+
+    @staticmethod
+    def _add_odometry(sensors: dict[str, tuple[float, ...]], gait: SportState) -> None:
         sensors["odometry_xyz_m"] = gait.position
         sensors["odometry_heading_rad"] = (gait.heading_rad,)
         sensors["odometry_linear_m_s"] = (*gait.velocity[:2], 0.0)
         sensors["odometry_angular_rad_s"] = 0.0, 0.0, gait.velocity[2]
-        sensors["body_height_m"] = (gait.height_m,)
-        stamps = (link.gait_ns,) * len(BASE)
-        return Observation(link.state_ns, gait.velocity, stamps, gait.velocity, sensors, faults)
+        if math.isfinite(gait.height_m):
+            sensors["body_height_m"] = (gait.height_m,)
 
 
 class WalkingWire(PromptSessionWire[WalkingSession]):
@@ -103,6 +116,8 @@ class WalkingWire(PromptSessionWire[WalkingSession]):
         if not await link.until(lambda: link.participant.peers > 0, FIND_S):
             raise WireDown(f"{where}: nobody answers. Check port=")
         await link.find(where)
+        for order in link.dialect.at_open:
+            link.send(order)
         if not await link.until(lambda: link.state_ns > 0, FIND_S):
             raise WireDown(f"{where}: {link.unusable}")
         await link.until(lambda: session.modes.matched, FIND_S)
@@ -186,7 +201,7 @@ class WalkingWire(PromptSessionWire[WalkingSession]):
         that it was heard."""
         link = self.session.link
         if link.gait is None:
-            why = f"{service}: no SportModeState yet"
+            why = f"{service}: no {link.dialect.mode_source} yet"
             return Refused("mode_unknown", why, "check that its sport service runs")
         mode = link.gait.mode
         name = link.dialect.name(mode)
@@ -206,7 +221,24 @@ class WalkingWire(PromptSessionWire[WalkingSession]):
                 if order in link.refused:
                     why = f"{service}: the robot refuses: {link.refused[order]}"
                     return Refused("refused_by_robot", why, "look at the robot, then try again")
+            if modes & link.dialect.settles:
+                await self._until_joints_rest(permit)
         return {"mode": link.dialect.name(link.gait.mode), "already": False}
+
+    async def _until_joints_rest(self, permit: Permit) -> None:
+        """Return when no joint has moved for a while."""
+        moved_ns = self._clock.now_ns()
+        while self._clock.now_ns() - moved_ns < SETTLE_S * NS:
+            await trio.sleep(LOOK_S)
+            self.session.link.poll()
+            permit.check()
+            if self._joints_move:
+                moved_ns = self._clock.now_ns()
+
+    @property
+    def _joints_move(self) -> bool:
+        state = self.session.link.state
+        return state is None or any(abs(speed) > STILL_RAD_S for speed in state.dq)
 
     async def _select(self, permit: Permit) -> dict[str, Any] | Refused:
         """Give the joints back to the onboard controller."""

@@ -102,7 +102,7 @@ def test_a_g1_obeys_commands_in_three_states_only(fsm: int) -> None:
     twin.onboard.set_fsm(fsm)
     twin.command(twin.home, kp=200.0, kd=6.0)
     twin.run(3.0)
-    assert twin.fell  # what it does in these states is not to stand
+    assert twin.onboard.body.fallen  # what it does in these states is not to stand
     assert ("fsm", str(fsm)) in twin.events
 
 

@@ -264,7 +264,7 @@ def test_joints_and_walking_are_two_levels_of_one_robot() -> None:
     refused = robot.driver.check_service("release_sport_mode", {})
     assert refused is not None and refused.code == "level" and "level='low'" in refused.remedy
     assert {"move", "stand_up", "release_sport_mode"} <= set(dir(robot))
-    with pytest.raises(ValueError, match="level='sport' is there for b2, unitree_go2"):
+    with pytest.raises(ValueError, match="level='sport' is there for b2, unitree_go2, unitree_h1"):
         Robot("h1_2", mode="real", port="127.0.0.77", level="sport")
     with pytest.raises(ValueError, match="level"):
         Robot("go2", mode="real", port="127.0.0.77", level="high")

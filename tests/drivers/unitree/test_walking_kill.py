@@ -1,37 +1,44 @@
 """SAF-003: a robot that walks by its onboard controller, and one process of ours that ends or freezes.
-A handful of the cells of the kill matrix; ``strands-actors matrix --drivers unitree_go2:sport`` has
-them all."""
+A handful of the cells of the kill matrix; ``strands-actors matrix --drivers unitree_go2:sport
+unitree_g1:sport`` has them all."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 
 from strands_actors.testing import Bench, Cell, Faults, Victims, cells_of, run_cell
 from strands_actors.testing.bench import driver_of
 
-COLUMN = "unitree_go2:sport"
 SLACK_MS = 400.0
-HANDFUL = (
-    (Victims.CALLER, Faults.KILL),
-    (Victims.WIRE, Faults.KILL),
-    (Victims.WIRE, Faults.FREEZE),
-    (Victims.ROOT, Faults.KILL),
-)
-CELLS = [cell for cell in cells_of(driver_of(COLUMN)) if (cell.victim, cell.fault) in HANDFUL]
+KILLS = ((Victims.CALLER, Faults.KILL), (Victims.WIRE, Faults.KILL), (Victims.ROOT, Faults.KILL))
+HANDFUL = {
+    "unitree_go2:sport": (*KILLS, (Victims.WIRE, Faults.FREEZE)),
+    "unitree_g1:sport": KILLS,
+    "unitree_h1:sport": KILLS[1:2],
+}
+
+
+def handful() -> Iterator[Any]:
+    """A test of each, by bench."""
+    for column, wanted in HANDFUL.items():
+        cells = [cell for cell in cells_of(driver_of(column)) if (cell.victim, cell.fault) in wanted]
+        assert len(cells) == len(wanted)
+        yield from (pytest.param(column, cell, id=f"{column}-{cell}") for cell in cells)
 
 
 @pytest.fixture(scope="module")
-def bench() -> Iterator[Bench]:
-    with Bench(COLUMN) as bench:
+def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
+    with Bench(request.param) as bench:
         yield bench
 
 
 @pytest.mark.real_time
-@pytest.mark.parametrize("cell", CELLS, ids=str)
+@pytest.mark.parametrize(("bench", "cell"), list(handful()), indirect=["bench"])
 def test_saf_003_a_robot_that_walks_stands_when_a_process_breaks(cell: Cell, bench: Bench) -> None:
-    assert len(CELLS) == len(HANDFUL) and not cell.why_not
+    assert not cell.why_not
     outcome = run_cell(cell, bench)
     assert outcome.all_motors, f"no {outcome.safe_state} frame, but {outcome.story}"
     assert outcome.safe_state == "stop"

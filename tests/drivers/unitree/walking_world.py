@@ -1,4 +1,4 @@
-"""A Go2 that walks, its network in memory, in virtual time: the twin's own computer and its log of the
+"""A robot that walks, its network in memory, in virtual time: the twin's own computer and its log of the
 wire behind our own links."""
 
 from __future__ import annotations
@@ -11,12 +11,13 @@ from typing import Any
 import pytest
 import trio
 
+from strands_actors.contract.driver import Driver
+from strands_actors.drivers import get_native_driver_class
 from strands_actors.drivers.common.twin import WireLog as TwinLog
 from strands_actors.drivers.unitree import link as link_module
 from strands_actors.drivers.unitree import rpc
 from strands_actors.drivers.unitree.robots import model_of
 from strands_actors.drivers.unitree.twin import UnitreeServer, UnitreeTwinOptions
-from strands_actors.drivers.unitree.walking.driver import Go2Walking
 from strands_actors.kernel.clock import NS, VirtualClock
 from strands_actors.kernel.messages import Message
 from strands_actors.supervisors.gate.messages import Acquire, Lease, Perform, Resume, Setpoint
@@ -86,19 +87,24 @@ class Participant:
 
 
 class World:
-    def __init__(self, directory: Path, monkeypatch: pytest.MonkeyPatch, **options: Any) -> None:
+    def __init__(
+        self, directory: Path, monkeypatch: pytest.MonkeyPatch, robot: str = "unitree_go2", **options: Any
+    ) -> None:
         path = directory / "wire.ndjson"
         path.touch()
         self.log = WireLog(path)
         self.bus = Bus()
         self._at_s = 0.0
         monkeypatch.setattr(link_module, "Participant", lambda *_, **__: Participant(self.bus))
-        given = UnitreeTwinOptions(keeps_s=0.0, **options)  # the worst: a velocity is kept for ever
-        self.server = UnitreeServer(model_of("unitree_go2"), TwinLog(str(path)), given)
+        # the worst: a velocity is kept for ever
+        given = UnitreeTwinOptions(**{"keeps_s": 0.0, **options})
+        self.server = UnitreeServer(model_of(robot), TwinLog(str(path)), given)
         self.server.make_endpoints(Participant(self.bus))  # type: ignore[arg-type]
         assert self.server.onboard.gait is not None
         self.gait = self.server.onboard.gait
-        self.driver = Go2Walking("unitree_go2", "127.0.0.77", {})
+        driver_class = get_native_driver_class(robot)
+        assert driver_class is not None and issubclass(driver_class, Driver)
+        self.driver = driver_class.at_level(robot, {"level": "sport"})(robot, "127.0.0.77", {})
 
     async def live(self) -> None:
         tick = 0
@@ -152,4 +158,7 @@ class Commander:
         return await self.tree.gate.ask(setpoint, 1.0)
 
     async def do(self, service: str) -> Message | None:
-        return await self.tree.gate.ask(Perform(self.lease.id, self.lease.epoch, service, {}), 20.0)
+        return await self.tree.gate.ask(self.perform(service), 20.0)
+
+    def perform(self, service: str) -> Perform:
+        return Perform(self.lease.id, self.lease.epoch, service, {})

@@ -1,0 +1,138 @@
+"""The locomotion service of a G1 (where it is called ``sport``) and an H1 (``loco``): what it is asked,
+and what its states mean. Pure.
+
+It is a state machine. SetFsmId sets its number and GetFsmId asks for it. It answers success to a
+number that it does not go to, and to a velocity that it ignores, so only the number that it reports
+counts. It reports it when it begins to move there [assumed], so the joints must rest, too. Every
+velocity is sent with its duration, after which the robot ends it by itself.
+
+Ids of requests, numbers and their names: the vendor's SDK, ``unitree_sdk2`` (BSD-3).
+"""
+
+from __future__ import annotations
+
+import json
+
+from strands_actors.drivers.unitree import rpc
+
+from .dialect import MOVE_S, Dialect, Order, Posture
+
+STOP_DURATION_S = 1.0
+"""Of a velocity of zero, as the vendor's StopMove has it."""
+POSTURE_S = 20.0
+"""Longest time for a posture [assumed: standing up takes a G1 some five seconds]."""
+ODOMETRY_TOPIC = "rt/odommodestate"
+"""Of a G1: a SportModeState whose mode says nothing. Not every G1 has it."""
+
+ZERO_TORQUE, DAMP = 0, 1
+SQUAT, SIT, STAND, START = 2, 3, 4, 500
+"""Of a G1. In ``STAND`` it stands with locked joints, in ``START`` it balances and walks."""
+H1_STAND, H1_START = 2, 204
+
+
+class LocoDialect(Dialect, frozen=True, kw_only=True):
+    set_mode: int
+    set_velocity: int
+    set_balance: int
+    stand: int
+    """The state in which it stands with locked joints."""
+    start: int
+    """The state that walks."""
+    down: frozenset[int] = frozenset()
+    """States that bring it down on bent legs."""
+
+    def move(self, vx_m_s: float, vy_m_s: float, wz_rad_s: float) -> Order:
+        return Order(self.set_velocity, _velocity((vx_m_s, vy_m_s, wz_rad_s), MOVE_S))
+
+
+def _velocity(twist: tuple[float, float, float], duration_s: float) -> str:
+    return json.dumps({"velocity": twist, "duration": duration_s})
+
+
+def _number(api: int, number: int) -> Order:
+    return Order(api, json.dumps({"data": number}))
+
+
+def _postures(
+    set_mode: int, stand: int, start: int, walks: frozenset[int], down: dict[str, tuple[str, int]]
+) -> dict[str, Posture]:
+    """``down``: service to what it is about and the state that it asks for. The toggle between
+    squatting and standing (706) is never sent: a request that is repeated would undo itself."""
+
+    def to(number: int) -> tuple[Order, frozenset[int]]:
+        return _number(set_mode, number), frozenset((number,))
+
+    lower = frozenset((DAMP, *(number for _, number in down.values())))
+    upright = frozenset((stand, *walks))
+    begin = _number(set_mode, start), walks
+    postures = {
+        "stand_up": Posture(
+            "stand up, held by its hanger or from squatting, and balance",
+            (to(stand), begin),
+            lower | {stand},
+            walks,
+        ),
+        "balance": Posture(
+            "unlock the joints of a robot that stands, so that it balances and can walk", (begin,), upright, walks
+        ),
+        "damp": Posture(
+            "brake every joint: a robot that stands sinks to the floor unless its hanger holds it",
+            (to(DAMP),),
+            lower | upright | {ZERO_TORQUE},
+            frozenset((DAMP,)),
+        ),
+    }
+    for name, (about, number) in down.items():
+        postures[name] = Posture(about, (to(number),), lower | upright, frozenset((number,)))
+    return postures
+
+
+_G1_WALKS = frozenset((START, 501, 801))
+_G1_DOWN = {
+    "squat": ("squat down; the joints stay locked", SQUAT),
+    "sit": ("sit down; something to sit on must be behind it", SIT),
+}
+
+G1 = LocoDialect(
+    stop=Order(rpc.SET_VELOCITY, _velocity((0.0, 0.0, 0.0), STOP_DURATION_S)),
+    balance=_number(rpc.SET_BALANCE_MODE, 0),
+    damp=_number(rpc.SET_FSM_ID, DAMP),
+    names=rpc.FSM_WORDS,
+    walks=_G1_WALKS,
+    rests=frozenset((ZERO_TORQUE, DAMP, SQUAT, SIT, STAND)),
+    damped=DAMP,
+    postures=_postures(rpc.SET_FSM_ID, STAND, START, _G1_WALKS, _G1_DOWN),
+    settles=frozenset((SQUAT, SIT, STAND)),
+    posture_s=POSTURE_S,
+    mode_source="answer to GetFsmId",
+    state_topic=ODOMETRY_TOPIC,
+    ask_mode=rpc.GET_FSM_ID,
+    set_mode=rpc.SET_FSM_ID,
+    set_velocity=rpc.SET_VELOCITY,
+    set_balance=rpc.SET_BALANCE_MODE,
+    stand=STAND,
+    start=START,
+    down=frozenset((SQUAT, SIT)),
+)
+H1 = LocoDialect(
+    stop=Order(rpc.LOCO_SET_VELOCITY, _velocity((0.0, 0.0, 0.0), STOP_DURATION_S)),
+    balance=_number(rpc.LOCO_SET_BALANCE_MODE, 0),
+    damp=_number(rpc.LOCO_SET_FSM_ID, DAMP),
+    names={ZERO_TORQUE: "zero torque", DAMP: "damp", H1_STAND: "stand with locked joints", H1_START: "start"},
+    walks=frozenset((H1_START,)),
+    rests=frozenset((ZERO_TORQUE, DAMP, H1_STAND)),
+    damped=DAMP,
+    postures=_postures(rpc.LOCO_SET_FSM_ID, H1_STAND, H1_START, frozenset((H1_START,)), {}),
+    settles=frozenset((H1_STAND,)),
+    posture_s=POSTURE_S,
+    mode_source="answer to GetFsmId",
+    state_topic="",
+    ask_mode=rpc.LOCO_GET_FSM_ID,
+    ask_odometry=rpc.LOCO_GET_ODOM,
+    at_open=(Order(rpc.LOCO_ENABLE_ODOM),),
+    set_mode=rpc.LOCO_SET_FSM_ID,
+    set_velocity=rpc.LOCO_SET_VELOCITY,
+    set_balance=rpc.LOCO_SET_BALANCE_MODE,
+    stand=H1_STAND,
+    start=H1_START,
+)
