@@ -16,6 +16,7 @@ minutes to compile, or has to be made an environment first.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import subprocess
 import sys
@@ -40,6 +41,9 @@ STEPS = (
 ALONE = ("pytest", "--last-failed", "--last-failed-no-failures", "none", *ARGUMENTS)
 SUITES = {"newton": ("tests/newton/suite.py",), "peers": ("tests/peers/suite.py",), "soak": ("tests/soak",)}
 """Not in the ordinary run: no file of theirs is called ``test_``, or its test is long."""
+COMPILE = (sys.executable, "-m", "pytest", "--collect-only", "-q")
+"""In a fresh clone each of the four workers would compile all tests: one process does, beside mypy. What is
+wrong with them they find, too, and say so."""
 SOME_FAILED = 1
 """Pytest's exit code; others say that it could not run."""
 
@@ -52,7 +56,10 @@ def run(step: tuple[str, ...]) -> int:
 if sys.argv[1:2] and sys.argv[1] in SUITES:
     sys.exit(run(("pytest", *SUITES[sys.argv[1]], *sys.argv[2:])))
 for step in STEPS:
-    code = run(step)
+    with contextlib.ExitStack() as beside:
+        if step[0] == "mypy":
+            beside.enter_context(subprocess.Popen(COMPILE, stdout=subprocess.DEVNULL, stderr=subprocess.STDOUT))
+        code = run(step)
     if code == SOME_FAILED and step[0] == "pytest":
         code = run(ALONE)
     if code:

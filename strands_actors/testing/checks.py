@@ -365,6 +365,7 @@ class _Subject:
     # -- with the twin
 
     def lives(self) -> str:
+        close_bench()  # of the driver before: its robot moves on where not all of its cells are run
         with (
             tempfile.TemporaryDirectory(prefix="sa-") as directory,
             Twin(self.robot, Path(directory), driver=self.cls) as twin,

@@ -36,8 +36,8 @@ from strands_actors.testing.bench import driver_of
 
 MOMENTS = int(os.environ.get("STRANDS_ACTORS_MOMENTS", "40"))
 """Moments of a UR in the long suite, for each victim."""
-FEW, QUICK = min(4, MOMENTS), min(2, MOMENTS)
-"""Moments of another robot there, and of a row in the ordinary suite."""
+FEW, QUICK = min(4, MOMENTS), 1
+"""Moments of another robot there, and of a row in the ordinary suite: the middle of its verb."""
 VICTIMS = ("caller", "wire", "root", "root and wire")
 GONE_S = 30.0
 """For processes to end, beside what the wire declares."""
