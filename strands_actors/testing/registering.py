@@ -40,10 +40,12 @@ def column(name: str, where: str = "") -> tuple[str, str]:
 
 
 def prepare(robot: str, where: str) -> None:
-    """Have the driver of ``robot``, the name of a column, imported; ``where``: of one that has to be
-    registered, else empty."""
-    robot, where = column(robot, where)
+    """Have the driver of ``robot``, the name of a column, imported, and registered where it is not of
+    this package. Of a robot at another level it is not: in this process the name goes on to mean the
+    robot itself, and the caller that commands it registers the other for itself."""
     if where:
         register(where, robot)
     else:
-        get_native_driver_class(robot)
+        name, level = column(robot)
+        if class_of(level) is None:
+            get_native_driver_class(name)

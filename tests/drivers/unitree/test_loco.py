@@ -16,6 +16,7 @@ import trio
 from strands_actors import Robot
 from strands_actors.contract.driver import Reason
 from strands_actors.contract.safe_state import SafeState
+from strands_actors.drivers import get_native_driver_class
 from strands_actors.drivers.unitree import rpc
 from strands_actors.drivers.unitree.driver import G1Driver, Go2Driver
 from strands_actors.drivers.unitree.twin.gait import REST, Gait
@@ -27,6 +28,7 @@ from strands_actors.kernel.clock import NS, VirtualClock
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.gate.messages import Accepted, Performed, Stop, StopReport
 from strands_actors.testing import run_virtual
+from strands_actors.testing.registering import column, prepare
 
 from .walking_world import TICK_S, Commander, World
 
@@ -434,3 +436,10 @@ def test_a_speed_is_the_difference_of_two_poses_in_the_frame_of_the_body() -> No
 def test_a_pose_that_is_none_is_refused(data: str) -> None:
     with pytest.raises(ValueError, match="pose"):
         rpc.odometry(rpc.Response(1, rpc.LOCO_GET_ODOM, 0, data))
+
+
+def test_the_bench_of_a_robot_that_walks_leaves_the_other_level_as_it_is() -> None:
+    """One process measures both, one after the other."""
+    prepare("unitree_g1:sport", "")
+    assert get_native_driver_class("unitree_g1") is G1Driver
+    assert column("unitree_g1:sport")[1].endswith(":G1Walking")
