@@ -19,8 +19,12 @@ NAMES = re.compile(
 """Parts of the names of such tests, or of their files: robots whose state is too old after 75 to
 200 ms, and many robots at a time. Others are marked ``real_time``."""
 
-PURE = re.compile("test_(arms|contract|fragments|fuzz|gates|generator|kinematics|messages|protocol|session)")
-"""Files without a robot that runs: for them a clock is a number."""
+PURE = re.compile(
+    "test_(arms|built_in_policies|calls|construction|contract|factory|fragments|fuzz|gates|generator|kinematics|late_requests"
+    "|messages|page_keywords|plans|protocol|reference_behaviours|resend_rates|session|signatures|twin_programs|virtual)"
+)
+"""Files without a robot that runs, or in virtual time: for them a clock is a number. To wait for another
+test would keep a worker from the others."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
