@@ -44,13 +44,12 @@ settings.load_profile("here")
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
-    """What is collected stays until the end: the garbage collector need not look through it, neither
-    while it grows, which takes half as long again, nor in each full collection of a test."""
+    """What is collected stays until the end: the garbage collector need not look through it while it
+    grows, which takes half as long again."""
     gc.disable()
     try:
         return (yield)
     finally:
-        gc.freeze()
         gc.enable()
 
 

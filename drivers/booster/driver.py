@@ -78,8 +78,10 @@ class BoosterDriver(Driver):
     SERVICES: ClassVar[Mapping[str, Service]] = {
         # All of them count as motion: an older target is not sent again behind them.
         "enable_upper_body": Service(
-            "hand the arms over to this program; after each stop, and each change of mode, once more",
+            "hand the arms over to this program; after each stop, and each change of mode, once more. With "
+            "on=False as disable_upper_body",
             within_s=2.0,
+            arguments={"on": True},
             in_motion=True,
             moves=True,
             late_s=LATE_S,

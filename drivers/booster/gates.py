@@ -165,6 +165,10 @@ def refuse_arguments(model: Model, service: str, arguments: Mapping[str, Any]) -
             limits = {name: (*model.limits(joint), "rad") for name, joint in HEAD.items()}
         case "change_mode":
             return _refuse_mode(arguments)
+        case "enable_upper_body" if not isinstance(on := arguments.get("on", True), bool):
+            shown = str(on)[:SHOWN]  # the text "no" would be a yes
+            why = f"enable_upper_body: on is {shown!r}"
+            return Refused("bad_argument", why, "give True or False", shown, "True or False")
     for name, (low, high, unit) in limits.items():
         value, shown = finite(arguments.get(name, 0.0)), str(arguments.get(name))[:SHOWN]
         if value is None:

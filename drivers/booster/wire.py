@@ -323,7 +323,7 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
                 return _refused(service, answer) or {"pitch": pitch, "yaw": yaw}
             case "change_mode":
                 return await self._change_mode(session, gates.MODES[arguments["mode"]], permit)
-            case "enable_upper_body":
+            case "enable_upper_body" if arguments.get("on", True):
                 return await self._take_arms(session, permit)
             case _:
                 return await self._give_arms(session, permit)

@@ -27,6 +27,7 @@ def Robot(  # a factory named as on the drivers page
     transport: str | None = None,
     sim: SimRobot | None = None,
     tool_name: str | None = None,
+    peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None,
     data_config: Any = None,
     mesh: MeshConfig | bool | None = None,
@@ -56,6 +57,7 @@ def Robot(  # a factory named as on the drivers page
     makes that twin a simulation you have. ``at``: the robot is run by another host, which listens
     there (``"tls/arm.example:7447"``); ``mesh=`` has the certificate, ``tool_name`` its name there,
     and ``lifetime`` (seconds) is how long a setpoint of a rollout lives on a slow network.
+    ``peer_id`` is another word for ``tool_name``.
     ``driver``: ``"auto"``, ``"strands"`` or ``"lerobot"``. ``cameras``: by name, settings in
     LeRobot's words; a twin or a simulation has ``{"wrist": {}, "front": {}}``. ``data_config`` is
     kept for who builds a policy. ``approve`` is asked, for at most ``approve_within_s``, before an
@@ -78,6 +80,7 @@ def Robot(  # a factory named as on the drivers page
         transport=transport,
         sim=sim,
         tool_name=tool_name,
+        peer_id=peer_id,
         cameras=cameras,
         data_config=data_config,
         mesh=mesh,

@@ -71,8 +71,9 @@ class AsyncSimulation(AsyncRobot):
 
 @type_check_only
 class Booster(RealRobot):
-    def enable_upper_body(self) -> Answer:
-        """Hand the arms over to this program; after each stop, and each change of mode, once more."""
+    def enable_upper_body(self, on: bool = True) -> Answer:
+        """Hand the arms over to this program; after each stop, and each change of mode, once more. With on=False as
+        disable_upper_body."""
     def disable_upper_body(self) -> Answer:
         """Give the arms back to the robot's own controller."""
     def move(self, vx: float = 0.0, vy: float = 0.0, vyaw: float = 0.0) -> Answer:
@@ -84,7 +85,7 @@ class Booster(RealRobot):
 
 @type_check_only
 class AsyncBooster(AsyncRobot):
-    async def enable_upper_body(self) -> Answer: ...
+    async def enable_upper_body(self, on: bool = True) -> Answer: ...
     async def disable_upper_body(self) -> Answer: ...
     async def move(self, vx: float = 0.0, vy: float = 0.0, vyaw: float = 0.0) -> Answer: ...
     async def rotate_head(self, pitch: float = 0.0, yaw: float = 0.0) -> Answer: ...
@@ -682,76 +683,81 @@ class AsyncSimulatedYahboomM3Pro(AsyncSimulation):
 def Robot(
     name: BoosterName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, domain_id: int = 0, robot_name: str | None = None,
-    cmd_type: Literal["parallel", "serial"] = "parallel", network_interface: str = "",
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, domain_id: int = 0,
+    robot_name: str | None = None, cmd_type: Literal["parallel", "serial"] = "parallel",
+    network_interface: str = "",
 ) -> Booster: ...
 @overload
 def Robot(
     name: CrazyflieName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, setpoint_hz: float = 20.0,
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, setpoint_hz: float = 20.0,
 ) -> Crazyflie: ...
 @overload
 def Robot(
     name: DynamixelName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin", "serial"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, calibration: str | os.PathLike[str] | Mapping[str, Any] | None = None,
-    baud: int | None = None, baud_rate: int | None = None, motor_ids: Sequence[int] | None = None,
-    timeout: float | None = None, max_jump: float | None = None, max_relative_target: float | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    calibration: str | os.PathLike[str] | Mapping[str, Any] | None = None, baud: int | None = None,
+    baud_rate: int | None = None, motor_ids: Sequence[int] | None = None, timeout: float | None = None,
+    max_jump: float | None = None, max_relative_target: float | None = None,
 ) -> RealRobot: ...
 @overload
 def Robot(
     name: EarthRoverName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, timeout_s: float = 10.0, turn_sign: float = 1.0,
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, timeout_s: float = 10.0,
+    turn_sign: float = 1.0,
 ) -> EarthRover: ...
 @overload
 def Robot(
     name: FeetechName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin", "serial"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, calibration: str | os.PathLike[str] | Mapping[str, Any] | None = None,
-    baud: int | None = None, baud_rate: int | None = None, motor_ids: Sequence[int] | None = None,
-    timeout: float | None = None, max_jump: float | None = None, max_relative_target: float | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    calibration: str | os.PathLike[str] | Mapping[str, Any] | None = None, baud: int | None = None,
+    baud_rate: int | None = None, motor_ids: Sequence[int] | None = None, timeout: float | None = None,
+    max_jump: float | None = None, max_relative_target: float | None = None,
 ) -> RealRobot: ...
 @overload
 def Robot(
     name: FrankaName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, speed_factor: float = 0.2, stream_rate_hz: float = 30.0,
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, speed_factor: float = 0.2,
+    stream_rate_hz: float = 30.0,
 ) -> Franka: ...
 @overload
 def Robot(
     name: G1Name, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, level: Literal["low", "sport"] = "low",
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, level: Literal["low", "sport"] = "low",
     on_exit: Literal["zero_torque", "damp"] = "zero_torque", battery_floor_pct: float = 15.0,
     domain: int | None = None, simulator: bool = False, network_interface: str = "", interface: str = "",
 ) -> G1: ...
@@ -759,11 +765,11 @@ def Robot(
 def Robot(
     name: Go2Name, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, level: Literal["low", "sport"] = "low",
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, level: Literal["low", "sport"] = "low",
     on_exit: Literal["zero_torque", "damp"] = "zero_torque", battery_floor_pct: float = 15.0,
     domain: int | None = None, simulator: bool = False, network_interface: str = "", interface: str = "",
 ) -> Go2: ...
@@ -771,153 +777,159 @@ def Robot(
 def Robot(
     name: KinovaName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, username: str = "admin", password: str = "admin",
-    control_frequency: float = 40.0,
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, username: str = "admin",
+    password: str = "admin", control_frequency: float = 40.0,
 ) -> RealRobot: ...
 @overload
 def Robot(
     name: KukaName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, fri_port: int = 30200, control_frequency: float = 50.0,
-    connect_timeout: float = 5.0,
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, fri_port: int = 30200,
+    control_frequency: float = 50.0, connect_timeout: float = 5.0,
 ) -> RealRobot: ...
 @overload
 def Robot(
     name: MicroduckName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, api_version: int = 31, timeout: float = 5.0, subscribe_hz: int | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, api_version: int = 31, timeout: float = 5.0,
+    subscribe_hz: int | None = None,
 ) -> Microduck: ...
 @overload
 def Robot(
     name: RBY1Name, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, control_frequency: float = 50.0, priority: int = 1,
-    on_estop: Literal["stop", "power_off"] = "stop",
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 50.0,
+    priority: int = 1, on_estop: Literal["stop", "power_off"] = "stop",
 ) -> RBY1: ...
 @overload
 def Robot(
     name: ReachyName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, api_port: int = 8000, media_port: int = 8443, tts_url: str | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, api_port: int = 8000, media_port: int = 8443,
+    tts_url: str | None = None,
 ) -> Reachy: ...
 @overload
 def Robot(
     name: RobotiqName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, unit_id: int = 9, stroke_mm: float | None = None, tcp_port: int | None = None,
-    baud: int | None = None, baud_rate: int | None = None, speed: float = 1.0, force: float = 1.0,
-    activate: bool = True,
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, unit_id: int = 9,
+    stroke_mm: float | None = None, tcp_port: int | None = None, baud: int | None = None,
+    baud_rate: int | None = None, speed: float = 1.0, force: float = 1.0, activate: bool = True,
 ) -> Robotiq: ...
 @overload
 def Robot(
     name: SpotName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, control_frequency: float = 10.0, estop_timeout_s: float = 3.0,
-    on_estop: Literal["settle", "cut"] = "settle",
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 10.0,
+    estop_timeout_s: float = 3.0, on_estop: Literal["settle", "cut"] = "settle",
 ) -> Spot: ...
 @overload
 def Robot(
     name: StretchName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin", "serial"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, control_frequency: float = 15.0,
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 15.0,
 ) -> Stretch: ...
 @overload
 def Robot(
     name: URName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, control_frequency: float = 125.0, rtde_frequency: float | None = None,
-    control: Literal["ur-rtde", "script"] | None = None, model: str | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 125.0,
+    rtde_frequency: float | None = None, control: Literal["ur-rtde", "script"] | None = None,
+    model: str | None = None,
 ) -> RealRobot: ...
 @overload
 def Robot(
     name: XArmName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, control_frequency: float = 100.0,
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 100.0,
 ) -> RealRobot: ...
 @overload
 def Robot(
     name: YahboomM3ProName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["rosbridge", "ros2", "twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, timeout_s: float = 5.0, joint_signs: Sequence[float] = ...,
-    move_time_ms: int = 1500,
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, timeout_s: float = 5.0,
+    joint_signs: Sequence[float] = ..., move_time_ms: int = 1500,
 ) -> YahboomM3Pro: ...
 @overload
 def Robot(
     name: LeRobotName, mode: Literal["real", "auto"], *, driver: Literal["auto", "lerobot"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: None = None, sim: SimRobot | None = None,
-    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
-    mesh: MeshConfig | bool | None = None, require_drill: str | None = None, at: str | None = None,
-    lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, **fields: Any,
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, **fields: Any,
 ) -> RealRobot: ...
 @overload
 def Robot(
     name: str, mode: Literal["real", "auto"], *, driver: Literal["lerobot"],
     port: str | os.PathLike[str] | None = None, transport: None = None, sim: SimRobot | None = None,
-    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
-    mesh: MeshConfig | bool | None = None, require_drill: str | None = None, at: str | None = None,
-    lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, **fields: Any,
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, **fields: Any,
 ) -> RealRobot: ...
 @overload
 def Robot(
     name: str, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None,
     transport: Literal["twin", "serial", "ros2", "rosbridge"] | None = None, sim: SimRobot | None = None,
-    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
-    mesh: MeshConfig | bool | None = None, require_drill: str | None = None, at: str | None = None,
-    lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> RealRobot: ...
 @overload
 def Robot(
     name: CrazyflieName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
-    mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
     keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
@@ -926,8 +938,8 @@ def Robot(
 @overload
 def Robot(
     name: EarthRoverName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
-    mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
     keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
@@ -936,8 +948,8 @@ def Robot(
 @overload
 def Robot(
     name: MicroduckName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
-    mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
     keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
@@ -946,8 +958,8 @@ def Robot(
 @overload
 def Robot(
     name: ReachyName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
-    mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
     keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
@@ -956,8 +968,8 @@ def Robot(
 @overload
 def Robot(
     name: RobotiqName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
-    mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
     keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
@@ -966,8 +978,8 @@ def Robot(
 @overload
 def Robot(
     name: SpotName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
-    mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
     keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
@@ -976,8 +988,8 @@ def Robot(
 @overload
 def Robot(
     name: StretchName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
-    mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
     keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
@@ -987,18 +999,18 @@ def Robot(
 def Robot(
     name: YahboomM3ProName, mode: Literal["sim"] = "sim", *,
     driver: Literal["auto", "strands", "lerobot"] = "auto", tool_name: str | None = None,
-    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
-    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
-    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
-    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    peer_id: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
+    mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> SimulatedYahboomM3Pro: ...
 @overload
 def Robot(
     name: str, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
-    mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
     keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
@@ -1009,76 +1021,81 @@ def Robot(
 def open_robot(
     name: BoosterName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, domain_id: int = 0, robot_name: str | None = None,
-    cmd_type: Literal["parallel", "serial"] = "parallel", network_interface: str = "",
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, domain_id: int = 0,
+    robot_name: str | None = None, cmd_type: Literal["parallel", "serial"] = "parallel",
+    network_interface: str = "",
 ) -> AbstractAsyncContextManager[AsyncBooster]: ...
 @overload
 def open_robot(
     name: CrazyflieName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, setpoint_hz: float = 20.0,
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, setpoint_hz: float = 20.0,
 ) -> AbstractAsyncContextManager[AsyncCrazyflie]: ...
 @overload
 def open_robot(
     name: DynamixelName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin", "serial"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, calibration: str | os.PathLike[str] | Mapping[str, Any] | None = None,
-    baud: int | None = None, baud_rate: int | None = None, motor_ids: Sequence[int] | None = None,
-    timeout: float | None = None, max_jump: float | None = None, max_relative_target: float | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    calibration: str | os.PathLike[str] | Mapping[str, Any] | None = None, baud: int | None = None,
+    baud_rate: int | None = None, motor_ids: Sequence[int] | None = None, timeout: float | None = None,
+    max_jump: float | None = None, max_relative_target: float | None = None,
 ) -> AbstractAsyncContextManager[AsyncRobot]: ...
 @overload
 def open_robot(
     name: EarthRoverName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, timeout_s: float = 10.0, turn_sign: float = 1.0,
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, timeout_s: float = 10.0,
+    turn_sign: float = 1.0,
 ) -> AbstractAsyncContextManager[AsyncEarthRover]: ...
 @overload
 def open_robot(
     name: FeetechName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin", "serial"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, calibration: str | os.PathLike[str] | Mapping[str, Any] | None = None,
-    baud: int | None = None, baud_rate: int | None = None, motor_ids: Sequence[int] | None = None,
-    timeout: float | None = None, max_jump: float | None = None, max_relative_target: float | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    calibration: str | os.PathLike[str] | Mapping[str, Any] | None = None, baud: int | None = None,
+    baud_rate: int | None = None, motor_ids: Sequence[int] | None = None, timeout: float | None = None,
+    max_jump: float | None = None, max_relative_target: float | None = None,
 ) -> AbstractAsyncContextManager[AsyncRobot]: ...
 @overload
 def open_robot(
     name: FrankaName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, speed_factor: float = 0.2, stream_rate_hz: float = 30.0,
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, speed_factor: float = 0.2,
+    stream_rate_hz: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncFranka]: ...
 @overload
 def open_robot(
     name: G1Name, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, level: Literal["low", "sport"] = "low",
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, level: Literal["low", "sport"] = "low",
     on_exit: Literal["zero_torque", "damp"] = "zero_torque", battery_floor_pct: float = 15.0,
     domain: int | None = None, simulator: bool = False, network_interface: str = "", interface: str = "",
 ) -> AbstractAsyncContextManager[AsyncG1]: ...
@@ -1086,11 +1103,11 @@ def open_robot(
 def open_robot(
     name: Go2Name, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, level: Literal["low", "sport"] = "low",
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, level: Literal["low", "sport"] = "low",
     on_exit: Literal["zero_torque", "damp"] = "zero_torque", battery_floor_pct: float = 15.0,
     domain: int | None = None, simulator: bool = False, network_interface: str = "", interface: str = "",
 ) -> AbstractAsyncContextManager[AsyncGo2]: ...
@@ -1098,153 +1115,159 @@ def open_robot(
 def open_robot(
     name: KinovaName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, username: str = "admin", password: str = "admin",
-    control_frequency: float = 40.0,
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, username: str = "admin",
+    password: str = "admin", control_frequency: float = 40.0,
 ) -> AbstractAsyncContextManager[AsyncRobot]: ...
 @overload
 def open_robot(
     name: KukaName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, fri_port: int = 30200, control_frequency: float = 50.0,
-    connect_timeout: float = 5.0,
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, fri_port: int = 30200,
+    control_frequency: float = 50.0, connect_timeout: float = 5.0,
 ) -> AbstractAsyncContextManager[AsyncRobot]: ...
 @overload
 def open_robot(
     name: MicroduckName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, api_version: int = 31, timeout: float = 5.0, subscribe_hz: int | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, api_version: int = 31, timeout: float = 5.0,
+    subscribe_hz: int | None = None,
 ) -> AbstractAsyncContextManager[AsyncMicroduck]: ...
 @overload
 def open_robot(
     name: RBY1Name, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, control_frequency: float = 50.0, priority: int = 1,
-    on_estop: Literal["stop", "power_off"] = "stop",
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 50.0,
+    priority: int = 1, on_estop: Literal["stop", "power_off"] = "stop",
 ) -> AbstractAsyncContextManager[AsyncRBY1]: ...
 @overload
 def open_robot(
     name: ReachyName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, api_port: int = 8000, media_port: int = 8443, tts_url: str | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, api_port: int = 8000, media_port: int = 8443,
+    tts_url: str | None = None,
 ) -> AbstractAsyncContextManager[AsyncReachy]: ...
 @overload
 def open_robot(
     name: RobotiqName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, unit_id: int = 9, stroke_mm: float | None = None, tcp_port: int | None = None,
-    baud: int | None = None, baud_rate: int | None = None, speed: float = 1.0, force: float = 1.0,
-    activate: bool = True,
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, unit_id: int = 9,
+    stroke_mm: float | None = None, tcp_port: int | None = None, baud: int | None = None,
+    baud_rate: int | None = None, speed: float = 1.0, force: float = 1.0, activate: bool = True,
 ) -> AbstractAsyncContextManager[AsyncRobotiq]: ...
 @overload
 def open_robot(
     name: SpotName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, control_frequency: float = 10.0, estop_timeout_s: float = 3.0,
-    on_estop: Literal["settle", "cut"] = "settle",
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 10.0,
+    estop_timeout_s: float = 3.0, on_estop: Literal["settle", "cut"] = "settle",
 ) -> AbstractAsyncContextManager[AsyncSpot]: ...
 @overload
 def open_robot(
     name: StretchName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin", "serial"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, control_frequency: float = 15.0,
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 15.0,
 ) -> AbstractAsyncContextManager[AsyncStretch]: ...
 @overload
 def open_robot(
     name: URName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, control_frequency: float = 125.0, rtde_frequency: float | None = None,
-    control: Literal["ur-rtde", "script"] | None = None, model: str | None = None,
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 125.0,
+    rtde_frequency: float | None = None, control: Literal["ur-rtde", "script"] | None = None,
+    model: str | None = None,
 ) -> AbstractAsyncContextManager[AsyncRobot]: ...
 @overload
 def open_robot(
     name: XArmName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, control_frequency: float = 100.0,
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 100.0,
 ) -> AbstractAsyncContextManager[AsyncRobot]: ...
 @overload
 def open_robot(
     name: YahboomM3ProName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["rosbridge", "ros2", "twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, timeout_s: float = 5.0, joint_signs: Sequence[float] = ...,
-    move_time_ms: int = 1500,
+    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, timeout_s: float = 5.0,
+    joint_signs: Sequence[float] = ..., move_time_ms: int = 1500,
 ) -> AbstractAsyncContextManager[AsyncYahboomM3Pro]: ...
 @overload
 def open_robot(
     name: LeRobotName, mode: Literal["real", "auto"], *, driver: Literal["auto", "lerobot"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: None = None, sim: SimRobot | None = None,
-    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
-    mesh: MeshConfig | bool | None = None, require_drill: str | None = None, at: str | None = None,
-    lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, **fields: Any,
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, **fields: Any,
 ) -> AbstractAsyncContextManager[AsyncRobot]: ...
 @overload
 def open_robot(
     name: str, mode: Literal["real", "auto"], *, driver: Literal["lerobot"],
     port: str | os.PathLike[str] | None = None, transport: None = None, sim: SimRobot | None = None,
-    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
-    mesh: MeshConfig | bool | None = None, require_drill: str | None = None, at: str | None = None,
-    lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, **fields: Any,
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0, **fields: Any,
 ) -> AbstractAsyncContextManager[AsyncRobot]: ...
 @overload
 def open_robot(
     name: str, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None,
     transport: Literal["twin", "serial", "ros2", "rosbridge"] | None = None, sim: SimRobot | None = None,
-    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
-    mesh: MeshConfig | bool | None = None, require_drill: str | None = None, at: str | None = None,
-    lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None, arm: bool = True,
-    approve: Approve | None = None, guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
+    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncRobot]: ...
 @overload
 def open_robot(
     name: CrazyflieName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
-    mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
     keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
@@ -1253,8 +1276,8 @@ def open_robot(
 @overload
 def open_robot(
     name: EarthRoverName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
-    mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
     keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
@@ -1263,8 +1286,8 @@ def open_robot(
 @overload
 def open_robot(
     name: MicroduckName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
-    mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
     keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
@@ -1273,8 +1296,8 @@ def open_robot(
 @overload
 def open_robot(
     name: ReachyName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
-    mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
     keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
@@ -1283,8 +1306,8 @@ def open_robot(
 @overload
 def open_robot(
     name: RobotiqName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
-    mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
     keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
@@ -1293,8 +1316,8 @@ def open_robot(
 @overload
 def open_robot(
     name: SpotName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
-    mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
     keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
@@ -1303,8 +1326,8 @@ def open_robot(
 @overload
 def open_robot(
     name: StretchName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
-    mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
     keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
@@ -1314,18 +1337,18 @@ def open_robot(
 def open_robot(
     name: YahboomM3ProName, mode: Literal["sim"] = "sim", *,
     driver: Literal["auto", "strands", "lerobot"] = "auto", tool_name: str | None = None,
-    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
-    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
-    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
-    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    peer_id: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
+    mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedYahboomM3Pro]: ...
 @overload
 def open_robot(
     name: str, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
-    mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
     position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
     keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,

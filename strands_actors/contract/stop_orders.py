@@ -78,6 +78,7 @@ class StopChild:
     async def acknowledges(self, number: int, within_s: float) -> bool:
         """Return whether it acknowledges an order in time, from the first one on that it has not
         acknowledged. Raise ``WireDown`` when it ends."""
+        self._take_waiting()  # its answer to the last look may be here, unread: then it is not silent
         left_s = within_s - (self._clock.now_ns() - self._unheard_ns) / NS
         return await self._until(lambda: self._acknowledged >= number, max(0.0, left_s))
 

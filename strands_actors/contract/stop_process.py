@@ -8,7 +8,8 @@ the one that is being carried out.
 of them acts on an order: the first, unless the system says that it has been killed or stopped. It
 acknowledges the order before it carries it out. One that does not acknowledge within ``HEARD_S`` is
 killed, and the next one is ordered at once: so two never write at a time, and a frozen one that is
-continued later writes nothing. The last one is given ``ANSWER_S``. While nobody needs them they are
+continued later writes nothing. The last one is given ``ANSWER_S``, unless the system says that it
+is stopped, too: then another one is begun. While nobody needs them they are
 asked for a sign of life; whoever has ended, or does not answer, is replaced.
 """
 
@@ -140,14 +141,15 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
 
     async def _ready(self) -> StopChild:
         """Return the child to order next; start one when there is none. Raise ``WireDown``."""
-        while not self._children:
+        while True:
+            while self._children and self._children[0].is_lost:
+                self._children.pop(0).abandon()
+            if self._children:
+                return self._children[0]
             if self._beginning:
                 await self._begun.wait()
             else:
                 await self._begin()
-        while len(self._children) > 1 and self._children[0].is_lost:
-            self._children.pop(0).abandon()
-        return self._children[0]
 
     async def _keep_one(self, task_status: trio.TaskStatus[None]) -> None:
         """Keep a child ready, and another when it is lost. Raise ``WireDown`` when the first one

@@ -6,22 +6,26 @@ from __future__ import annotations
 import os
 import resource
 import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Awaitable, Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import ClassVar
 
 import pytest
 import trio
 
-from strands_actors.contract import MotorReport, OwnProcess, WireDown
+from strands_actors.contract import MotorReport, OwnProcess, SafeState, WireDown
+from strands_actors.contract.stop_orders import Answer, Frames, StopChild
 from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.kernel.health.realtime import may_run_first
 from tests.contract.vendor import VendorConfig
 
 AXES = ("a", "b")
 PATIENCE_S = 20.0
+HEARD_S = 5.0
 
 
 class Channel(OwnProcess[VendorConfig]):
@@ -256,6 +260,56 @@ def test_saf_016_an_order_that_was_cancelled_and_not_acknowledged_is_given_to_th
         assert (folder.path / "notes").read_text().endswith(f"{second} stop\n")
 
     with_two_ready(tmp_path, test)
+
+
+def test_saf_016_one_that_has_answered_the_last_look_is_not_silent() -> None:
+    """Its answer waits in the socket until the next look. A stop comes before that, and its own answer
+    after."""
+
+    class Late(MonotonicClock):
+        ahead_ns = 0
+
+        def now_ns(self) -> int:
+            return super().now_ns() + self.ahead_ns
+
+    async def main() -> None:
+        ours, theirs = socket.socketpair()
+        clock = Late()
+        with ours, theirs:
+            answers = Frames(theirs)
+            child = StopChild(SimpleNamespace(pid=os.getpid(), socket=ours), "test:Channel", clock)  # type: ignore[arg-type]
+            look = child.send(None)
+            answers.send(Answer(look))
+            clock.ahead_ns = round(10 * HEARD_S * 1e9)
+            order = child.send(SafeState.LAND)
+
+            async def acknowledge() -> None:
+                await trio.sleep(0.01)
+                answers.send(Answer(order))
+
+            async with trio.open_nursery() as nursery:
+                nursery.start_soon(acknowledge)
+                assert await child.acknowledges(order, HEARD_S)
+
+    trio.run(main)
+
+
+def test_saf_016_when_the_first_is_dead_and_the_second_frozen_another_one_acts(tmp_path: Path) -> None:
+    """The last one is given its time only where it runs: here that would be for ever."""
+
+    class Endless(Channel):
+        ANSWER_S: ClassVar[float] = 3600.0
+
+    async def test(channel: Channel, folder: Folder, ready: list[int]) -> None:
+        first, second = ready
+        os.kill(second, signal.SIGSTOP)
+        os.kill(first, signal.SIGKILL)
+        with trio.fail_after(PATIENCE_S):
+            assert all(report.safe for report in await channel.make_safe("stop"))
+        (acted,) = folder.notes("stop")
+        assert acted not in ready
+
+    with_two_ready(tmp_path, test, Endless)
 
 
 @pytest.mark.quick_cases(1)

@@ -87,7 +87,7 @@ REFUSALS: list[tuple[str, dict[str, Any], tuple[str, ...]]] = [
 WRONG_TYPES: list[tuple[Any, dict[str, Any], str]] = [
     (None, {}, "the name is None. give the name of a robot as text: list_robots() has them all"),
     (7, PORT, "the name is 7"),
-    ("so101", {"mesh": True}, "mesh is True. give MeshConfig"),
+    ("so101", {"mesh": "yes"}, "mesh is 'yes'. give MeshConfig"),
     ("so101", {"mode": "real", "at": []}, "at is []. give where its host listens: 'tls/arm.example:7447'"),
     ("so101", {"mode": "real", "at": 5}, "at is 5. give where its host listens"),
     ("so101", {"mode": "real", "at": True}, "at is True. give where its host listens"),

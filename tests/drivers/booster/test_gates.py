@@ -239,6 +239,7 @@ def test_it_goes_on_from_its_goal_where_it_hangs_from_it_by_its_weight() -> None
         ("change_mode", {"mode": "custom"}, "unknown_mode"),
         ("change_mode", {"mode": "kWalking"}, "unknown_mode"),
         ("change_mode", {"mode": 2}, "unknown_mode"),
+        ("enable_upper_body", {"on": "no"}, "bad_argument"),
         ("enable_upper_body", {"arm": 1}, "unknown_argument"),
         ("dance", {}, "unknown_service"),
     ],
@@ -262,6 +263,7 @@ def test_a_mode_that_is_unknown_is_answered_with_those_there_are() -> None:
         ("change_mode", {"mode": "prepare"}),
         ("enable_upper_body", {}),
         ("disable_upper_body", {}),
+        ("enable_upper_body", {"on": False}),
     ],
 )
 def test_what_a_service_takes(service: str, arguments: dict[str, Any]) -> None:

@@ -203,7 +203,7 @@ def test_the_upper_body_can_be_given_back(robot: T1) -> None:
     assert "call enable_upper_body() first" in why(robot.robot.send_action({"left_elbow_pitch": 0.1}))
     robot.enable()
     robot.elbow(robot.robot.get_observation()["left_elbow_pitch"] + 0.1)
-    json_of(robot.robot.disable_upper_body())
+    json_of(robot.robot.enable_upper_body(on=False))  # as disable_upper_body()
     assert "call enable_upper_body() first" in why(robot.robot.send_action({"left_elbow_pitch": 0.1}))
     at_ns = time.monotonic_ns()
     robot.enable()

@@ -180,7 +180,7 @@ def test_saf_014_arguments_of_services(service: str, arguments: dict[str, Any], 
 
 def test_four_verbs_four_meanings() -> None:
     driver = drone()
-    assert set(driver.SERVICES) == {"takeoff", "land", "emergency_stop"}
+    assert set(driver.SERVICES) == {"takeoff", "set_twist", "land", "emergency_stop"}
     assert driver.SERVICES["emergency_stop"].stops is Reason.ESTOP
     fallbacks = driver.fallbacks
     assert (fallbacks[Reason.STOP], fallbacks[Reason.ESTOP]) == ("land", "off")
