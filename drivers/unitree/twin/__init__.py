@@ -3,7 +3,8 @@ behind them.
 
 All but the H1-2 also walk by their onboard controller, as long as their onboard mode has the motors.
 A Go2 and a B2 tell their SportModeState 50 times a second, and a G1 its odometry. Their velocities
-are ``setpoint`` in the log; StopMove, a velocity of zero and Damp are ``safe``.
+are ``setpoint`` in the log; StopMove and Damp are ``safe``. A G1 and an H1 have no StopMove: there it is
+a velocity of zero for the second that the vendor gives it.
 
 The log has every LowCmd (``safe`` with its safe state when it gives no torque, else ``setpoint``;
 ``garbled`` when its checksum is wrong, ``other`` when it is for another ``mode_machine``) and every
@@ -32,7 +33,7 @@ from strands_actors.drivers.unitree import protocol as p
 from strands_actors.drivers.unitree import rpc
 from strands_actors.drivers.unitree.protocol import Command, CommandCodec, StateCodec
 from strands_actors.drivers.unitree.robots import Model, model_of
-from strands_actors.drivers.unitree.walking.loco import DAMP, ZERO_TORQUE
+from strands_actors.drivers.unitree.walking.loco import DAMP, STOP_DURATION_S, ZERO_TORQUE
 from strands_actors.drivers.unitree.walking.robots import dialect_of
 from strands_actors.drivers.unitree.walking.states import STATE_TYPE, encode_state
 from strands_actors.kernel.clock import NS
@@ -159,8 +160,9 @@ class UnitreeServer(DdsServer):
             case rpc.DAMP:
                 return "safe", SafeState.DAMP
             case rpc.SET_VELOCITY | rpc.LOCO_SET_VELOCITY:
-                velocity = self._asked(request, "velocity")
-                return ("safe", None) if velocity == [0.0, 0.0, 0.0] else ("setpoint", "")
+                stops = self._asked(request, "velocity") == [0.0, 0.0, 0.0]
+                stops = stops and self._asked(request, "duration") == STOP_DURATION_S
+                return ("safe", None) if stops else ("setpoint", "")  # one of zero may be a setpoint, too
             case rpc.SET_FSM_ID | rpc.LOCO_SET_FSM_ID:
                 number = self._asked(request, "data")
                 if isinstance(number, int) and number in _SAFE_STATES:
