@@ -18,6 +18,7 @@ import msgspec
 from strands_actors.contract.axis_gates import past_range
 from strands_actors.contract.driver import HOLDING_REASONS, Candidate, Driver, GateState, Service
 from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.tool_verbs import ToolVerb
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.simulation_control.protocol import MOST_STEPS, STEP_S, TIMESTEP_S
 from strands_actors.kernel.messages import Refused
@@ -118,6 +119,9 @@ class SimDriver(Driver):
         self, action: Mapping[str, Any], values: Sequence[float], sensors: Mapping[str, tuple[float, ...]]
     ) -> dict[str, Any]:
         return self.real.accepted(action, values, sensors)
+
+    def action_of(self, verb: ToolVerb, inputs: Mapping[str, Any]) -> dict[str, Any] | Refused:
+        return self.real.action_of(verb, inputs)
 
     def readings(self, observation: Observation) -> dict[str, Any]:
         return self.real.readings(observation)

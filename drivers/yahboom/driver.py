@@ -13,12 +13,13 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import msgspec
 
-from strands_actors.contract.axis import Part, PartKind
+from strands_actors.contract.axis import Part, PartKind, finite
 from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Timing
 from strands_actors.contract.loading import load
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor, imu
+from strands_actors.contract.shown import shown
 from strands_actors.contract.tool_verbs import DURATION, MOVE_TO, STATUS, STOP, ToolVerb, held_move
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
 from strands_actors.contract.wire import Observation
@@ -28,13 +29,21 @@ from strands_actors.kernel.messages import Refused
 from .config import LINKS, ROS2, ROSBRIDGE, YahboomConfig
 from .gates import ARM_MS, DRIVES, TIME, all_gates, parse
 from .messages import CMD_VEL
-from .robots import ARM_JOINTS, BASE, TABLES, base_axes, servo_axes, table_of
+from .robots import ARM_JOINTS, BASE, TABLES, Servo, base_axes, servo_axes, table_of
 
 ROS2_SILENT_S = 3.0
 """[assumed]"""
 
+_DEGREES = {
+    "type": "array",
+    "items": {"type": "number"},
+    "minItems": ARM_JOINTS + 1,
+    "maxItems": ARM_JOINTS + 1,
+    "description": "servo angles in degrees: arm1 to arm5, then the gripper (30 closed, 180 open)",
+}
 _RAD = {"type": "number", "description": "radians"}
 _TIME = {TIME: {"type": "number", "description": "milliseconds the motion may take, 1 to 30000"}}
+_SET_GRIPPER, _SET_ARM_DEGREES = "set_gripper", "set_arm_degrees"
 
 
 class YahboomOptions(DriverOptions, frozen=True):
@@ -145,6 +154,21 @@ class YahboomM3Pro(Driver):
         their arm."""
         return {key: value for key, value in super().as_json(values[: len(self.axes)]).items() if value == value}
 
+    def action_of(self, verb: ToolVerb, inputs: Mapping[str, Any]) -> dict[str, Any] | Refused:
+        """Translate the verbs that speak of servos in degrees, as scripts of strands-robots have them."""
+        servos = self._servos
+        timed = {TIME: inputs[TIME]} if TIME in inputs else {}
+        if verb.name == _SET_GRIPPER:
+            gripper = servos[ARM_JOINTS]
+            degrees = gripper.high_deg if inputs["open"] else gripper.low_deg
+            return {gripper.key: gripper.radians(degrees), **timed}
+        if verb.name == _SET_ARM_DEGREES:
+            if refused := _refuse_degrees(servos, inputs["joints"]):
+                return refused
+            pose = zip(servos, inputs["joints"], strict=True)
+            return {**{servo.key: servo.radians(float(degrees)) for servo, degrees in pose}, **timed}
+        return super().action_of(verb, inputs)
+
     def timed(self, targets: Mapping[str, Any], seconds: float, observation: Observation) -> dict[str, Any]:
         return {**targets, TIME: max(1, round(1e3 * seconds))}
 
@@ -157,6 +181,21 @@ class YahboomM3Pro(Driver):
         if values[DRIVES]:
             told["twist"] = dict(zip(BASE, values, strict=False))
         return told
+
+
+def _refuse_degrees(servos: Sequence[Servo], joints: Sequence[Any]) -> Refused | None:
+    """Return why these are not degrees of all servos; None: they are."""
+    ranges = ", ".join(f"{servo.key} {servo.low_deg}..{servo.high_deg}" for servo in servos)
+    remedy = f"give {len(servos)} servo angles in degrees: {ranges}"
+    if len(joints) != len(servos):
+        why = f"{_SET_ARM_DEGREES}: joints has {len(joints)} numbers"
+        return Refused("bad_input", why, remedy, str(len(joints)), str(len(servos)))
+    for servo, value in zip(servos, joints, strict=True):
+        degrees = finite(value)
+        if degrees is None or not servo.low_deg <= degrees <= servo.high_deg:
+            why = f"{_SET_ARM_DEGREES}: {servo.key} is {shown(value)}"
+            return Refused("past_travel", why, remedy, shown(value), f"{servo.low_deg}..{servo.high_deg}")
+    return None
 
 
 def _verbs(home: Mapping[str, float]) -> tuple[ToolVerb, ...]:
@@ -176,6 +215,20 @@ def _verbs(home: Mapping[str, float]) -> tuple[ToolVerb, ...]:
             "Move the gripper: 0 is open, -1.54 closed.",
             {"gripper": _RAD, **_TIME},
             ("gripper",),
+        ),
+        ToolVerb(
+            _SET_GRIPPER,
+            "action",
+            "Open or close the gripper.",
+            {"open": {"type": "boolean", "description": "true opens it, false closes it"}, **_TIME},
+            ("open",),
+        ),
+        ToolVerb(
+            _SET_ARM_DEGREES,
+            "action",
+            "Move all six servos to angles in degrees.",
+            {"joints": _DEGREES, **_TIME},
+            ("joints",),
         ),
         ToolVerb("home", "action", "Move the arm to its home pose, the gripper open.", _TIME, action=home),
         held_move(

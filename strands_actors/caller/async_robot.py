@@ -15,7 +15,7 @@ from strands_actors.kernel.messages import Refused
 from strands_actors.policies.registry import DEFAULT_PROVIDER
 from strands_actors.surfaces.agents.approval import APPROVE_S, Approval, Approve, approval_of
 from strands_actors.surfaces.agents.calls import read, tool_spec
-from strands_actors.surfaces.agents.use import command, use
+from strands_actors.surfaces.agents.use import perform, use
 
 from . import envelopes as answers
 from . import moving, verbs
@@ -25,7 +25,7 @@ from .portal import open_caller
 from .tree import RobotTree
 from .twin_process import TwinProcess
 from .verbs import answered
-from .vocabulary import call_of, find_command
+from .vocabulary import call_of, find_verb
 
 if TYPE_CHECKING:
     from strands_actors.surfaces.cameras.frames import Frame
@@ -134,14 +134,14 @@ class AsyncRobot:
         call = call_of(self.driver, name, values, inputs)
         if isinstance(call, Refused):
             return answers.refused(call)
-        return await answered(name, command, self._tree, call, wait)
+        return await answered(name, perform, self._tree, call, wait)
 
     if not TYPE_CHECKING:  # robot.pyi names the services of each robot, so that a slip is seen
 
         def __getattr__(self, name: str) -> Callable[..., Awaitable[Answer]]:
-            """Return the driver's own services and commands as methods."""
+            """Return the driver's own services and verbs as methods."""
             plan = self.__dict__.get("_plan")
-            if find_command(self.__dict__.get("driver"), name) and not verbs.is_service(plan, name):
+            if find_verb(self.__dict__.get("driver"), name) and not verbs.is_service(plan, name):
                 return functools.partial(self.command, name)
             verbs.require_service(self, plan, name)
             return functools.partial(self.service, name)

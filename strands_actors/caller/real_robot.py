@@ -26,7 +26,7 @@ from strands_actors.supervisors.root.messages import TaskStatus, TreeReport
 from strands_actors.surfaces.agents.approval import APPROVE_S, Approval, approval_of
 from strands_actors.surfaces.agents.calls import read
 from strands_actors.surfaces.agents.tool import RobotTool
-from strands_actors.surfaces.agents.use import command, use
+from strands_actors.surfaces.agents.use import perform, use
 from strands_actors.surfaces.cameras.handle import Cameras
 
 from . import envelopes as answers
@@ -40,7 +40,7 @@ from .processes import CLEANED_UP
 from .tree import RobotTree
 from .twin_process import TwinProcess
 from .verbs import Verb, VerbHere, answered, answered_here
-from .vocabulary import call_of, command_names, find_command
+from .vocabulary import call_of, find_verb, is_command, verb_names
 
 if TYPE_CHECKING:
     from strands_actors.surfaces.cameras.frames import Frame
@@ -164,7 +164,7 @@ class RealRobot(RobotTool):
 
     def _connects(self, name: str) -> bool:
         """Return whether a verb connects by itself: a command, and a service that is no stop."""
-        if find_command(self._driver, name) is not None:
+        if is_command(self._driver, name):
             return "move" in self.LAZY
         service = self._plan.driver_class.services(self._plan.options).get(name)
         return name in self.LAZY or (service is not None and service.stops is None)
@@ -340,25 +340,30 @@ class RealRobot(RobotTool):
         return self._verb_here(verbs.service_here, verbs.service, name, name, named, action)
 
     def command(self, name: str, *values: Any, wait: bool = True, **inputs: Any) -> Answer:
-        """Do one of the driver's own commands, as an agent may. Each is a method, too: ``robot.home()``,
-        ``robot.move(0.2, duration_s=3.0)``. ``wait``: of one that lasts, return when it is over."""
+        """Do one of the verbs that the driver declares for agents. Each is a method, too: ``robot.home()``,
+        ``robot.move(0.2, duration_s=3.0)``, ``robot.set_torque(True)``. ``wait``: of one that lasts,
+        return when it is over."""
         call = call_of(self._driver, name, values, inputs)
         if isinstance(call, Refused):
             return answers.refused(call)
-        if call.held_s is None:
+        if call.kind == "stop":
+            return self._stop_from_child() if self._forked is not None else self._stop_now(name)
+        if call.verb.does == "status":
+            return self._get_status()
+        if call.verb.does == "action" and call.held_s is None:
             return self._verb_here(verbs.send_action_here, verbs.send_action, name, call.action)
-        return self._in_time(name, command, call, wait)
+        return self._in_time(name, perform, call, wait)
 
     if not TYPE_CHECKING:  # robot.pyi names the services of each robot, so that a slip is seen
 
         def __getattr__(self, name: str) -> Any:
-            """Return the driver's own services and commands as methods, and names of strands-robots."""
+            """Return the driver's own services and verbs as methods, and names of strands-robots."""
             if name == "bus":
                 raise AttributeError(f"{self._plan.robot} has no bus of servos. Use state() or get_observation()")
             plan = self.__dict__.get("_plan")
             if name == "mesh":
                 return reference_names.Mesh(lambda: self.name)
-            if find_command(self.__dict__.get("_driver"), name) and not verbs.is_service(plan, name):
+            if find_verb(self.__dict__.get("_driver"), name) and not verbs.is_service(plan, name):
                 return functools.partial(self.command, name)
             own = reference_names.ALIASES.get(name, "")
             if (
@@ -372,14 +377,14 @@ class RealRobot(RobotTool):
 
     def __dir__(self) -> list[str]:
         services = self._plan.driver_class.services(self._plan.options)
-        return sorted({*super().__dir__(), *services, *command_names(self._driver)})
+        return sorted({*super().__dir__(), *services, *verb_names(self._driver)})
 
     def stop(self) -> Answer | PendingAnswer:
         """De-energise every motor and report each. Works as ``stop()`` and as ``await stop()``. In a
         forked child the command line stops it, which takes half a second."""
         if self._forked is not None:
             return self._now_or_soon(self._stop_from_child, verbs.stop, "stop")
-        return self._now_or_soon(lambda: self._verb_here(verbs.stop_here, verbs.stop, "stop"), verbs.stop, "stop")
+        return self._now_or_soon(lambda: self._stop_now("stop"), verbs.stop, "stop")
 
     def get_status(self) -> Answer | PendingAnswer:
         """Return what the tree says of itself. Works as ``get_status()`` and as ``await
@@ -566,6 +571,9 @@ class RealRobot(RobotTool):
         return None if report is None else answers.tree(report)
 
     # -- helpers
+
+    def _stop_now(self, name: str) -> Answer:
+        return self._verb_here(verbs.stop_here, verbs.stop, name)
 
     def _stop_from_child(self) -> Answer:
         assert self._forked is not None

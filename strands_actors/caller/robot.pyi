@@ -82,6 +82,10 @@ class Booster(RealRobot):
         """Turn the head there, radians."""
     def change_mode(self, mode: str = "walking") -> Answer:
         """Change to damping, prepare, walking, soccer; in damping mode the robot sinks to the floor."""
+    def sensors(self) -> Answer:
+        """Measured positions, sensors and faults."""
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
 
 @type_check_only
 class AsyncBooster(AsyncRobot):
@@ -90,6 +94,20 @@ class AsyncBooster(AsyncRobot):
     async def move(self, vx: float = 0.0, vy: float = 0.0, vyaw: float = 0.0) -> Answer: ...
     async def rotate_head(self, pitch: float = 0.0, yaw: float = 0.0) -> Answer: ...
     async def change_mode(self, mode: str = "walking") -> Answer: ...
+    async def sensors(self) -> Answer: ...
+    async def status(self) -> Answer: ...
+
+@type_check_only
+class SimulatedBooster(SimRobot):
+    def sensors(self) -> Answer:
+        """Measured positions, sensors and faults."""
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
+
+@type_check_only
+class AsyncSimulatedBooster(AsyncSimulation):
+    async def sensors(self) -> Answer: ...
+    async def status(self) -> Answer: ...
 
 @type_check_only
 class Crazyflie(RealRobot):
@@ -101,6 +119,10 @@ class Crazyflie(RealRobot):
         """Come down to the floor, motors off."""
     def emergency_stop(self) -> Answer:
         """Cut the motors at once, wherever it is, and lock it until it is switched off and on."""
+    def sensors(self) -> Answer:
+        """Measured positions, sensors and faults."""
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
     def move(
     self, vx: float = ..., vy: float = ..., vz: float = ..., wz: float = ..., duration_s: float = ..., *,
     wait: bool = True,
@@ -113,6 +135,8 @@ class AsyncCrazyflie(AsyncRobot):
     async def set_twist(self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0) -> Answer: ...
     async def land(self, duration: float = 2.0) -> Answer: ...
     async def emergency_stop(self) -> Answer: ...
+    async def sensors(self) -> Answer: ...
+    async def status(self) -> Answer: ...
     async def move(
     self, vx: float = ..., vy: float = ..., vz: float = ..., wz: float = ..., duration_s: float = ..., *,
     wait: bool = True,
@@ -122,6 +146,12 @@ class AsyncCrazyflie(AsyncRobot):
 class SimulatedCrazyflie(SimRobot):
     def set_twist(self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0) -> Answer:
         """Fly at vx and vy (m/s) and wz (rad/s) for 300 ms, then hover."""
+    def sensors(self) -> Answer:
+        """Measured positions, sensors and faults."""
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
+    def land(self) -> Answer:
+        """Land at once, motors off on the floor; nothing flies again by itself."""
     def move(
     self, vx: float = ..., vy: float = ..., vz: float = ..., wz: float = ..., duration_s: float = ..., *,
     wait: bool = True,
@@ -131,10 +161,43 @@ class SimulatedCrazyflie(SimRobot):
 @type_check_only
 class AsyncSimulatedCrazyflie(AsyncSimulation):
     async def set_twist(self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0) -> Answer: ...
+    async def sensors(self) -> Answer: ...
+    async def status(self) -> Answer: ...
+    async def land(self) -> Answer: ...
     async def move(
     self, vx: float = ..., vy: float = ..., vz: float = ..., wz: float = ..., duration_s: float = ..., *,
     wait: bool = True,
 ) -> Answer: ...
+
+@type_check_only
+class Dynamixel(RealRobot):
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
+    def sensors(self) -> Answer:
+        """Measured positions, sensors and faults."""
+    def set_torque(self, enabled: bool = ...) -> Answer:
+        """Energise the motors where they are, or release them."""
+
+@type_check_only
+class AsyncDynamixel(AsyncRobot):
+    async def status(self) -> Answer: ...
+    async def sensors(self) -> Answer: ...
+    async def set_torque(self, enabled: bool = ...) -> Answer: ...
+
+@type_check_only
+class SimulatedDynamixel(SimRobot):
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
+    def sensors(self) -> Answer:
+        """Measured positions, sensors and faults."""
+    def set_torque(self, enabled: bool = ...) -> Answer:
+        """Energise the motors where they are, or release them."""
+
+@type_check_only
+class AsyncSimulatedDynamixel(AsyncSimulation):
+    async def status(self) -> Answer: ...
+    async def sensors(self) -> Answer: ...
+    async def set_torque(self, enabled: bool = ...) -> Answer: ...
 
 @type_check_only
 class EarthRover(RealRobot):
@@ -146,6 +209,10 @@ class EarthRover(RealRobot):
         """Drive for duration_s, or for 0.3 s, then stand."""
     def lamp(self, lamp: float = ..., *, wait: bool = True) -> Answer:
         """Light the lamp, or put it out; the rover drives on as it does."""
+    def sensors(self) -> Answer:
+        """Measured positions, sensors and faults."""
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
 
 @type_check_only
 class AsyncEarthRover(AsyncRobot):
@@ -154,6 +221,8 @@ class AsyncEarthRover(AsyncRobot):
     self, linear: float = ..., angular: float = ..., duration_s: float = ..., *, wait: bool = True,
 ) -> Answer: ...
     async def lamp(self, lamp: float = ..., *, wait: bool = True) -> Answer: ...
+    async def sensors(self) -> Answer: ...
+    async def status(self) -> Answer: ...
 
 @type_check_only
 class SimulatedEarthRover(SimRobot):
@@ -163,6 +232,10 @@ class SimulatedEarthRover(SimRobot):
         """Drive for duration_s, or for 0.3 s, then stand."""
     def lamp(self, lamp: float = ..., *, wait: bool = True) -> Answer:
         """Light the lamp, or put it out; the rover drives on as it does."""
+    def sensors(self) -> Answer:
+        """Measured positions, sensors and faults."""
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
 
 @type_check_only
 class AsyncSimulatedEarthRover(AsyncSimulation):
@@ -170,15 +243,65 @@ class AsyncSimulatedEarthRover(AsyncSimulation):
     self, linear: float = ..., angular: float = ..., duration_s: float = ..., *, wait: bool = True,
 ) -> Answer: ...
     async def lamp(self, lamp: float = ..., *, wait: bool = True) -> Answer: ...
+    async def sensors(self) -> Answer: ...
+    async def status(self) -> Answer: ...
+
+@type_check_only
+class Feetech(RealRobot):
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
+    def sensors(self) -> Answer:
+        """Measured positions, sensors and faults."""
+    def set_torque(self, enabled: bool = ...) -> Answer:
+        """Energise the motors where they are, or release them."""
+
+@type_check_only
+class AsyncFeetech(AsyncRobot):
+    async def status(self) -> Answer: ...
+    async def sensors(self) -> Answer: ...
+    async def set_torque(self, enabled: bool = ...) -> Answer: ...
+
+@type_check_only
+class SimulatedFeetech(SimRobot):
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
+    def sensors(self) -> Answer:
+        """Measured positions, sensors and faults."""
+    def set_torque(self, enabled: bool = ...) -> Answer:
+        """Energise the motors where they are, or release them."""
+
+@type_check_only
+class AsyncSimulatedFeetech(AsyncSimulation):
+    async def status(self) -> Answer: ...
+    async def sensors(self) -> Answer: ...
+    async def set_torque(self, enabled: bool = ...) -> Answer: ...
 
 @type_check_only
 class Franka(RealRobot):
     def recover(self) -> Answer:
         """Let the controller clear a reflex, so that the arm may be armed again."""
+    def sensors(self) -> Answer:
+        """Measured positions, sensors and faults."""
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
 
 @type_check_only
 class AsyncFranka(AsyncRobot):
     async def recover(self) -> Answer: ...
+    async def sensors(self) -> Answer: ...
+    async def status(self) -> Answer: ...
+
+@type_check_only
+class SimulatedFranka(SimRobot):
+    def sensors(self) -> Answer:
+        """Measured positions, sensors and faults."""
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
+
+@type_check_only
+class AsyncSimulatedFranka(AsyncSimulation):
+    async def sensors(self) -> Answer: ...
+    async def status(self) -> Answer: ...
 
 @type_check_only
 class G1(RealRobot):
@@ -196,6 +319,10 @@ class G1(RealRobot):
         """Sit down; something to sit on must be behind it."""
     def select_sport_mode(self) -> Answer:
         """Give the joints back to the onboard controller after they were commanded one by one (level='low')."""
+    def sensors(self) -> Answer:
+        """Measured positions, sensors and faults."""
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
 
 @type_check_only
 class AsyncG1(AsyncRobot):
@@ -206,6 +333,20 @@ class AsyncG1(AsyncRobot):
     async def squat(self) -> Answer: ...
     async def sit(self) -> Answer: ...
     async def select_sport_mode(self) -> Answer: ...
+    async def sensors(self) -> Answer: ...
+    async def status(self) -> Answer: ...
+
+@type_check_only
+class SimulatedG1(SimRobot):
+    def sensors(self) -> Answer:
+        """Measured positions, sensors and faults."""
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
+
+@type_check_only
+class AsyncSimulatedG1(AsyncSimulation):
+    async def sensors(self) -> Answer: ...
+    async def status(self) -> Answer: ...
 
 @type_check_only
 class Go2(RealRobot):
@@ -229,6 +370,10 @@ class Go2(RealRobot):
         """Rise from sitting, and balance."""
     def release_sport_mode(self, attempts: int = 5) -> Answer:
         """End the robot's own controller, so that its joints can be commanded: it no longer balances by itself."""
+    def sensors(self) -> Answer:
+        """Measured positions, sensors and faults."""
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
 
 @type_check_only
 class AsyncGo2(AsyncRobot):
@@ -242,6 +387,56 @@ class AsyncGo2(AsyncRobot):
     async def sit(self) -> Answer: ...
     async def rise(self) -> Answer: ...
     async def release_sport_mode(self, attempts: int = 5) -> Answer: ...
+    async def sensors(self) -> Answer: ...
+    async def status(self) -> Answer: ...
+
+@type_check_only
+class SimulatedGo2(SimRobot):
+    def sensors(self) -> Answer:
+        """Measured positions, sensors and faults."""
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
+
+@type_check_only
+class AsyncSimulatedGo2(AsyncSimulation):
+    async def sensors(self) -> Answer: ...
+    async def status(self) -> Answer: ...
+
+@type_check_only
+class Kinova(RealRobot):
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
+
+@type_check_only
+class AsyncKinova(AsyncRobot):
+    async def status(self) -> Answer: ...
+
+@type_check_only
+class SimulatedKinova(SimRobot):
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
+
+@type_check_only
+class AsyncSimulatedKinova(AsyncSimulation):
+    async def status(self) -> Answer: ...
+
+@type_check_only
+class Kuka(RealRobot):
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
+
+@type_check_only
+class AsyncKuka(AsyncRobot):
+    async def status(self) -> Answer: ...
+
+@type_check_only
+class SimulatedKuka(SimRobot):
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
+
+@type_check_only
+class AsyncSimulatedKuka(AsyncSimulation):
+    async def status(self) -> Answer: ...
 
 @type_check_only
 class Microduck(RealRobot):
@@ -293,6 +488,10 @@ class Microduck(RealRobot):
         """Tell the newest state as robotd tells it."""
     def tof(self) -> Answer:
         """Tell one frame of the depth sensor, 8 by 8 millimetres."""
+    def sensors(self) -> Answer:
+        """Measured positions, sensors and faults."""
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
     def move(
     self, vx: float = ..., vy: float = ..., vyaw: float = ..., duration: float = ..., *, wait: bool = True,
 ) -> Answer:
@@ -333,6 +532,8 @@ class AsyncMicroduck(AsyncRobot):
     async def odometry(self) -> Answer: ...
     async def monitor(self) -> Answer: ...
     async def tof(self) -> Answer: ...
+    async def sensors(self) -> Answer: ...
+    async def status(self) -> Answer: ...
     async def move(
     self, vx: float = ..., vy: float = ..., vyaw: float = ..., duration: float = ..., *, wait: bool = True,
 ) -> Answer: ...
@@ -345,6 +546,10 @@ class AsyncMicroduck(AsyncRobot):
 
 @type_check_only
 class SimulatedMicroduck(SimRobot):
+    def sensors(self) -> Answer:
+        """Measured positions, sensors and faults."""
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
     def move(
     self, vx: float = ..., vy: float = ..., vyaw: float = ..., duration: float = ..., *, wait: bool = True,
 ) -> Answer:
@@ -361,6 +566,8 @@ class SimulatedMicroduck(SimRobot):
 
 @type_check_only
 class AsyncSimulatedMicroduck(AsyncSimulation):
+    async def sensors(self) -> Answer: ...
+    async def status(self) -> Answer: ...
     async def move(
     self, vx: float = ..., vy: float = ..., vyaw: float = ..., duration: float = ..., *, wait: bool = True,
 ) -> Answer: ...
@@ -375,10 +582,28 @@ class AsyncSimulatedMicroduck(AsyncSimulation):
 class RBY1(RealRobot):
     def reset_fault_control_manager(self) -> Answer:
         """Clear a fault of the control manager, once its cause is gone. Nothing moves before resume()."""
+    def sensors(self) -> Answer:
+        """Measured positions, sensors and faults."""
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
 
 @type_check_only
 class AsyncRBY1(AsyncRobot):
     async def reset_fault_control_manager(self) -> Answer: ...
+    async def sensors(self) -> Answer: ...
+    async def status(self) -> Answer: ...
+
+@type_check_only
+class SimulatedRBY1(SimRobot):
+    def sensors(self) -> Answer:
+        """Measured positions, sensors and faults."""
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
+
+@type_check_only
+class AsyncSimulatedRBY1(AsyncSimulation):
+    async def sensors(self) -> Answer: ...
+    async def status(self) -> Answer: ...
 
 @type_check_only
 class Reachy(RealRobot):
@@ -418,6 +643,12 @@ class Reachy(RealRobot):
         """Go to sleep: the head sinks; torque stays on."""
     def play_move(self, move: str = "", dataset: str = ...) -> Answer:
         """Play a recorded move, an emotion or a dance, to its end."""
+    def sensors(self) -> Answer:
+        """Measured positions, sensors and faults."""
+    def get_state(self) -> Answer:
+        """Measured positions and velocities."""
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
     def look(
     self, head_pitch: float = ..., head_roll: float = ..., head_yaw: float = ..., head_x: float = ...,
     head_y: float = ..., head_z: float = ..., duration: float = ..., *, wait: bool = True,
@@ -463,6 +694,9 @@ class AsyncReachy(AsyncRobot):
     async def wake_up(self) -> Answer: ...
     async def goto_sleep(self) -> Answer: ...
     async def play_move(self, move: str = "", dataset: str = ...) -> Answer: ...
+    async def sensors(self) -> Answer: ...
+    async def get_state(self) -> Answer: ...
+    async def status(self) -> Answer: ...
     async def look(
     self, head_pitch: float = ..., head_roll: float = ..., head_yaw: float = ..., head_x: float = ...,
     head_y: float = ..., head_z: float = ..., duration: float = ..., *, wait: bool = True,
@@ -484,6 +718,12 @@ class AsyncReachy(AsyncRobot):
 
 @type_check_only
 class SimulatedReachy(SimRobot):
+    def sensors(self) -> Answer:
+        """Measured positions, sensors and faults."""
+    def get_state(self) -> Answer:
+        """Measured positions and velocities."""
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
     def look(
     self, head_pitch: float = ..., head_roll: float = ..., head_yaw: float = ..., head_x: float = ...,
     head_y: float = ..., head_z: float = ..., duration: float = ..., *, wait: bool = True,
@@ -511,6 +751,9 @@ class SimulatedReachy(SimRobot):
 
 @type_check_only
 class AsyncSimulatedReachy(AsyncSimulation):
+    async def sensors(self) -> Answer: ...
+    async def get_state(self) -> Answer: ...
+    async def status(self) -> Answer: ...
     async def look(
     self, head_pitch: float = ..., head_roll: float = ..., head_yaw: float = ..., head_x: float = ...,
     head_y: float = ..., head_z: float = ..., duration: float = ..., *, wait: bool = True,
@@ -536,11 +779,17 @@ class Robotiq(RealRobot):
         """Open the fingers all the way."""
     def close(self, speed: float = ..., force: float = ..., *, wait: bool = True) -> Answer:
         """Close the fingers, onto what is between them."""
+    def sensors(self) -> Answer:
+        """Measured positions, sensors and faults."""
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
 
 @type_check_only
 class AsyncRobotiq(AsyncRobot):
     async def open(self, speed: float = ..., force: float = ..., *, wait: bool = True) -> Answer: ...
     async def close(self, speed: float = ..., force: float = ..., *, wait: bool = True) -> Answer: ...
+    async def sensors(self) -> Answer: ...
+    async def status(self) -> Answer: ...
 
 @type_check_only
 class SimulatedRobotiq(SimRobot):
@@ -548,11 +797,17 @@ class SimulatedRobotiq(SimRobot):
         """Open the fingers all the way."""
     def close(self, speed: float = ..., force: float = ..., *, wait: bool = True) -> Answer:
         """Close the fingers, onto what is between them."""
+    def sensors(self) -> Answer:
+        """Measured positions, sensors and faults."""
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
 
 @type_check_only
 class AsyncSimulatedRobotiq(AsyncSimulation):
     async def open(self, speed: float = ..., force: float = ..., *, wait: bool = True) -> Answer: ...
     async def close(self, speed: float = ..., force: float = ..., *, wait: bool = True) -> Answer: ...
+    async def sensors(self) -> Answer: ...
+    async def status(self) -> Answer: ...
 
 @type_check_only
 class Spot(RealRobot):
@@ -560,6 +815,10 @@ class Spot(RealRobot):
         """Power the motors on and stand up."""
     def set_twist(self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0) -> Answer:
         """Walk so fast for 0.6 s, m/s and rad/s of the body, then stand."""
+    def sensors(self) -> Answer:
+        """Measured positions, sensors and faults."""
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
     def move(
     self, vx: float = ..., vy: float = ..., wz: float = ..., duration_s: float = ..., *, wait: bool = True,
 ) -> Answer:
@@ -569,12 +828,18 @@ class Spot(RealRobot):
 class AsyncSpot(AsyncRobot):
     async def stand(self) -> Answer: ...
     async def set_twist(self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0) -> Answer: ...
+    async def sensors(self) -> Answer: ...
+    async def status(self) -> Answer: ...
     async def move(
     self, vx: float = ..., vy: float = ..., wz: float = ..., duration_s: float = ..., *, wait: bool = True,
 ) -> Answer: ...
 
 @type_check_only
 class SimulatedSpot(SimRobot):
+    def sensors(self) -> Answer:
+        """Measured positions, sensors and faults."""
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
     def move(
     self, vx: float = ..., vy: float = ..., wz: float = ..., duration_s: float = ..., *, wait: bool = True,
 ) -> Answer:
@@ -582,6 +847,8 @@ class SimulatedSpot(SimRobot):
 
 @type_check_only
 class AsyncSimulatedSpot(AsyncSimulation):
+    async def sensors(self) -> Answer: ...
+    async def status(self) -> Answer: ...
     async def move(
     self, vx: float = ..., vy: float = ..., wz: float = ..., duration_s: float = ..., *, wait: bool = True,
 ) -> Answer: ...
@@ -592,6 +859,10 @@ class Stretch(RealRobot):
         """Drive at vx (m/s, forward) and wz (rad/s, to the left) for 300 ms."""
     def set_soft_limits(self, joint: str = "", low: float = ..., high: float = ...) -> Answer:
         """From now on refuse goals of a joint outside low..high; never wider than its range."""
+    def sensors(self) -> Answer:
+        """Measured positions, sensors and faults."""
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
     def move(self, vx: float = ..., wz: float = ..., duration_s: float = ..., *, wait: bool = True) -> Answer:
         """Drive for duration_s, then stand."""
 
@@ -599,6 +870,8 @@ class Stretch(RealRobot):
 class AsyncStretch(AsyncRobot):
     async def set_twist(self, vx: float = 0.0, wz: float = 0.0, vy: float = 0.0) -> Answer: ...
     async def set_soft_limits(self, joint: str = "", low: float = ..., high: float = ...) -> Answer: ...
+    async def sensors(self) -> Answer: ...
+    async def status(self) -> Answer: ...
     async def move(
     self, vx: float = ..., wz: float = ..., duration_s: float = ..., *, wait: bool = True,
 ) -> Answer: ...
@@ -607,18 +880,70 @@ class AsyncStretch(AsyncRobot):
 class SimulatedStretch(SimRobot):
     def set_twist(self, vx: float = 0.0, wz: float = 0.0, vy: float = 0.0) -> Answer:
         """Drive at vx (m/s, forward) and wz (rad/s, to the left) for 300 ms."""
+    def sensors(self) -> Answer:
+        """Measured positions, sensors and faults."""
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
     def move(self, vx: float = ..., wz: float = ..., duration_s: float = ..., *, wait: bool = True) -> Answer:
         """Drive for duration_s, then stand."""
 
 @type_check_only
 class AsyncSimulatedStretch(AsyncSimulation):
     async def set_twist(self, vx: float = 0.0, wz: float = 0.0, vy: float = 0.0) -> Answer: ...
+    async def sensors(self) -> Answer: ...
+    async def status(self) -> Answer: ...
     async def move(
     self, vx: float = ..., wz: float = ..., duration_s: float = ..., *, wait: bool = True,
 ) -> Answer: ...
 
 @type_check_only
+class UR(RealRobot):
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
+
+@type_check_only
+class AsyncUR(AsyncRobot):
+    async def status(self) -> Answer: ...
+
+@type_check_only
+class SimulatedUR(SimRobot):
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
+
+@type_check_only
+class AsyncSimulatedUR(AsyncSimulation):
+    async def status(self) -> Answer: ...
+
+@type_check_only
+class XArm(RealRobot):
+    def sensors(self) -> Answer:
+        """Measured positions, sensors and faults."""
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
+
+@type_check_only
+class AsyncXArm(AsyncRobot):
+    async def sensors(self) -> Answer: ...
+    async def status(self) -> Answer: ...
+
+@type_check_only
+class SimulatedXArm(SimRobot):
+    def sensors(self) -> Answer:
+        """Measured positions, sensors and faults."""
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
+
+@type_check_only
+class AsyncSimulatedXArm(AsyncSimulation):
+    async def sensors(self) -> Answer: ...
+    async def status(self) -> Answer: ...
+
+@type_check_only
 class YahboomM3Pro(RealRobot):
+    def sensors(self) -> Answer:
+        """Measured positions, sensors and faults."""
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
     def arm(
     self, arm1: float = ..., arm2: float = ..., arm3: float = ..., arm4: float = ..., arm5: float = ...,
     time_ms: float = ..., *, wait: bool = True,
@@ -626,6 +951,10 @@ class YahboomM3Pro(RealRobot):
         """Move the named joints of the arm."""
     def gripper(self, gripper: float = ..., time_ms: float = ..., *, wait: bool = True) -> Answer:
         """Move the gripper: 0 is open, -1.54 closed."""
+    def set_gripper(self, open: bool = ..., time_ms: float = ..., *, wait: bool = True) -> Answer:
+        """Open or close the gripper."""
+    def set_arm_degrees(self, joints: Sequence[float] = ..., time_ms: float = ..., *, wait: bool = True) -> Answer:
+        """Move all six servos to angles in degrees."""
     def home(self, time_ms: float = ..., *, wait: bool = True) -> Answer:
         """Move the arm to its home pose, the gripper open."""
     def move(
@@ -636,11 +965,17 @@ class YahboomM3Pro(RealRobot):
 
 @type_check_only
 class AsyncYahboomM3Pro(AsyncRobot):
+    async def sensors(self) -> Answer: ...
+    async def status(self) -> Answer: ...
     async def arm(
     self, arm1: float = ..., arm2: float = ..., arm3: float = ..., arm4: float = ..., arm5: float = ...,
     time_ms: float = ..., *, wait: bool = True,
 ) -> Answer: ...
     async def gripper(self, gripper: float = ..., time_ms: float = ..., *, wait: bool = True) -> Answer: ...
+    async def set_gripper(self, open: bool = ..., time_ms: float = ..., *, wait: bool = True) -> Answer: ...
+    async def set_arm_degrees(
+    self, joints: Sequence[float] = ..., time_ms: float = ..., *, wait: bool = True,
+) -> Answer: ...
     async def home(self, time_ms: float = ..., *, wait: bool = True) -> Answer: ...
     async def move(
     self, linear_x: float = ..., linear_y: float = ..., angular_z: float = ..., duration_s: float = ..., *,
@@ -649,6 +984,10 @@ class AsyncYahboomM3Pro(AsyncRobot):
 
 @type_check_only
 class SimulatedYahboomM3Pro(SimRobot):
+    def sensors(self) -> Answer:
+        """Measured positions, sensors and faults."""
+    def status(self) -> Answer:
+        """Connection, state, last refusal."""
     def arm(
     self, arm1: float = ..., arm2: float = ..., arm3: float = ..., arm4: float = ..., arm5: float = ...,
     time_ms: float = ..., *, wait: bool = True,
@@ -656,6 +995,10 @@ class SimulatedYahboomM3Pro(SimRobot):
         """Move the named joints of the arm."""
     def gripper(self, gripper: float = ..., time_ms: float = ..., *, wait: bool = True) -> Answer:
         """Move the gripper: 0 is open, -1.54 closed."""
+    def set_gripper(self, open: bool = ..., time_ms: float = ..., *, wait: bool = True) -> Answer:
+        """Open or close the gripper."""
+    def set_arm_degrees(self, joints: Sequence[float] = ..., time_ms: float = ..., *, wait: bool = True) -> Answer:
+        """Move all six servos to angles in degrees."""
     def home(self, time_ms: float = ..., *, wait: bool = True) -> Answer:
         """Move the arm to its home pose, the gripper open."""
     def move(
@@ -666,11 +1009,17 @@ class SimulatedYahboomM3Pro(SimRobot):
 
 @type_check_only
 class AsyncSimulatedYahboomM3Pro(AsyncSimulation):
+    async def sensors(self) -> Answer: ...
+    async def status(self) -> Answer: ...
     async def arm(
     self, arm1: float = ..., arm2: float = ..., arm3: float = ..., arm4: float = ..., arm5: float = ...,
     time_ms: float = ..., *, wait: bool = True,
 ) -> Answer: ...
     async def gripper(self, gripper: float = ..., time_ms: float = ..., *, wait: bool = True) -> Answer: ...
+    async def set_gripper(self, open: bool = ..., time_ms: float = ..., *, wait: bool = True) -> Answer: ...
+    async def set_arm_degrees(
+    self, joints: Sequence[float] = ..., time_ms: float = ..., *, wait: bool = True,
+) -> Answer: ...
     async def home(self, time_ms: float = ..., *, wait: bool = True) -> Answer: ...
     async def move(
     self, linear_x: float = ..., linear_y: float = ..., angular_z: float = ..., duration_s: float = ..., *,
@@ -713,7 +1062,7 @@ def Robot(
     calibration: str | os.PathLike[str] | Mapping[str, Any] | None = None, baud: int | None = None,
     baud_rate: int | None = None, motor_ids: Sequence[int] | None = None, timeout: float | None = None,
     max_jump: float | None = None, max_relative_target: float | None = None,
-) -> RealRobot: ...
+) -> Dynamixel: ...
 @overload
 def Robot(
     name: EarthRoverName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
@@ -737,7 +1086,7 @@ def Robot(
     calibration: str | os.PathLike[str] | Mapping[str, Any] | None = None, baud: int | None = None,
     baud_rate: int | None = None, motor_ids: Sequence[int] | None = None, timeout: float | None = None,
     max_jump: float | None = None, max_relative_target: float | None = None,
-) -> RealRobot: ...
+) -> Feetech: ...
 @overload
 def Robot(
     name: FrankaName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
@@ -783,7 +1132,7 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, username: str = "admin",
     password: str = "admin", control_frequency: float = 40.0,
-) -> RealRobot: ...
+) -> Kinova: ...
 @overload
 def Robot(
     name: KukaName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
@@ -794,7 +1143,7 @@ def Robot(
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, fri_port: int = 30200,
     control_frequency: float = 50.0, connect_timeout: float = 5.0,
-) -> RealRobot: ...
+) -> Kuka: ...
 @overload
 def Robot(
     name: MicroduckName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
@@ -872,7 +1221,7 @@ def Robot(
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 125.0,
     rtde_frequency: float | None = None, control: Literal["ur-rtde", "script"] | None = None,
     model: str | None = None,
-) -> RealRobot: ...
+) -> UR: ...
 @overload
 def Robot(
     name: XArmName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
@@ -882,7 +1231,7 @@ def Robot(
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 100.0,
-) -> RealRobot: ...
+) -> XArm: ...
 @overload
 def Robot(
     name: YahboomM3ProName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
@@ -927,6 +1276,16 @@ def Robot(
 ) -> RealRobot: ...
 @overload
 def Robot(
+    name: BoosterName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> SimulatedBooster: ...
+@overload
+def Robot(
     name: CrazyflieName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
     tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
     data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
@@ -935,6 +1294,16 @@ def Robot(
     keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> SimulatedCrazyflie: ...
+@overload
+def Robot(
+    name: DynamixelName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> SimulatedDynamixel: ...
 @overload
 def Robot(
     name: EarthRoverName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
@@ -947,6 +1316,66 @@ def Robot(
 ) -> SimulatedEarthRover: ...
 @overload
 def Robot(
+    name: FeetechName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> SimulatedFeetech: ...
+@overload
+def Robot(
+    name: FrankaName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> SimulatedFranka: ...
+@overload
+def Robot(
+    name: G1Name, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> SimulatedG1: ...
+@overload
+def Robot(
+    name: Go2Name, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> SimulatedGo2: ...
+@overload
+def Robot(
+    name: KinovaName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> SimulatedKinova: ...
+@overload
+def Robot(
+    name: KukaName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> SimulatedKuka: ...
+@overload
+def Robot(
     name: MicroduckName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
     tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
     data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
@@ -955,6 +1384,16 @@ def Robot(
     keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> SimulatedMicroduck: ...
+@overload
+def Robot(
+    name: RBY1Name, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> SimulatedRBY1: ...
 @overload
 def Robot(
     name: ReachyName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
@@ -995,6 +1434,26 @@ def Robot(
     keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> SimulatedStretch: ...
+@overload
+def Robot(
+    name: URName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> SimulatedUR: ...
+@overload
+def Robot(
+    name: XArmName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> SimulatedXArm: ...
 @overload
 def Robot(
     name: YahboomM3ProName, mode: Literal["sim"] = "sim", *,
@@ -1051,7 +1510,7 @@ def open_robot(
     calibration: str | os.PathLike[str] | Mapping[str, Any] | None = None, baud: int | None = None,
     baud_rate: int | None = None, motor_ids: Sequence[int] | None = None, timeout: float | None = None,
     max_jump: float | None = None, max_relative_target: float | None = None,
-) -> AbstractAsyncContextManager[AsyncRobot]: ...
+) -> AbstractAsyncContextManager[AsyncDynamixel]: ...
 @overload
 def open_robot(
     name: EarthRoverName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
@@ -1075,7 +1534,7 @@ def open_robot(
     calibration: str | os.PathLike[str] | Mapping[str, Any] | None = None, baud: int | None = None,
     baud_rate: int | None = None, motor_ids: Sequence[int] | None = None, timeout: float | None = None,
     max_jump: float | None = None, max_relative_target: float | None = None,
-) -> AbstractAsyncContextManager[AsyncRobot]: ...
+) -> AbstractAsyncContextManager[AsyncFeetech]: ...
 @overload
 def open_robot(
     name: FrankaName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
@@ -1121,7 +1580,7 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, username: str = "admin",
     password: str = "admin", control_frequency: float = 40.0,
-) -> AbstractAsyncContextManager[AsyncRobot]: ...
+) -> AbstractAsyncContextManager[AsyncKinova]: ...
 @overload
 def open_robot(
     name: KukaName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
@@ -1132,7 +1591,7 @@ def open_robot(
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, fri_port: int = 30200,
     control_frequency: float = 50.0, connect_timeout: float = 5.0,
-) -> AbstractAsyncContextManager[AsyncRobot]: ...
+) -> AbstractAsyncContextManager[AsyncKuka]: ...
 @overload
 def open_robot(
     name: MicroduckName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
@@ -1210,7 +1669,7 @@ def open_robot(
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 125.0,
     rtde_frequency: float | None = None, control: Literal["ur-rtde", "script"] | None = None,
     model: str | None = None,
-) -> AbstractAsyncContextManager[AsyncRobot]: ...
+) -> AbstractAsyncContextManager[AsyncUR]: ...
 @overload
 def open_robot(
     name: XArmName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
@@ -1220,7 +1679,7 @@ def open_robot(
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, control_frequency: float = 100.0,
-) -> AbstractAsyncContextManager[AsyncRobot]: ...
+) -> AbstractAsyncContextManager[AsyncXArm]: ...
 @overload
 def open_robot(
     name: YahboomM3ProName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
@@ -1265,6 +1724,16 @@ def open_robot(
 ) -> AbstractAsyncContextManager[AsyncRobot]: ...
 @overload
 def open_robot(
+    name: BoosterName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> AbstractAsyncContextManager[AsyncSimulatedBooster]: ...
+@overload
+def open_robot(
     name: CrazyflieName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
     tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
     data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
@@ -1273,6 +1742,16 @@ def open_robot(
     keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedCrazyflie]: ...
+@overload
+def open_robot(
+    name: DynamixelName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> AbstractAsyncContextManager[AsyncSimulatedDynamixel]: ...
 @overload
 def open_robot(
     name: EarthRoverName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
@@ -1285,6 +1764,66 @@ def open_robot(
 ) -> AbstractAsyncContextManager[AsyncSimulatedEarthRover]: ...
 @overload
 def open_robot(
+    name: FeetechName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> AbstractAsyncContextManager[AsyncSimulatedFeetech]: ...
+@overload
+def open_robot(
+    name: FrankaName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> AbstractAsyncContextManager[AsyncSimulatedFranka]: ...
+@overload
+def open_robot(
+    name: G1Name, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> AbstractAsyncContextManager[AsyncSimulatedG1]: ...
+@overload
+def open_robot(
+    name: Go2Name, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> AbstractAsyncContextManager[AsyncSimulatedGo2]: ...
+@overload
+def open_robot(
+    name: KinovaName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> AbstractAsyncContextManager[AsyncSimulatedKinova]: ...
+@overload
+def open_robot(
+    name: KukaName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> AbstractAsyncContextManager[AsyncSimulatedKuka]: ...
+@overload
+def open_robot(
     name: MicroduckName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
     tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
     data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
@@ -1293,6 +1832,16 @@ def open_robot(
     keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedMicroduck]: ...
+@overload
+def open_robot(
+    name: RBY1Name, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> AbstractAsyncContextManager[AsyncSimulatedRBY1]: ...
 @overload
 def open_robot(
     name: ReachyName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
@@ -1333,6 +1882,26 @@ def open_robot(
     keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedStretch]: ...
+@overload
+def open_robot(
+    name: URName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> AbstractAsyncContextManager[AsyncSimulatedUR]: ...
+@overload
+def open_robot(
+    name: XArmName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
+    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
+    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
+    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
+    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
+    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+) -> AbstractAsyncContextManager[AsyncSimulatedXArm]: ...
 @overload
 def open_robot(
     name: YahboomM3ProName, mode: Literal["sim"] = "sim", *,

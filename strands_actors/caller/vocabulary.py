@@ -1,4 +1,4 @@
-"""The commands that a driver declares for agents, as methods of a robot's handle: one vocabulary for
+"""The verbs that a driver declares for agents, as methods of a robot's handle: one vocabulary for
 scripts and agents."""
 
 from __future__ import annotations
@@ -12,24 +12,31 @@ from strands_actors.kernel.messages import Refused
 from strands_actors.surfaces.agents.calls import Call, read
 
 
-def find_command(driver: Driver | None, name: str) -> ToolVerb | None:
-    """Return the verb of this name that is a command; None: there is none."""
+def find_verb(driver: Driver | None, name: str) -> ToolVerb | None:
+    """Return the verb of this name that is no service; None: there is none. Services are methods by
+    themselves."""
     if driver is None:
         return None
-    return next((verb for verb in driver.TOOL_VERBS if verb.name == name and verb.does == "action"), None)
+    return next((verb for verb in driver.TOOL_VERBS if verb.name == name and verb.does != "service"), None)
 
 
-def command_names(driver: Driver) -> list[str]:
-    """Return the names of all verbs that are commands."""
-    return [verb.name for verb in driver.TOOL_VERBS if verb.does == "action"]
+def is_command(driver: Driver, name: str) -> bool:
+    """Return whether a verb is a command, which connects a robot as ``send_action`` does."""
+    verb = find_verb(driver, name)
+    return verb is not None and verb.does == "action"
+
+
+def verb_names(driver: Driver) -> list[str]:
+    """Return the names of all verbs that are no services."""
+    return [verb.name for verb in driver.TOOL_VERBS if verb.does != "service"]
 
 
 def call_of(driver: Driver, command: str, values: Sequence[Any], inputs: Mapping[str, Any]) -> Call | Refused:
     """Return what a script's call means. An input that is no Python name is given with ``_`` for its
     dots: ``linear_x``. ``values``: inputs by their place."""
-    verb = find_command(driver, command)
+    verb = find_verb(driver, command)
     if verb is None:
-        known = ", ".join(command_names(driver)) or "none"
+        known = ", ".join(verb_names(driver)) or "none"
         why = f"{command}: {driver.robot} has no such command"
         return Refused("unknown_command", why, f"it has {known}", command, known)
     names = {name.replace(".", "_"): name for name in verb.inputs}

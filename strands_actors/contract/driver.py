@@ -348,6 +348,11 @@ class Driver(ABC):
                 return Refused("bad_argument", why, f"give a whole number, 1 to {most}", f"{value}", limit)
         return None
 
+    def action_of(self, verb: ToolVerb, inputs: Mapping[str, Any]) -> dict[str, Any] | Refused:
+        """Return the command that a verb with these inputs is, for verbs in other units than the
+        axes'. Pure. Default: as ``ToolVerb`` says."""
+        return verb.command(inputs)
+
     def preload(self) -> None:
         """Import what ``stop_channel`` needs. Called in the root and in the wire process before
         they begin to beat: on a busy machine an import takes longer than they may be silent."""

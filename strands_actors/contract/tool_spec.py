@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from .agent_verbs import verbs_of
 from .driver import Driver
 
 
 def tool_spec(tool_name: str, driver: Driver) -> dict[str, Any]:
     """As strands-agents and MCP want it; ``action`` names the verb."""
-    verbs = driver.TOOL_VERBS
+    verbs = verbs_of(driver)
     properties: dict[str, Any] = {
         "action": {
             "type": "string",

@@ -43,6 +43,14 @@ class ToolVerb(msgspec.Struct, frozen=True):
     """Of an ``action``: the input that says for how many seconds the command is sent again, before a
     zero. Without it the command is sent once, and lives as long as the driver says."""
 
+    def command(self, inputs: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the command that an ``action`` with these inputs is."""
+        made: dict[str, Any] = dict(self.action)
+        for name, value in inputs.items():
+            if name != self.lasts:
+                made |= value if isinstance(value, Mapping) else {name: value}
+        return made
+
 
 STATUS = ToolVerb("status", "status", "Connection, state, last refusal.")
 SENSORS = ToolVerb("sensors", "sensors", "Measured positions, sensors and faults.")

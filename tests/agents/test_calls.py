@@ -7,6 +7,7 @@ from typing import Any
 import numpy
 import pytest
 
+from strands_actors.contract.agent_verbs import verbs_of
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.tool_verbs import ToolVerb
 from strands_actors.drivers import get_native_driver_class, list_native_drivers
@@ -55,8 +56,10 @@ def test_every_driver_declares_verbs_and_a_stop(robot: str) -> None:
     spec = tool_spec("tool", made)
     schema = spec["inputSchema"]["json"]
     assert (spec["name"], schema["type"], schema["required"]) == ("tool", "object", ["action"])
-    assert schema["properties"]["action"]["enum"] == names
-    assert set(schema["properties"]) == {"action", *(name for verb in made.TOOL_VERBS for name in verb.inputs)}
+    asked = verbs_of(made)
+    assert schema["properties"]["action"]["enum"] == [verb.name for verb in asked]
+    assert [verb.name for verb in asked][: len(names)] == names
+    assert set(schema["properties"]) == {"action", *(name for verb in asked for name in verb.inputs)}
     assert all(axis in spec["description"] for axis in made.axes)
 
 

@@ -228,16 +228,17 @@ def service(name: str, declared: Service, is_async: bool) -> str:
     return packed(f"    def {name}(", parameters, ") -> Answer:") + f"\n{text}"
 
 
-JSON_TYPES = {"number": "float", "integer": "int", "string": "str", "boolean": "bool"}
+JSON_TYPES = {"array": "Sequence[float]", "number": "float", "integer": "int", "string": "str", "boolean": "bool"}
 
 
 def command(verb: ToolVerb, is_async: bool) -> str:
-    """An agent's command as a method."""
+    """An agent's verb as a method."""
     parameters = ["self"]
     for name, schema in verb.inputs.items():
         if (key := name.replace(".", "_")).isidentifier():
             parameters.append(f"{key}: {JSON_TYPES.get(str(schema.get('type')), 'Any')} = ...")
-    parameters += ["*", "wait: bool = True"]
+    if verb.does == "action":
+        parameters += ["*", "wait: bool = True"]
     if is_async:
         return packed(f"    async def {verb.name}(", parameters, ") -> Answer: ...")
     text = textwrap.fill(f'        """{verb.says}"""', WIDTH, subsequent_indent=" " * 8)
@@ -252,7 +253,7 @@ def described(kind: Kind) -> tuple[dict[str, Service], dict[str, ToolVerb]]:
         options = kind.driver.resolve(robot, {})
         one = build_driver(kind.driver, robot, "", options)
         services |= kind.driver.services(options)
-        commands |= {verb.name: verb for verb in one.TOOL_VERBS if verb.does == "action"}
+        commands |= {verb.name: verb for verb in one.TOOL_VERBS if verb.does != "service"}
     return services, commands
 
 

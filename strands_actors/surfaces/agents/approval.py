@@ -1,10 +1,11 @@
 """The operator gate: who is not the robot's own program may use what is guarded only when a person
 agrees.
 
-Guarded is what a driver declares (``Driver.GUARDED``) and what ``Robot(guarded=...)`` adds: verbs,
-and keys of an action. Agreement is, in this order, the name in ``STRANDS_ACTORS_ALLOW``, its ROS
-topic in ``STRANDS_ROS2_COMMAND_ALLOW``, or the answer ``True`` of ``approve``. No answer in time,
-an exception, any other answer, or nobody to ask: refused. Whoever asks to stop is not asked.
+Guarded is what a driver declares (``Driver.GUARDED``), what ``Robot(guarded=...)`` adds (verbs, and
+keys of an action), and each service of a real robot that its driver does not declare for agents.
+Agreement is, in this order, the name in ``STRANDS_ACTORS_ALLOW``, its ROS topic in
+``STRANDS_ROS2_COMMAND_ALLOW``, or the answer ``True`` of ``approve``. No answer in time, an exception,
+any other answer, or nobody to ask: refused. Whoever asks to stop is not asked.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from typing import Any
 
 import trio
 
+from strands_actors.contract.agent_verbs import undeclared
 from strands_actors.contract.axis import finite
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.shown import closest, harmless, shown
@@ -97,7 +99,7 @@ def _guardable(driver: Driver) -> tuple[str, ...]:
         for name, does in verbs.items()
         if does in ("action", "move_to", "torque") or (services.get(name) and does == "service")
     ]
-    others = [name for name in services if name not in verbs]
+    others = undeclared(driver)
     return tuple(dict.fromkeys((*moving, *driver.GUARDED, *others, *driver.axes)))
 
 
@@ -149,9 +151,11 @@ class Approval:
         there = ", ".join(common) + (", and the axes of the robot" if len(common) < len(known) else "")
         return f"guarded names {shown(name)}, which guards nothing here{hint}. there are {there or 'none'}"
 
-    async def refuse(self, request: Request, keys: Iterable[str] = ()) -> Refused | None:
-        """None: go on. ``keys``: of the action it would come to."""
-        names = unapproved(self.guarded, (request.verb, *keys), self._topics)
+    async def refuse(self, request: Request, keys: Iterable[str] = (), asks: bool = False) -> Refused | None:
+        """None: go on. ``keys``: of the action it would come to. ``asks``: the verb is guarded, whoever
+        has named it or not."""
+        guarded = self.guarded | {request.verb} if asks else self.guarded
+        names = unapproved(guarded, (request.verb, *keys), self._topics)
         why = await self._ask(request) if names else None
         return None if why is None else not_approved(request.verb, names, why)
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from strands_actors.contract.agent_verbs import undeclared, verbs_of
 from strands_actors.contract.driver import Driver, Service
 from strands_actors.contract.plain_numbers import as_python
 from strands_actors.contract.shown import closest, shown
@@ -21,6 +22,7 @@ MAX_INPUTS = 64
 """No verb takes so many."""
 
 _TYPES: Mapping[str, tuple[type, ...]] = {
+    "array": (list, tuple),
     "object": (Mapping,),
     "number": (int, float),
     "boolean": (bool,),
@@ -35,6 +37,8 @@ class Call:
     verb: ToolVerb
     inputs: Mapping[str, Any] = field(default_factory=dict)
     moves: bool = False  # of a service: it comes to motion
+    asks: bool = False  # of a service: its driver does not declare it for agents, so a person is asked
+    means: Mapping[str, float] | None = None  # of an action: the command, where a driver has translated it
 
     @property
     def kind(self) -> Kind:
@@ -60,21 +64,17 @@ class Call:
         """Return the command of a verb that does ``action``; the targets of ``move_to``."""
         if self.verb.does == "move_to":
             return dict(self.inputs["targets"])
-        command: dict[str, Any] = dict(self.verb.action)
-        for name, value in self.inputs.items():
-            if name == self.verb.lasts:
-                continue
-            command |= value if isinstance(value, Mapping) else {name: value}
-        return command
+        return self.verb.command(self.inputs) if self.means is None else dict(self.means)
 
 
 def read(driver: Driver, given: object) -> Call | Refused:
     """Return what a model asks for. A null is an input that is not given; a stop minds no input, and is
     understood in every form."""
-    names = ", ".join(verb.name for verb in driver.TOOL_VERBS)
+    verbs = verbs_of(driver)
+    names = ", ".join(verb.name for verb in verbs)
     said = given.get("action") if isinstance(given, Mapping) else None
     wanted = said.strip().lower() if isinstance(said, str) else said
-    verb = next((verb for verb in driver.TOOL_VERBS if verb.name == wanted), None)
+    verb = next((verb for verb in verbs if verb.name == wanted), None)
     if verb is None and asks_for_stop(given):
         verb = _stop_of(driver)
     if verb is not None and verb.does == "stop":
@@ -84,13 +84,28 @@ def read(driver: Driver, given: object) -> Call | Refused:
     if len(given) > MAX_INPUTS:
         return Refused("bad_input", f"tool: it has {len(given)} inputs", f"give at most {MAX_INPUTS}")
     if all(value is None for value in given.values()):  # an empty input asks how the robot is
-        verb = next((verb for verb in driver.TOOL_VERBS if verb.name == "status"), None)
+        verb = next((verb for verb in verbs if verb.name == "status"), None)
     if verb is None:
+        if isinstance(wanted, str) and (refused := _refuse_elsewhere(driver, wanted)):
+            return refused
         what = "no action is given" if said is None else f"{shown(said)} is not a verb of {driver.robot}"
         return Refused("unknown_verb", f"tool: {what}", f"use {names}", shown(said), names)
     inputs = {name: as_python(value) for name, value in given.items() if name != "action" and value is not None}
-    service = driver.SERVICES.get(verb.name) if verb.does == "service" else None
-    return _refuse_inputs(verb, inputs) or Call(verb, inputs, service is not None and is_motion(service))
+    if refused := _refuse_inputs(verb, inputs):
+        return refused
+    if verb.does == "action":
+        action = driver.action_of(verb, inputs)
+        return action if isinstance(action, Refused) else Call(verb, inputs, means=action)
+    asks = verb.does == "service" and verb.name in undeclared(driver)
+    moves = verb.does == "service" and (asks or is_motion(driver.SERVICES[verb.name]))
+    return Call(verb, inputs, moves, asks and not driver.SIMULATED)
+
+
+def _refuse_elsewhere(driver: Driver, name: str) -> Refused | None:
+    """Return why a service that the robot has in another mode is none here; None: it has none of that
+    name."""
+    refused = driver.check_service(name, {})
+    return refused if refused is not None and refused.code != "unknown_service" else None
 
 
 def _stop_of(driver: Driver) -> ToolVerb:

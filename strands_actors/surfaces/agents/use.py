@@ -3,6 +3,8 @@ here."""
 
 from __future__ import annotations
 
+from typing import Any
+
 from strands_actors.caller import envelopes as answers
 from strands_actors.caller import moving, verbs
 from strands_actors.caller.envelopes import Answer
@@ -24,7 +26,25 @@ async def use(tree: RobotTree, call: Call, approval: Approval, by: str, motion: 
     return _in_its_verbs(await _use(tree, call, approval, by, motion), tree.driver)
 
 
-async def command(tree: RobotTree, call: Call, wait: bool = True) -> Answer:
+async def perform(tree: RobotTree, call: Call, wait: bool = True) -> Answer:
+    """Do a verb. Whoever asks for it may."""
+    if call.kind == "stop":
+        return await verbs.stop(tree)
+    match call.verb.does:
+        case "action" | "move_to":
+            return await _command(tree, call, wait)
+        case "service":
+            return await verbs.service(tree, call.verb.name, call.inputs)
+        case "torque":
+            return await verbs.resume(tree, lift=False)  # an e-stop is an operator's to lift
+        case "sensors":
+            return await verbs.get_sensors(tree)
+        case "state":
+            return await verbs.get_state(tree)
+    return await verbs.get_status(tree)
+
+
+async def _command(tree: RobotTree, call: Call, wait: bool) -> Answer:
     """Do a verb that is a command: once, for some seconds, or as a motion in a time."""
     if call.verb.does == "move_to":
         seconds = call.inputs.get("seconds", moving.DEFAULT_S)
@@ -50,29 +70,26 @@ def _in_its_verbs(answer: Answer, driver: Driver) -> Answer:
     return answer
 
 
+def _action_of(driver: Driver, call: Call) -> dict[str, Any] | None:
+    """Return the command that a call comes to; None: it is none."""
+    if call.verb.does in ("action", "move_to"):
+        return call.action
+    service = driver.SERVICES.get(call.verb.name) if call.verb.does == "service" else None
+    return {**service.arguments, **call.inputs} if service is not None and service.acts else None
+
+
 async def _use(tree: RobotTree, call: Call, approval: Approval, by: str, motion: str) -> Answer:
     verb = call.verb
-    if call.kind == "stop":
-        return await verbs.stop(tree)
     if call.kind == "motion":
         if motion:
             return answers.refused(Refused("no_motion", f"{verb.name}: motion is not allowed here", motion))
         if wrong := approval.guards_nothing(tree.driver):  # an operator believes to be asked
             return answers.refused(Refused("guard", f"{verb.name}: {wrong}", "mend guarded= of the robot"))
         request = Request(tree.robot, verb.name, call.inputs, by)
-        keys = tree.driver.to_approve(call.action) if verb.does in ("action", "move_to") else ()
-        refusal = await approval.refuse(request, keys)
+        action = _action_of(tree.driver, call)
+        keys = () if action is None else tree.driver.to_approve(action)
+        rests = action is not None and not keys  # all velocities are zero: nobody is asked before a stop
+        refusal = await approval.refuse(request, keys, call.asks and not rests)
         if refusal is not None:
             return answers.refused(refusal)
-    match verb.does:
-        case "action" | "move_to":
-            return await command(tree, call)
-        case "service":
-            return await verbs.service(tree, verb.name, call.inputs)
-        case "torque":
-            return await verbs.resume(tree, lift=False)  # an e-stop is an operator's to lift
-        case "sensors":
-            return await verbs.get_sensors(tree)
-        case "state":
-            return await verbs.get_state(tree)
-    return await verbs.get_status(tree)
+    return await perform(tree, call)

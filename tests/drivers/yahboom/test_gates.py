@@ -279,3 +279,32 @@ def test_the_topic_allows_all_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "needs an operator's approval" in not_approved("move", asked({"linear.x": 0.1}), "nobody").text
     monkeypatch.setenv(ALLOW, "linear.x")
     assert asked({"linear.x": 0.1, "linear.y": 0.1}) == ("linear.y",)
+
+
+# -- verbs in the servos' own degrees, as scripts of strands-robots have them
+
+
+def test_the_gripper_opens_and_closes_by_a_truth_value() -> None:
+    made = driver()
+    opened = read(made, {"action": "set_gripper", "open": True, "time_ms": 800})
+    closed = read(made, {"action": "set_gripper", "open": False})
+    assert isinstance(opened, Call) and opened.action == {"gripper": pytest.approx(0.0), "time_ms": 800}
+    assert isinstance(closed, Call) and closed.action == {"gripper": pytest.approx(-1.54)}
+    assert isinstance(read(made, {"action": "set_gripper", "open": 1}), Refused)
+
+
+def test_six_servo_angles_go_out_as_the_same_whole_degrees() -> None:
+    made = YahboomM3Pro("yahboom_m3pro", "", {"joint_signs": (1.0, -1.0, 1.0, 1.0, 1.0)})
+    pose = [91, 120, 10, 20, 200, 30]
+    call = read(made, {"action": "set_arm_degrees", "joints": pose})
+    assert isinstance(call, Call)
+    servos = table_of("yahboom_m3pro").servos_by((1.0, -1.0, 1.0, 1.0, 1.0))
+    assert [servo.whole_degrees(call.action[servo.key]) for servo in servos] == pose
+
+
+@pytest.mark.parametrize(
+    "joints", [[], [90] * 5, [90] * 7, [90] * 5 + [10], [90, 181] + [90] * 4, ["x"] + [90] * 5]
+)
+def test_saf_014_what_is_no_pose_in_degrees_is_refused(joints: list[Any]) -> None:
+    refusal = read(driver(), {"action": "set_arm_degrees", "joints": joints})
+    assert isinstance(refusal, Refused) and "give 6 servo angles in degrees: arm1 0..180" in refusal.remedy
