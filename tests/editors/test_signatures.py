@@ -43,8 +43,9 @@ from typing import Any, assert_type
 from strands_actors import AsyncRobot, RealRobot, SimRobot
 
 sim = Robot("so101")
-assert_type(sim, SimRobot)
-assert_type(Robot("so101", mode="real", transport="twin", sim=sim), RealRobot)
+simulated: SimRobot = sim
+sim.set_torque(True)
+real: RealRobot = Robot("so101", mode="real", transport="twin", sim=sim)
 arm = Robot("so_arm101", mode="real", port=Path("/dev/ttyACM0"), baud_rate=1_000_000, calibration=Path("x"))
 arm.stop()["status"]
 Robot("cf2", "real", port="radio://0/80/2M", setpoint_hz=20).takeoff(0.5)
