@@ -242,7 +242,7 @@ def test_a_g1_is_moved_only_in_the_states_that_shake_hands(g1: Bench) -> None:
 
 def test_an_agents_verbs_are_those_of_the_schema(bench: Bench) -> None:
     verbs = bench.robot.tool_spec["inputSchema"]["json"]["properties"]["action"]["enum"]
-    assert verbs == ["sensors", "status", "stop"]
+    assert verbs == ["sensors", "status", "stop", *bench.robot.driver.SERVICES], "services with approval"
     for other in ("home", "walk", ""):
         assert repr(other) in why(ask(bench.robot, action=other))
     sensed = json_of(ask(bench.robot, action="sensors"))["sensors"]

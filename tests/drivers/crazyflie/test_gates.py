@@ -188,7 +188,7 @@ def test_four_verbs_four_meanings() -> None:
     for reason in (Reason.CALLER, Reason.WIRE, Reason.ROOT, Reason.LINK, Reason.FAULT, Reason.CLEANUP):
         assert fallbacks[reason] == "land"
     assert {verb.name for verb in driver.TOOL_VERBS} == {"sensors", "status", "land", "move", "stop"}, (
-        "no agent takes off"
+        "no agent takes off unasked"
     )
     assert driver.GUARDED == ("move",)
     assert driver.ROLLOUTS
