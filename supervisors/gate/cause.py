@@ -82,13 +82,18 @@ class Cause(msgspec.Struct, frozen=True):
                 refusal = condition.check(observation, now_ns)
                 if refusal is not None:
                     text = refusal.reason.removeprefix("move: ")
-                    return msgspec.structs.replace(self, text=text, reason=str(condition.reason), rank=rank)
+                    return self._replaced(text, condition.reason, rank)
         if not driver.conditions and self.rank > Rank.REPORTED:
             new = {name: fault for name, fault in observation.faults.items() if self.faults.get(name) != fault}
             if new:
                 text = ", ".join(f"{name}: {fault}" for name, fault in new.items())
-                return msgspec.structs.replace(self, text=text, reason=str(Reason.FAULT), rank=Rank.REPORTED)
+                return self._replaced(text, Reason.FAULT, Rank.REPORTED)
         return self
+
+    def _replaced(self, text: str, reason: Reason, rank: int) -> Cause:
+        """Return a more specific cause in its place. A command that a fault has ended has not ended by
+        itself."""
+        return msgspec.structs.replace(self, text=text, reason=str(reason), rank=rank, lapse=Lapse.NONE)
 
 
 def rank_of_condition(driver: Driver, condition: Condition) -> int:

@@ -467,6 +467,11 @@ class Gate(Actor):
             safe_state = SafeState(safe_state).or_more(self._driver.fallbacks[Reason.LINK])
         return self._step(event, safe_state, reason, cause, lock, rank, lapse)
 
+    def _trip_again(self, reason: Reason) -> None:
+        """Order the safe state once more, for the cause that is known."""
+        cause = self._cause
+        self._trip(reason, cause.text, rank=cause.rank, lapse=cause.lapse)
+
     def _step(
         self,
         event: Event,
@@ -534,7 +539,7 @@ class Gate(Actor):
         stamp_ns = dict(zip(self._driver.axes, observation.stamp_ns, strict=True))
         heard_ns = min((stamp_ns.get(axis, observation.t_ns) for axis in report.unconfirmed), default=0)
         if heard_ns > self._last_stop_ns + _STOP_AGAIN_NS:
-            self._trip(report.reason, self._cause.text, rank=self._cause.rank)
+            self._trip_again(report.reason)
 
     def _safe_done(self, message: SafeDone) -> None:
         report = self._last_stop = message.report
@@ -678,13 +683,13 @@ class Gate(Actor):
         self._facts = dict(message.facts)
         self._connect_error = ""
         self._observation = message.observation
-        cause = self._cause.text or "the link was lost"
-        rank = self._cause.rank if self._cause.text else Rank.LINK
-        self._step(Event.LINK_UP, self._driver.fallbacks[Reason.LINK], Reason.LINK, cause, rank=rank)
+        cause = self._cause if self._cause.text else Cause("the link was lost", rank=Rank.LINK)
+        safe_state = self._driver.fallbacks[Reason.LINK]
+        self._step(Event.LINK_UP, safe_state, Reason.LINK, cause.text, rank=cause.rank, lapse=cause.lapse)
         stop = self._last_stop
         if self._state.mode is Mode.DISARMED and stop is not None and not stop.confirmed:
             # ordered while nobody heard it
-            self._trip(stop.reason, self._cause.text, rank=self._cause.rank)
+            self._trip_again(stop.reason)
 
     def _link_lost(self, why: str) -> None:
         self._connect_error = why

@@ -8,14 +8,16 @@ import itertools
 from collections.abc import AsyncIterator
 
 import msgspec
+import pytest
 import trio
 import trio.testing
 
 from strands_actors.contract.driver import Condition, OnResume, Reason
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit
-from strands_actors.kernel.clock import Clock
+from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
+from strands_actors.supervisors.gate.cause import SOON_NS, Cause, Lapse, Rank
 from strands_actors.supervisors.gate.messages import Accepted, Resume, Resumed, Stop, StopReport
 from strands_actors.testing import FakeHardware, InlineTree, open_inline_tree, run_virtual
 from strands_actors.testing.fake import HARDWARE, FakeDriver, FakeWire
@@ -193,6 +195,23 @@ def test_the_error_that_comes_a_moment_later_is_the_cause_that_is_kept() -> None
             assert isinstance(refused, Refused) and "error 31: collision" in refused.text
 
     run_virtual(run)
+
+
+def test_a_command_that_expired_as_the_robot_failed_has_not_ended_by_itself(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Else who comes over the mesh would go on without a resume."""
+    now_ns = 5 * NS
+    expired = Cause("the setpoint expired", Reason.EXPIRED, Rank.LATE, now_ns + SOON_NS, lapse=Lapse.EXPIRED)
+    monkeypatch.setitem(HARDWARE, "fake-cause", FakeHardware())
+    driver = FakeDriver("fake", "fake-cause", {})
+    driver.conditions = ()
+    seen = Observation(now_ns, (0.0, 0.0), (now_ns, now_ns), faults={"elbow": "overload"})
+    assert expired.refined(driver, msgspec.structs.replace(seen, faults={}), now_ns) is expired
+    cause = expired.refined(driver, seen, now_ns)
+    assert (cause.text, cause.lapse) == ("elbow: overload", Lapse.NONE)
+    driver.conditions = (_condition("elbow", OnResume.REFUSE),)
+    assert expired.refined(driver, seen, now_ns).lapse == Lapse.NONE
 
 
 def test_what_comes_later_than_a_fifth_of_a_second_is_another_matter() -> None:
