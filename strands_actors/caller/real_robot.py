@@ -347,7 +347,7 @@ class RealRobot(RobotTool):
         if isinstance(call, Refused):
             return answers.refused(call)
         if call.kind == "stop":
-            return self._stop_from_child() if self._forked is not None else self._stop_now(name)
+            return self._stop_now(name)
         if call.verb.does == "status":
             return self._get_status()
         if call.verb.does == "action" and call.held_s is None:
@@ -382,8 +382,6 @@ class RealRobot(RobotTool):
     def stop(self) -> Answer | PendingAnswer:
         """De-energise every motor and report each. Works as ``stop()`` and as ``await stop()``. In a
         forked child the command line stops it, which takes half a second."""
-        if self._forked is not None:
-            return self._now_or_soon(self._stop_from_child, verbs.stop, "stop")
         return self._now_or_soon(lambda: self._stop_now("stop"), verbs.stop, "stop")
 
     def get_status(self) -> Answer | PendingAnswer:
@@ -573,6 +571,8 @@ class RealRobot(RobotTool):
     # -- helpers
 
     def _stop_now(self, name: str) -> Answer:
+        if self._forked is not None:
+            return self._stop_from_child()
         return self._verb_here(verbs.stop_here, verbs.stop, name)
 
     def _stop_from_child(self) -> Answer:

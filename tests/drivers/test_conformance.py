@@ -16,10 +16,6 @@ from strands_actors.testing.registering import class_of, column
 from tests.kill.test_kill import WHOLE
 
 
-def on_bench(check: Check) -> bool:
-    return check.name.startswith("kill cell") or check.name == "every process that it runs is a victim"
-
-
 def quick(check: Check) -> bool:
     """Of the kill cells, that in which the stop channel acts."""
     return not check.name.startswith("kill cell") or check.name.endswith("wire-kill")
@@ -46,6 +42,4 @@ def benches() -> Iterator[None]:
 
 @pytest.mark.parametrize("check", list(checks()))
 def test_a_driver_conforms(check: Check) -> None:
-    if not on_bench(check):
-        close_bench()  # a robot on it moves on, and computes, beside what comes
     check()

@@ -160,21 +160,23 @@ class UnitreeServer(DdsServer):
             case rpc.DAMP:
                 return "safe", SafeState.DAMP
             case rpc.SET_VELOCITY | rpc.LOCO_SET_VELOCITY:
-                stops = self._asked(request, "velocity") == [0.0, 0.0, 0.0]
-                stops = stops and self._asked(request, "duration") == STOP_DURATION_S
-                return ("safe", None) if stops else ("setpoint", "")  # one of zero may be a setpoint, too
+                asked = self._parameter(request)
+                # A velocity of zero may be a setpoint, too.
+                stops = (asked.get("velocity"), asked.get("duration")) == ([0.0, 0.0, 0.0], STOP_DURATION_S)
+                return ("safe", None) if stops else ("setpoint", "")
             case rpc.SET_FSM_ID | rpc.LOCO_SET_FSM_ID:
-                number = self._asked(request, "data")
+                number = self._parameter(request).get("data")
                 if isinstance(number, int) and number in _SAFE_STATES:
                     return "safe", _SAFE_STATES[number]
         return "config", None
 
     @staticmethod
-    def _asked(request: rpc.Request, key: str) -> Any:
+    def _parameter(request: rpc.Request) -> dict[str, Any]:
+        """Return what it is asked with; empty: nothing that can be read."""
         try:
-            return rpc.parsed(request.parameter).get(key)
+            return rpc.parsed(request.parameter)
         except MalformedFrame:
-            return None
+            return {}
 
     # -- what it says
 

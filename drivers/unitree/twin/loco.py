@@ -21,13 +21,11 @@ class LocoGait(Gait):
 
     def __init__(self, note: Callable[[str, str], None], keeps_s: float, words: LocoDialect) -> None:
         self._words = words
-        self.tells_pose = True
-        """At a request."""
         super().__init__(note, keeps_s)
 
     def reset(self) -> None:
         super().reset()
-        self.tells_pose = not self._words.at_open
+        self.tells_pose = not self._words.at_open  # when it is asked for it
 
     @property
     def first_mode(self) -> int:
