@@ -99,6 +99,7 @@ def test_saf_012_a_clock_that_is_set_by_an_hour_makes_no_state_of_a_g1_stale(
         assert robot.resume()["status"] == "success"  # each command stands for 100 ms
         answer = robot.send_action({"left_knee": robot.get_observation()["left_knee"]})
         assert answer["status"] == "success", answer
+        until(lambda: robot.get_status()["content"][0]["json"]["state"] == "disarmed", "it has expired")
     assert robot.get_status()["content"][0]["json"]["observation_age_s"] < PATIENCE_S
     robot.stop()
     assert len([entry for entry in twin.log.host("setpoint") if entry.t_ns > began_ns]) >= 3

@@ -467,7 +467,7 @@ def test_without_a_robot_it_says_where_it_has_looked(run_dir: Path) -> None:
 # -- with others
 
 
-def test_an_agent_can_look_and_stop_and_nothing_else(robot: T1) -> None:
+def test_an_agent_can_look_and_stop_and_nothing_else_unasked(robot: T1) -> None:
     robot.busy()
     began_ns = time.monotonic_ns()
     model = Scripted(
@@ -478,7 +478,10 @@ def test_an_agent_can_look_and_stop_and_nothing_else(robot: T1) -> None:
     )
     Agent(model=model, tools=[robot.robot], callback_handler=None)("look, then stop it")
     (spec,) = model.offered
-    assert spec["inputSchema"]["json"]["properties"]["action"]["enum"] == ["sensors", "status", "stop"]
+    services = ["enable_upper_body", "disable_upper_body", "move", "rotate_head", "change_mode"]
+    verbs = spec["inputSchema"]["json"]["properties"]["action"]["enum"]
+    assert verbs == ["sensors", "status", "stop", *services], "services with approval"
+    assert "needs an operator's approval" in model.heard[0][0]["content"][0]["text"]
     assert [results[0]["status"] for results in model.heard] == ["error", "success", "success"]
     first_safe(robot.log, began_ns, "stop")
     assert 0.5 not in [vx for _, vx in robot.moves(began_ns)]

@@ -349,7 +349,7 @@ def test_an_agent_reads_and_stops_it_and_moves_it_with_approval_alone(stretch: R
 
     began_ns = drive(stretch, twin, 0.2)
     schema = stretch.tool_spec["inputSchema"]["json"]["properties"]["action"]["enum"]
-    assert schema == ["sensors", "status", "state", "move_to", "move", "stop"]
+    assert schema == ["sensors", "status", "state", "move_to", "move", "stop", "set_twist", "set_soft_limits"]
     assert json_of(asked({"action": "sensors"}))["sensors"]["battery_v"] == [pytest.approx(12.79, abs=0.01)]
     assert set(json_of(asked({"action": "state"}))["velocities"]) >= {"lift", "arm"}
     assert "set_twist" in why(asked({"action": "set_twist", "vx": 0.1}))
