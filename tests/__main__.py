@@ -10,6 +10,8 @@ pauses may be late where one is not. Who fails alone fails.
 
 ``python -m tests soak``: half an hour of three robots (``tests/soak``), which ``long`` runs, too.
 
+``python -m tests mutate``: break the safety code in many small ways (``tests/mutate``).
+
 ``python -m tests newton``, ``python -m tests peers``: suites of their own, of what is gigabytes, takes
 minutes to compile, or has to be made an environment first.
 """
@@ -27,6 +29,11 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 if sys.argv[1:2] == ["lerobot"]:
     from tests.lerobot.environments import main
+
+    sys.exit(main(sys.argv[2:]))
+
+if sys.argv[1:2] == ["mutate"]:
+    from tests.mutate.run import main
 
     sys.exit(main(sys.argv[2:]))
 
