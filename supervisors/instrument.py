@@ -22,6 +22,7 @@ from strands_actors.kernel.actor import Actor, Deferred, describe
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.frames import TELL
 from strands_actors.kernel.messages import Message, Refused
+from strands_actors.kernel.refusals import Code
 
 FORMAT = 1
 """Of the journal. A recorder that knows another one is refused."""
@@ -82,6 +83,17 @@ class Attached(Message, frozen=True):
     driver: dict[str, Any]  # as it travels between processes: class, robot, port, options
     axes: tuple[str, ...]
     unit: str
+
+
+class Taken(Message, frozen=True):
+    """Another recorder has the robot. ``pid``: its process, as it says itself."""
+
+    by: str
+    pid: int
+
+    @property
+    def text(self) -> str:
+        return f"{self.by} records this robot already. end that one first"
 
 
 class Batch(Message, frozen=True):
@@ -262,7 +274,9 @@ class InstrumentKeeper(Actor):
         """Return the process that records, as it says itself; 0: there is none."""
         return 0 if self._session is None else self._session.pid
 
-    def receive(self, message: Attach | Acknowledge | Detach) -> Attached | Detached | Refused | Deferred | None:
+    def receive(
+        self, message: Attach | Acknowledge | Detach
+    ) -> Attached | Taken | Detached | Refused | Deferred | None:
         match message:
             case Attach():
                 return self._attach(message)
@@ -275,12 +289,11 @@ class InstrumentKeeper(Actor):
             case Detach():
                 return self._detach(message)
 
-    def _attach(self, message: Attach) -> Attached | Refused:
+    def _attach(self, message: Attach) -> Attached | Taken | Refused:
         if message.format != FORMAT:
-            return Refused("format", f"record: format {message.format}, this robot has {FORMAT}", "use its version")
+            return Refused(Code.FORMAT, f"format {message.format}, this robot has {FORMAT}", "use its version")
         if self._session is not None and self._session.to != message.to:
-            by = self._session.by
-            return Refused("recorded", f"record: {by} records this robot already", "end that one first")
+            return Taken(self._session.by, self._session.pid)
         now_ns = self.context.received_ns
         journal = Journal(self._names, self._dull, self._remember)
         journal.begin(now_ns)

@@ -11,6 +11,7 @@ import time
 from strands_actors.kernel.actor import Actor
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.processes.reserve import RESERVE
+from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.root.messages import ActorInfo, Describe, Introspection
 
 _HOW = "exception, exit, spin or leak"
@@ -45,11 +46,9 @@ def fall(how: str) -> None:
 
 
 def _leak() -> None:
-    leaked = []
-    while True:
+    while not RESERVE.is_freed:
         try:
-            while not RESERVE.is_freed:
-                leaked.append(os.open(os.devnull, os.O_RDONLY))
+            os.open(os.devnull, os.O_RDONLY)
         except OSError:
             time.sleep(0.001)
 
@@ -69,8 +68,8 @@ class Introspector(Actor):
 
     def _break(self, how: str) -> Refused | None:
         if os.environ.get(ALLOW_FAULTS) != "1":
-            return Refused("not_allowed", "break: faults are not allowed", f"set {ALLOW_FAULTS}=1")
+            return Refused(Code.NOT_ALLOWED, "faults are not allowed", f"set {ALLOW_FAULTS}=1", verb="break")
         if how == "exception":
             raise Broken("a fault was asked for")
         fall(how)
-        return None if how == "leak" else Refused("unknown_fault", f"break: {how} is no fault", _HOW)
+        return None if how == "leak" else Refused(Code.UNKNOWN_FAULT, f"{how} is no fault", _HOW, verb="break")

@@ -30,6 +30,7 @@ from strands_actors.kernel.health import busy, gc_freeze
 from strands_actors.kernel.mailbox import SUPERSEDED
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import ActorRef, AskTimeout, Unreachable
+from strands_actors.kernel.refusals import Code
 from strands_actors.kernel.user_code import contained, describe_failure
 from strands_actors.supervisors.gate.messages import (
     GRANT_S,
@@ -278,7 +279,7 @@ class Policy(Actor):
         if isinstance(answer, Refused) and answer.code == SUPERSEDED.code:
             return True  # the next one of ours was there before the gate had read this one: that one is judged
         if isinstance(answer, Refused):
-            reason = "stop" if answer.code in ("stale_epoch", "disarmed", "locked_out") else "gate"
+            reason = "stop" if answer.code in (Code.STALE_EPOCH, Code.DISARMED, Code.LOCKED_OUT) else "gate"
             await self._end(reason, answer.text, answer.code)
             return False
         assert isinstance(answer, Accepted)
@@ -355,7 +356,7 @@ class Policy(Actor):
             try:
                 lease = await self._gate.ask(wanted, self._ask_s + GRANT_S)
             except (AskTimeout, Unreachable) as failure:
-                lease = Refused("publish", busy.explained(f"the gate does not answer: {failure}"))
+                lease = Refused(Code.PUBLISH, busy.explained(f"the gate does not answer: {failure}"))
             if isinstance(lease, Lease):
                 self._lease = lease
                 return True

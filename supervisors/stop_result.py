@@ -21,6 +21,7 @@ import msgspec
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.wire import MotorReport
 from strands_actors.kernel.messages import Message, Refused
+from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.gate.messages import Released, StopReport
 
 
@@ -54,7 +55,7 @@ class Unreachable(msgspec.Struct, frozen=True):
     def text(self) -> str:
         named = ", ".join(self.motors) or "any of its motors"
         reason = f"{self.refusal.reason}. not confirmed by {named}"
-        return f"{reason}. {self.refusal.remedy or REMEDY}"
+        return msgspec.structs.replace(self.refusal, reason=reason, remedy=self.refusal.remedy or REMEDY).text
 
 
 StopResult = Confirmed | Unconfirmed | Unreachable
@@ -76,12 +77,14 @@ def of_answer(verb: str, answer: Message | None, motors: Sequence[str]) -> StopR
             return of_report(answer.report)
         case Refused():
             return Unreachable(answer, tuple(motors))
-    return Unreachable(Refused("no_answer", f"{verb}: no answer", REMEDY), tuple(motors))
+    return Unreachable(Refused(Code.NO_ANSWER, "no answer", REMEDY, verb=verb), tuple(motors))
 
 
-def silent(verb: str, why: object, driver: Driver, remedy: str = REMEDY, code: str = "unreachable") -> Unreachable:
+def silent(
+    verb: str, why: object, driver: Driver, remedy: str = REMEDY, code: str = Code.UNREACHABLE
+) -> Unreachable:
     """Return the result of a stop that nobody answered."""
-    return Unreachable(Refused(code, f"{verb}: {why}", remedy), driver.axes)
+    return Unreachable(Refused(code, str(why), remedy, verb=verb), driver.axes)
 
 
 def timed_out(why: str, result: StopResult, confirmed: str, remedy: str) -> Refused:
@@ -94,11 +97,11 @@ def timed_out(why: str, result: StopResult, confirmed: str, remedy: str) -> Refu
     """
     match result:
         case Confirmed():
-            return Refused("timeout", f"{why}; {confirmed}", remedy)
+            return Refused(Code.TIMEOUT, f"{why}; {confirmed}", remedy)
         case Unconfirmed(report):
             named = ", ".join(report.unconfirmed) or "the robot"
-            return Refused("timeout", f"{why}; its stop is not confirmed by {named}", REMEDY)
+            return Refused(Code.TIMEOUT, f"{why}; its stop is not confirmed by {named}", REMEDY)
         case Unreachable():
-            return Refused("timeout", f"{why}; {result.text}")
+            return Refused(Code.TIMEOUT, f"{why}; {result.text}")
         case never:
             assert_never(never)

@@ -9,9 +9,11 @@ from strands_actors.contract.axis import SHOWN, finite
 from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, Reason
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import Observation
+from strands_actors.drivers.booster.refusals import BoosterCode
 from strands_actors.drivers.common.motor_targets import target_gates
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from .config import CONTROL_S
 from .protocol import Fall
@@ -53,18 +55,18 @@ def ready(observation: Observation, now_ns: int) -> Refused | None:
 def not_ready(observation: Observation, now_ns: int, ttl_s: float) -> Refused | None:
     known = observation.sensors.get("fall_state")
     if known is None:
-        return Refused("fall_unknown", "move: its fall state is not known", "check the robot's fall_down topic")
+        return Refused(BoosterCode.FALL_UNKNOWN, "its fall state is not known", "check the robot's fall_down topic")
     number, read_s = known
     age_s = now_ns / NS - read_s
     if age_s > ttl_s:
         age, limit = f"{age_s:.1f} s", f"{ttl_s:.1f} s"
-        why = f"move: its fall state is {age} old (limit {limit})"
-        return Refused("fall_stale", why, "check the robot and the network", age, limit)
+        why = f"its fall state is {age} old (limit {limit})"
+        return Refused(BoosterCode.FALL_STALE, why, "check the robot and the network", age, limit)
     if number == Fall.IS_READY:
         return None
     name = Fall(int(number)).name
-    why = f"move: the robot reports {name}"
-    return Refused("fallen", why, "arm writes resume at IS_READY", name, Fall.IS_READY.name)
+    why = f"the robot reports {name}"
+    return Refused(BoosterCode.FALLEN, why, "arm writes resume at IS_READY", name, Fall.IS_READY.name)
 
 
 def mode_known(observation: Observation, now_ns: int) -> Refused | None:
@@ -72,21 +74,23 @@ def mode_known(observation: Observation, now_ns: int) -> Refused | None:
     error."""
     known = observation.sensors.get("mode")
     if known is None:
-        return Refused("mode_unknown", "move: the robot does not tell its mode", "check the robot's service")
+        return Refused(Code.MODE_UNKNOWN, "the robot does not tell its mode", "check the robot's service")
     _, read_s = known
     age_s = now_ns / NS - read_s
     if age_s <= MODE_TTL_S:
         return None
     age, limit = f"{age_s:.1f} s", f"{MODE_TTL_S:.1f} s"
-    why = f"move: its mode is {age} old (limit {limit})"
-    return Refused("mode_stale", why, "check the robot and the network", age, limit)
+    why = f"its mode is {age} old (limit {limit})"
+    return Refused(Code.MODE_STALE, why, "check the robot and the network", age, limit)
 
 
 def not_custom(observation: Observation, now_ns: int) -> Refused | None:
     if mode_in(observation) is not Mode.CUSTOM:
         return None
-    why = "move: in custom mode every motor obeys our frame, and the legs would let go"
-    return Refused("custom_mode", why, "bring it to walking mode by its remote", "custom", ", ".join(MODES))
+    why = "in custom mode every motor obeys our frame, and the legs would let go"
+    return Refused(
+        BoosterCode.CUSTOM_MODE, why, "bring it to walking mode by its remote", "custom", ", ".join(MODES)
+    )
 
 
 def mode_in(observation: Observation) -> Mode | None:
@@ -105,14 +109,14 @@ def gates(model: Model) -> tuple[GateCheck, ...]:
 def _known(candidate: Candidate, state: GateState) -> Refused | None:
     stamp_ns = state.observation.t_ns
     if stamp_ns == 0:
-        why = "move: no LowState yet: frame width and hold positions unknown"
-        return Refused("no_state", why, "wait for the first, or check the network")
+        why = "no LowState yet: frame width and hold positions unknown"
+        return Refused(Code.NO_STATE, why, "wait for the first, or check the network")
     age_ns = state.now_ns - stamp_ns
     if age_ns <= STATE_TTL_S * NS:
         return None
     age, limit = f"{age_ns / 1e6:.0f} ms", f"{STATE_TTL_S * 1e3:.0f} ms"
-    why = f"move: last LowState is {age} old (limit {limit})"
-    return Refused("stale", why, "check the robot and the network", age, limit)
+    why = f"last LowState is {age} old (limit {limit})"
+    return Refused(Code.STALE, why, "check the robot and the network", age, limit)
 
 
 def _fall_known(candidate: Candidate, state: GateState) -> Refused | None:
@@ -123,17 +127,17 @@ def _enough_motors(candidate: Candidate, state: GateState) -> Refused | None:
     (count,) = state.observation.sensors.get("motors", (0.0,))
     if count > LAST_ARM:
         return None
-    why = f"move: the robot reports {count:.0f} motors, slot {LAST_ARM} is beyond"
+    why = f"the robot reports {count:.0f} motors, slot {LAST_ARM} is beyond"
     limit = f"more than {LAST_ARM}"
-    return Refused("too_few_motors", why, "check that it is a T1", f"{count:.0f}", limit)
+    return Refused(BoosterCode.TOO_FEW_MOTORS, why, "check that it is a T1", f"{count:.0f}", limit)
 
 
 def _handed_over(candidate: Candidate, state: GateState) -> Refused | None:
     (ours,) = state.observation.sensors.get("upper_body", (0.0,))
     if ours:
         return None
-    why = "move: the upper body belongs to the onboard controller"
-    return Refused("upper_body", why, "call enable_upper_body() first")
+    why = "the upper body belongs to the onboard controller"
+    return Refused(BoosterCode.UPPER_BODY, why, "call enable_upper_body() first")
 
 
 def refuse_others(model: Model, action: Mapping[Any, object]) -> Refused | None:
@@ -143,11 +147,11 @@ def refuse_others(model: Model, action: Mapping[Any, object]) -> Refused | None:
         name = str(key).removesuffix(".pos")
         motor = next((motor for motor in model.motors if motor.key == name and motor not in model.joints), None)
         if motor is not None:
-            why = f"move: {name} (slot {motor.slot}) is owned by the onboard controller"
+            why = f"{name} (slot {motor.slot}) is owned by the onboard controller"
             remedy = "call rotate_head(pitch, yaw)" if name in HEAD.values() else f"commandable: {keys}"
-            return Refused("not_ours", why, remedy, name, keys)
+            return Refused(BoosterCode.NOT_OURS, why, remedy, name, keys)
         if name in BASE:
-            return Refused("not_a_joint", f"move: {name} is no joint", "call move(vx, vy, vyaw)", name, keys)
+            return Refused(BoosterCode.NOT_A_JOINT, f"{name} is no joint", "call move(vx, vy, vyaw)", name, keys)
     return None
 
 
@@ -167,17 +171,17 @@ def refuse_arguments(model: Model, service: str, arguments: Mapping[str, Any]) -
             return _refuse_mode(arguments)
         case "enable_upper_body" if not isinstance(on := arguments.get("on", True), bool):
             shown = str(on)[:SHOWN]  # the text "no" would be a yes
-            why = f"enable_upper_body: on is {shown!r}"
-            return Refused("bad_argument", why, "give True or False", shown, "True or False")
+            why = f"on is {shown!r}"
+            return Refused(Code.BAD_ARGUMENT, why, "give True or False", shown, "True or False")
     for name, (low, high, unit) in limits.items():
         value, shown = finite(arguments.get(name, 0.0)), str(arguments.get(name))[:SHOWN]
         if value is None:
-            why = f"{service}: {name} is {shown}"
-            return Refused("not_finite", why, "give a finite number", shown, "a finite number")
+            why = f"{name} is {shown}"
+            return Refused(Code.NOT_FINITE, why, "give a finite number", shown, "a finite number")
         if not low <= value <= high:
             limit = f"{low:g}..{high:g} {unit}"
-            why = f"{service}: {name}={value:.4g} is outside {limit}"
-            return Refused("past_limit", why, "stay within it", f"{value:.4g}", limit)
+            why = f"{name}={value:.4g} is outside {limit}"
+            return Refused(Code.PAST_LIMIT, why, "stay within it", f"{value:.4g}", limit)
     return None
 
 
@@ -186,7 +190,7 @@ def _refuse_mode(arguments: Mapping[str, Any]) -> Refused | None:
     if mode in MODES:
         return None
     names, shown = ", ".join(MODES), str(mode)[:SHOWN]
-    return Refused("unknown_mode", f"change_mode: mode is {shown!r}", f"use one of {names}", shown, names)
+    return Refused(BoosterCode.UNKNOWN_MODE, f"mode is {shown!r}", f"use one of {names}", shown, names)
 
 
 def why_no_move(mode: Mode | None) -> Refused | None:
@@ -194,15 +198,15 @@ def why_no_move(mode: Mode | None) -> Refused | None:
         return None
     name = "unknown" if mode is None else mode.name.lower()
     remedy = "call change_mode('walking') first"
-    return Refused("mode", f"move: it does not walk in {name} mode", remedy, name, _names(WALKS))
+    return Refused(Code.MODE, f"it does not walk in {name} mode", remedy, name, _names(WALKS))
 
 
 def why_no_hand_over(mode: Mode | None, modes: Sequence[Mode]) -> Refused | None:
     if mode in modes:
         return None
     name = "unknown" if mode is None else mode.name.lower()
-    why = f"enable_upper_body: in {name} mode nothing keeps it up"
-    return Refused("mode", why, "call change_mode('walking') first", name, _names(modes))
+    why = f"in {name} mode nothing keeps it up"
+    return Refused(Code.MODE, why, "call change_mode('walking') first", name, _names(modes))
 
 
 def _names(modes: Sequence[Mode]) -> str:

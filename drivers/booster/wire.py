@@ -17,10 +17,12 @@ import trio
 
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
+from strands_actors.drivers.booster.refusals import BoosterCode
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.session_wire import PromptSessionWire
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from . import gates, rpc
 from . import protocol as p
@@ -313,7 +315,7 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
         session = self.session
         if not session.armed:
-            return Refused("disarmed", f"{service}: the robot was stopped", "call resume() first")
+            return Refused(Code.DISARMED, "the robot was stopped", "call resume() first")
         match service:
             case "move":
                 return await self._walk(session, arguments, permit)
@@ -441,10 +443,10 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
 def _refused(service: str, answer: Response | None) -> Refused | None:
     """Return why it is not done; None: it is."""
     if answer is None:
-        why = f"{service}: the robot has not answered; it may do so yet"
-        return Refused("not_confirmed", why, "look at the robot", "no answer", f"within {ANSWER_S:g} s")
+        why = "the robot has not answered; it may do so yet"
+        return Refused(BoosterCode.NOT_CONFIRMED, why, "look at the robot", "no answer", f"within {ANSWER_S:g} s")
     if answer.why:
         return Refused(
-            "status", f"{service}: the robot says {answer.why}", "look at the robot", str(answer.status), "0"
+            BoosterCode.STATUS, f"the robot says {answer.why}", "look at the robot", str(answer.status), "0"
         )
     return None

@@ -17,7 +17,9 @@ from msgspec.structs import replace
 from strands_actors.contract.axis import Axis, finite
 from strands_actors.contract.axis_gates import STEP_TOLERANCE, past_range, too_fast
 from strands_actors.contract.driver import Candidate, GateCheck, GateState
+from strands_actors.drivers.common.refusals import MotorCode
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 ROWS = ("q", "dq", "tau", "kp", "kd")
 Q, DQ, TAU, KP, KD = range(len(ROWS))
@@ -97,7 +99,7 @@ class Parser:
         where it is."""
         count = self._count
         if not action:
-            return Refused("empty", "move: the action names no joint", f"use {self._keys}", "{}", self._keys)
+            return Refused(Code.EMPTY, "the action names no joint", f"use {self._keys}", "{}", self._keys)
         fresh = len(state.target) == count  # armed, and nothing accepted since
         before = state.observation.position if fresh else state.target
         whole = len(action) == count
@@ -147,8 +149,8 @@ class Parser:
 
     def _without_q(self, at: int, value: Mapping[Any, object]) -> Refused:
         return Refused(
-            "no_q",
-            f"move: {self._model.joints[at].key} has no q",
+            MotorCode.NO_Q,
+            f"{self._model.joints[at].key} has no q",
             "give q in radians, and of dq, tau, kp, kd what is wanted",
             ", ".join(str(name)[:40] for name in value) or "{}",
             ", ".join(ROWS),
@@ -156,22 +158,22 @@ class Parser:
 
     def _unknown_row(self, at: int, name: object) -> Refused:
         shown, known = str(name)[:40] or "''", ", ".join(ROWS)
-        why = f"move: {self._model.joints[at].key}.{shown} is not known"
-        return Refused("unknown_key", why, f"use {known}", shown, known)
+        why = f"{self._model.joints[at].key}.{shown} is not known"
+        return Refused(Code.UNKNOWN_KEY, why, f"use {known}", shown, known)
 
     def _no_number(self, at: int, name: object, part: object) -> Refused:
         shown = str(part)[:40]
-        why = f"move: {self._model.joints[at].key}.{name} is {shown}"
-        return Refused("not_finite", why, "send a finite number", shown, "a finite number")
+        why = f"{self._model.joints[at].key}.{name} is {shown}"
+        return Refused(Code.NOT_FINITE, why, "send a finite number", shown, "a finite number")
 
     def _unknown(self, key: object) -> Refused:
         shown = str(key)[:40] or "''"
-        why = f"move: {shown} is not a joint of {self._model.name}"
-        return Refused("unknown_joint", why, f"use {self._keys}", shown, self._keys)
+        why = f"{shown} is not a joint of {self._model.name}"
+        return Refused(Code.UNKNOWN_JOINT, why, f"use {self._keys}", shown, self._keys)
 
     def _twice(self, at: int) -> Refused:
         both = " and ".join(_spellings(self._model.joints[at].key)[:2])
-        return Refused("both_spellings", f"move: {both} are both given", "send one of them", both)
+        return Refused(Code.BOTH_SPELLINGS, f"{both} are both given", "send one of them", both)
 
 
 def _spellings(key: str) -> tuple[str, ...]:
@@ -214,13 +216,13 @@ def finite_rows(model: Motors) -> GateCheck:
         key, remedy = model.joints[at].key, "send a finite number"
         if at not in candidate.named:
             remedy = "wait until the robot tells where it is, or name it with a finite q"
-        why = f"move: {key}.{ROWS[row]} is {value}"
-        return Refused("not_finite", why, remedy, str(value), "a finite number")
+        why = f"{key}.{ROWS[row]} is {value}"
+        return Refused(Code.NOT_FINITE, why, remedy, str(value), "a finite number")
 
     return finite_rows
 
 
-_WORDS = {DQ: ("too_fast", "dq", "rad/s"), TAU: ("too_strong", "tau", "Nm")}
+_WORDS = {DQ: (Code.TOO_FAST, "dq", "rad/s"), TAU: (MotorCode.TOO_STRONG, "tau", "Nm")}
 
 
 def within(model: Motors, row: int) -> GateCheck:
@@ -239,7 +241,7 @@ def within(model: Motors, row: int) -> GateCheck:
             value = values[first + at]
             if not -most[at] <= value <= most[at]:
                 limit = f"-{most[at]:g}..{most[at]:g} {unit}"
-                why = f"move: {model.joints[at].key}.{name}={value:.4g} is outside {limit}"
+                why = f"{model.joints[at].key}.{name}={value:.4g} is outside {limit}"
                 return Refused(code, why, "stay within it", f"{value:.4g}", limit)
         return None
 
@@ -259,8 +261,8 @@ def gains(model: Motors) -> GateCheck:
             for at in candidate.named:
                 if not 0.0 <= values[first + at] <= most:
                     value, limit = f"{values[first + at]:.4g}", f"0..{most:g}"
-                    why = f"move: {model.joints[at].key}.{name}={value} is outside {limit}"
-                    return Refused("gain", why, "stay within it", value, limit)
+                    why = f"{model.joints[at].key}.{name}={value} is outside {limit}"
+                    return Refused(MotorCode.GAIN, why, "stay within it", value, limit)
         return None
 
     return gains

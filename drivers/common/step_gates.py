@@ -13,6 +13,7 @@ from collections.abc import Iterator, Sequence
 from strands_actors.contract.axis import Axis, AxisMode
 from strands_actors.contract.driver import Candidate, GateState
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 _ROUNDING = 1e-9
 
@@ -27,8 +28,8 @@ def refuse_step(
         if not step <= allowed + _ROUNDING:  # a NaN is refused too
             shown = math.floor(allowed * 1e5) / 1e5
             return Refused(
-                "too_fast",
-                f"move: {axes[at].key} steps {step:.5g} rad, limit {shown:.5g} at {1 / period_s:.4g} Hz",
+                Code.TOO_FAST,
+                f"{axes[at].key} steps {step:.5g} rad, limit {shown:.5g} at {1 / period_s:.4g} Hz",
                 f"step at most {shown:.5g} rad",
                 f"{step:.5g}",
                 f"{shown:.5g}",
@@ -47,8 +48,8 @@ def refuse_lead(
         if not lead <= allowed + _ROUNDING:
             shown = math.floor(allowed * 1e4) / 1e4
             return Refused(
-                "runs_ahead",
-                f"move: {axes[at].key} is to be {lead:.4g} rad from where it is, limit {shown:.4g}",
+                Code.RUNS_AHEAD,
+                f"{axes[at].key} is to be {lead:.4g} rad from where it is, limit {shown:.4g}",
                 "send targets no quicker than the robot follows them",
                 f"{lead:.4g}",
                 f"{shown:.4g}",

@@ -47,14 +47,13 @@ def parse_twist(
         return parsed
     values, named = parsed
     moving = [at for at, axis in enumerate(axes) if axis.mode is AxisMode.VELOCITY]
-    until_ns = state.live_until_ns
-    is_live = until_ns == -1 or until_ns > state.now_ns
-    if not is_live or any(at in named for at in moving):
+    live = state.live
+    if live is None or live.over(state.now_ns) or any(at in named for at in moving):
         return Candidate(values, named)
     if all(state.target[at] == axes[at].rest for at in moving):
         return Candidate(values, named)
     kept = tuple(state.target[at] if at in moving else value for at, value in enumerate(values))
-    return Candidate(kept, named, max(0, until_ns))
+    return Candidate(kept, named, live.until_ns or 0)
 
 
 class Standing(NamedTuple):

@@ -26,6 +26,7 @@ from strands_actors.contract.tool_verbs import DURATION, STATUS, STOP, ToolVerb,
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
 from strands_actors.drivers.common.addresses import check_device
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from .config import LAND_S, LATE_S, TAKEOFF_M, TAKEOFF_S, CrazyflieConfig, parse_port
 from .gates import conditions_of, gates_of
@@ -86,7 +87,9 @@ class Crazyflie(Driver):
             arguments={"vx": 0.0, "vy": 0.0, "wz": 0.0},
             acts=True,
         ),
-        "land": Service("come down to the floor, motors off", within_s=20.0, arguments={"duration": LAND_S}),
+        "land": Service(
+            "come down to the floor, motors off", within_s=20.0, arguments={"duration": LAND_S}, ends_motion=True
+        ),
         "emergency_stop": Service(
             "cut the motors at once, wherever it is, and lock it until it is switched off and on",
             within_s=5.0,
@@ -146,7 +149,7 @@ class Crazyflie(Driver):
             return parsed
         values, named = parsed
         if Z in named and VZ in named:
-            return Refused("both", "move: vz and z are both given", "send one of them", "vz and z", "vz or z")
+            return Refused(Code.BOTH, "vz and z are both given", "send one of them", "vz and z", "vz or z")
         return Candidate((*values, float(Z in named)), named)
 
     def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
@@ -160,8 +163,8 @@ class Crazyflie(Driver):
             value = finite(arguments.get(name, default))
             if value is None or not low <= value <= high:
                 offered, limit = str(arguments.get(name))[:40], f"{low:g}..{high:g} {unit}"
-                why = f"{service}: {name} is {offered}"
-                return Refused("bad_argument", why, f"give {limit}", offered, limit)
+                why = f"{name} is {offered}"
+                return Refused(Code.BAD_ARGUMENT, why, f"give {limit}", offered, limit)
         return None
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:

@@ -18,7 +18,9 @@ from strands_actors.contract.driver import (
 )
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import Observation
+from strands_actors.drivers.crazyflie.refusals import CrazyflieCode
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from .protocol import Battery, Bit, Flight, Position
 from .robots import VZ, Z
@@ -70,7 +72,7 @@ def _locked(observation: Observation, now_ns: int) -> Refused | None:
     bits = bits_in(observation.sensors)
     if bits is None or Bit.LOCKED not in bits:
         return None
-    return Refused("locked", "move: it is locked after an emergency stop", "switch it off and on", "locked")
+    return Refused(CrazyflieCode.LOCKED, "it is locked after an emergency stop", "switch it off and on", "locked")
 
 
 def _upset(observation: Observation, now_ns: int) -> Refused | None:
@@ -78,8 +80,8 @@ def _upset(observation: Observation, now_ns: int) -> Refused | None:
     if bits is None or not bits & (Bit.TUMBLED | Bit.CRASHED):
         return None
     if Bit.TUMBLED in bits:
-        return Refused("tumbled", "move: it has tumbled", "put it on its feet", "tumbled")
-    return Refused("crashed", "move: it has crashed", "switch it off and on", "crashed")
+        return Refused(CrazyflieCode.TUMBLED, "it has tumbled", "put it on its feet", "tumbled")
+    return Refused(CrazyflieCode.CRASHED, "it has crashed", "switch it off and on", "crashed")
 
 
 def _battery(floor_v: float) -> ConditionCheck:
@@ -87,26 +89,26 @@ def _battery(floor_v: float) -> ConditionCheck:
         bits = bits_in(observation.sensors)
         if bits is None or not bits.airborne:
             return None  # on the floor it is takeoff that asks
-        return _refuse_battery("move", observation.sensors, floor_v)
+        return _refuse_battery(observation.sensors, floor_v)
 
     return battery
 
 
-def _refuse_battery(verb: str, sensors: Mapping[str, Row], floor_v: float) -> Refused | None:
+def _refuse_battery(sensors: Mapping[str, Row], floor_v: float) -> Refused | None:
     (age_s,) = sensors.get("position_age_s", (0.0,))
     if age_s > BATTERY_AGE_S:
-        why, limit = f"{verb}: battery not heard for {age_s:.1f} s", f"{BATTERY_AGE_S:g} s"
-        return Refused("battery", why, "check radio and power", f"{age_s:.1f}", limit)
+        why, limit = f"battery not heard for {age_s:.1f} s", f"{BATTERY_AGE_S:g} s"
+        return Refused(Code.BATTERY, why, "check radio and power", f"{age_s:.1f}", limit)
     (volts,) = sensors.get("battery_v", (math.nan,))
     (state,) = sensors.get("battery_state", (float(Battery.BATTERY),))
     if volts >= floor_v and state not in (Battery.LOW_POWER, Battery.SHUTDOWN):
         return None
     limit = f"{floor_v:.1f} V"
     if volts >= floor_v:
-        why, remedy = f"{verb}: its firmware reports a low battery, at {volts:.2f} V", "charge it"
+        why, remedy = f"its firmware reports a low battery, at {volts:.2f} V", "charge it"
     else:
-        why, remedy = f"{verb}: battery at {volts:.2f} V", f"charge it above {limit}"
-    return Refused("battery", why, remedy, f"{volts:.2f}", limit)
+        why, remedy = f"battery at {volts:.2f} V", f"charge it above {limit}"
+    return Refused(Code.BATTERY, why, remedy, f"{volts:.2f}", limit)
 
 
 def _hovering(longest_s: float) -> ConditionCheck:
@@ -115,7 +117,9 @@ def _hovering(longest_s: float) -> ConditionCheck:
         if hover_s <= longest_s:
             return None
         limit = f"{longest_s:g} s"
-        return Refused("hovering", f"move: it hovered without a command for {limit}", "take off again", limit=limit)
+        return Refused(
+            CrazyflieCode.HOVERING, f"it hovered without a command for {limit}", "take off again", limit=limit
+        )
 
     return hovering
 
@@ -123,10 +127,10 @@ def _hovering(longest_s: float) -> ConditionCheck:
 def _flying(observation: Observation, now_ns: int) -> Refused | None:
     bits = bits_in(observation.sensors)
     if bits is None:
-        return Refused("no_observation", "move: its supervisor has said nothing yet", "wait for it")
+        return Refused(Code.NO_OBSERVATION, "its supervisor has said nothing yet", "wait for it")
     if bits.airborne:
         return None
-    return Refused("not_flying", "move: it stands on the floor, motors off", "call takeoff() first")
+    return Refused(CrazyflieCode.NOT_FLYING, "it stands on the floor, motors off", "call takeoff() first")
 
 
 # -- gates: of one command
@@ -148,7 +152,7 @@ def _within_heights(heights_m: tuple[float, float]) -> GateCheck:
             why, remedy = f"at {here:.2f} m, below {low:g}", "call land()"
         else:
             return None
-        return Refused("past_travel", f"move: vz {climb:g} m/s {why}", remedy, f"{climb:g}", f"{low:g}..{high:g}")
+        return Refused(Code.PAST_TRAVEL, f"vz {climb:g} m/s {why}", remedy, f"{climb:g}", f"{low:g}..{high:g}")
 
     return within_heights
 
@@ -159,20 +163,22 @@ def _within_heights(heights_m: tuple[float, float]) -> GateCheck:
 def why_no_takeoff(bits: Bit | None, sensors: Mapping[str, Row], floor_v: float) -> Refused | None:
     """Return why it may not take off now; None: it may."""
     if bits is None:
-        return Refused("no_observation", "takeoff: its supervisor does not answer", "check radio and power")
+        return Refused(Code.NO_OBSERVATION, "its supervisor does not answer", "check radio and power")
     if Bit.LOCKED in bits:
-        return Refused("locked", "takeoff: it is locked after an emergency stop", "switch it off and on")
+        return Refused(CrazyflieCode.LOCKED, "it is locked after an emergency stop", "switch it off and on")
     if bits & (Bit.TUMBLED | Bit.CRASHED):
-        return Refused("tumbled", "takeoff: it has tumbled or crashed", "put it on its feet, switch it off and on")
-    refusal = _refuse_battery("takeoff", sensors, floor_v)
+        return Refused(
+            CrazyflieCode.TUMBLED, "it has tumbled or crashed", "put it on its feet, switch it off and on"
+        )
+    refusal = _refuse_battery(sensors, floor_v)
     if refusal is not None or bits.airborne:
         return refusal
     if not bits & (Bit.ARMED | Bit.CAN_BE_ARMED):
-        return Refused("cannot_arm", "takeoff: its supervisor lets nobody arm it", "look at the drone")
+        return Refused(CrazyflieCode.CANNOT_ARM, "its supervisor lets nobody arm it", "look at the drone")
     tilt_deg = max(abs(math.degrees(angle)) for angle in sensors["rpy_rad"][:2])
     if tilt_deg > SETTLED_DEG:
         limit = f"{SETTLED_DEG:g} degrees"
         return Refused(
-            "tilted", f"takeoff: it is tilted by {tilt_deg:.0f} degrees", "put it on a level floor", limit=limit
+            CrazyflieCode.TILTED, f"it is tilted by {tilt_deg:.0f} degrees", "put it on a level floor", limit=limit
         )
     return None

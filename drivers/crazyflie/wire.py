@@ -19,8 +19,10 @@ from strands_actors.contract.wire import MotorReport, Observation, Permit, Permi
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.outcome import NOT_CONNECTED, Outcome
 from strands_actors.drivers.common.session_wire import SessionWire
+from strands_actors.drivers.crazyflie.refusals import CrazyflieCode
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from . import protocol as p
 from .config import LAND_S, LANDING_M_S, TAKEOFF_M, TAKEOFF_S, CrazyflieConfig
@@ -194,13 +196,13 @@ class CrazyflieWire(SessionWire[CrazyflieSession]):
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
         if not self._is_armed:
-            return Refused("disarmed", f"{service}: the robot was stopped", "call resume() first")
+            return Refused(Code.DISARMED, "the robot was stopped", "call resume() first")
         if service == "takeoff":
             height_m = float(arguments.get("height", TAKEOFF_M))
             return await self._take_off(height_m, float(arguments.get("duration", TAKEOFF_S)), permit)
         if service == "land":
             return await self._land(float(arguments.get("duration", LAND_S)), permit)
-        return Refused("stop", f"{service}: it is an order to stop, no service", "ask for a stop")
+        return Refused(CrazyflieCode.STOP, "it is an order to stop, no service", "ask for a stop")
 
     async def _take_off(self, height_m: float, duration_s: float, permit: Permit) -> dict[str, Any] | Refused:
         session = self.session
@@ -211,14 +213,14 @@ class CrazyflieWire(SessionWire[CrazyflieSession]):
             return refusal
         flight = self._fresh_flight(session)
         if flight is None:
-            why, limit = "takeoff: its height is not known", f"{self._config.fresh_s:g} s"
-            return Refused("stale", why, "check radio and power", f"{session.age_s():.1f}", limit)
+            why, limit = "its height is not known", f"{self._config.fresh_s:g} s"
+            return Refused(Code.STALE, why, "check radio and power", f"{session.age_s():.1f}", limit)
         permit.check()
         if bits is None or not bits.airborne:
             answer = await session.ask(p.ARM_QUESTION, ARM_S, permit)
             if answer is None or not _says_armed(answer):
                 await session.say(p.STOP, p.DISARM)
-                return Refused("not_armed", "takeoff: arming not confirmed; motors stay off", "look at the drone")
+                return Refused(Code.NOT_ARMED, "arming not confirmed; motors stay off", "look at the drone")
             permit.check()
         # It rises no faster than it may be told to by a command.
         duration_s = max(duration_s, abs(height_m - flight.z_m) / self._config.climb_m_s)
@@ -237,7 +239,7 @@ class CrazyflieWire(SessionWire[CrazyflieSession]):
         landed = "it does not fly" if does_not_fly else "it was landed"
         if outcome.detail:
             landed = f"not landed: {outcome.detail}"
-        return Refused("takeoff", f"takeoff: it is not at {height_m:g} m; {landed}", "look at the drone")
+        return Refused(CrazyflieCode.TAKEOFF, f"it is not at {height_m:g} m; {landed}", "look at the drone")
 
     async def _land(self, duration_s: float, permit: Permit) -> dict[str, Any] | Refused:
         session = self.session
@@ -252,7 +254,7 @@ class CrazyflieWire(SessionWire[CrazyflieSession]):
             outcome = await bring_down(session, SafeState.LAND, max(STOP_S, land_s + LANDED_S), land_s)
             took = {"duration": round(land_s, 2)}
         if outcome.detail:
-            return Refused("land", f"land: {outcome.detail}", "call stop(), or emergency_stop()")
+            return Refused(CrazyflieCode.LAND, f"{outcome.detail}", "call stop(), or emergency_stop()")
         return {"landed": True, **took}
 
     def _is_up(self, session: CrazyflieSession, height_m: float) -> bool:

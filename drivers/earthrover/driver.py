@@ -21,6 +21,7 @@ from strands_actors.contract.tool_verbs import DURATION, STATUS, STOP, ToolVerb,
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
 from strands_actors.drivers.common.velocity_base import LIFETIME_S, parse_twist
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from .config import REPORT_OLD_S, EarthRoverConfig
 from .protocol import PICTURES, SPEAK_S
@@ -148,9 +149,7 @@ class EarthRover(Driver):
         if isinstance(text, str) and 0 < len(text) <= SPOKEN:
             return None
         limit = f"1..{SPOKEN} characters"
-        return Refused(
-            "bad_argument", f"{service}: text is {str(text)[:40]!r}", f"give {limit}", str(text)[:40], limit
-        )
+        return Refused(Code.BAD_ARGUMENT, f"text is {str(text)[:40]!r}", f"give {limit}", str(text)[:40], limit)
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
         return {"driver": "strands", "robot": self.robot, **super().commanded(action, values)}

@@ -23,6 +23,7 @@ from strands_actors.drivers.common.http_port import HttpPort
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.outcome import Outcome, names_of
 from strands_actors.drivers.common.velocity_base import stop_base
+from strands_actors.drivers.earthrover.refusals import EarthRoverCode
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
 
@@ -191,7 +192,7 @@ class EarthRoverWire(Wire):
         finally:
             client.close()
         if answer.status != p.OK:
-            return Refused("service", f"{service}: the SDK process answers status {answer.status}")
+            return Refused(EarthRoverCode.SERVICE, f"the SDK process answers status {answer.status}")
         return {"spoken": arguments["text"]}
 
     def close(self) -> None:

@@ -2,5 +2,14 @@
 
 from __future__ import annotations
 
-FAULT_CODES = {"limp": "limp", "overload": "limp", "voltage": "voltage", "overheat": "temperature"}
-REMEDIES = {"limp": "take the load off, then stop and resume to energise it again"}
+from collections.abc import Mapping
+
+from strands_actors.drivers.common.refusals import MotorCode
+
+FAULT_CODES: Mapping[str, str] = {
+    "limp": MotorCode.LIMP,
+    "overload": MotorCode.LIMP,
+    "voltage": MotorCode.VOLTAGE,
+    "overheat": MotorCode.TEMPERATURE,
+}
+REMEDIES: Mapping[str, str] = {MotorCode.LIMP: "take the load off, then stop and resume to energise it again"}

@@ -86,7 +86,7 @@ def check(axis: Axis, servo: Identity, motor: MotorCalibration | None) -> None:
     ``WireDown``."""
     check_model(axis, servo.id, servo.model, protocol)
     if servo.mode != POSITION_MODE:
-        raise WireDown(f"connect: {axis.label} is in mode {servo.mode}, must be 0 (position). Set register 33 to 0")
+        raise WireDown(f"{axis.label} is in mode {servo.mode}, must be 0 (position). Set register 33 to 0")
     if motor is not None:
         found = {"homing_offset": servo.homing_offset, "range_min": servo.low, "range_max": servo.high}
         check_calibration(axis, motor, found)

@@ -117,7 +117,7 @@ class Fci:
             raise WireDown(f"{self._tcp.name}: {error}. Is this a Franka controller?") from None
         if status:
             other = f"use the {_DRIVERS[version]} driver" if version in _DRIVERS else "no driver here speaks it"
-            raise WireDown(f"connect: controller speaks {version}, {robot} speaks {self.dialect.version}. {other}")
+            raise WireDown(f"controller speaks {version}, {robot} speaks {self.dialect.version}. {other}")
         return await self._first_state()
 
     async def _first_state(self) -> p.State:

@@ -7,7 +7,9 @@ from strands_actors.contract.axis_gates import past_range, stale
 from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, OnResume
 from strands_actors.contract.sensors import number_of
 from strands_actors.contract.wire import Observation
+from strands_actors.drivers.franka.refusals import FrankaCode
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from .protocol import RobotMode, mode_name
 
@@ -44,7 +46,7 @@ def refuse_mode(mode: int, reasons: str) -> Refused | None:
     why = f" ({reasons})" if reasons else ""
     known = mode in tuple(RobotMode)
     remedy = _REMEDIES.get(RobotMode(mode), _OTHER_REMEDY) if known else _OTHER_REMEDY
-    return Refused("robot_mode", f"move: arm is in {name}{why}", remedy, name, "idle or move")
+    return Refused(Code.ROBOT_MODE, f"arm is in {name}{why}", remedy, name, "idle or move")
 
 
 # -- what must be true for a motion to begin, and to go on
@@ -59,7 +61,7 @@ def not_lost(observation: Observation, now_ns: int) -> Refused | None:
     why = observation.faults.get(LOST)
     if why is None:
         return None
-    return Refused("motion_ended", f"move: the controller ended the motion ({why})", "call resume()", why)
+    return Refused(FrankaCode.MOTION_ENDED, f"the controller ended the motion ({why})", "call resume()", why)
 
 
 CONDITIONS = (Condition(movable), Condition(not_lost, on_resume=OnResume.ARM_ANEW))
@@ -77,8 +79,8 @@ def all_joints(axes: tuple[Axis, ...]) -> GateCheck:
         if not missing:
             return None
         given = ", ".join(axes[at].key for at in candidate.named)
-        why = f"move: the arm is moved by all its joints; {missing} missing"
-        return Refused("not_all_joints", why, f"send {keys}", given, f"{len(axes)} joints")
+        why = f"the arm is moved by all its joints; {missing} missing"
+        return Refused(FrankaCode.NOT_ALL_JOINTS, why, f"send {keys}", given, f"{len(axes)} joints")
 
     return all_joints
 
@@ -90,8 +92,8 @@ def reaches_it(candidate: Candidate, state: GateState) -> Refused | None:
     if number_of(state.observation.sensors, "robot_mode", 0) != RobotMode.MOVE or rate >= TOO_POOR:
         return None
     return Refused(
-        "success_rate",
-        f"move: {rate:.0%} of the commands reach the controller in time",
+        FrankaCode.SUCCESS_RATE,
+        f"{rate:.0%} of the commands reach the controller in time",
         "let the motion end; see what else this machine and its network do, and status: scheduling",
         f"{rate:.2f}",
         f"at least {TOO_POOR:g}",

@@ -17,6 +17,7 @@ from strands_actors.contract.wire import MotorReport, Observation, Permit, Permi
 from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.receive_budget import ReceiveBudget
 from strands_actors.drivers.common.session_wire import SessionWire
+from strands_actors.drivers.franka.refusals import FrankaCode
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.health.heartbeat import Heartbeat, new_page, words_of
 from strands_actors.kernel.messages import Refused
@@ -194,7 +195,7 @@ class FrankaWire(SessionWire[FrankaSession]):
         state = self._state(session)
         refusal = refuse_mode(state.robot_mode, ", ".join(state.reasons))
         if refusal is not None:
-            raise WireDown(refusal.text.removeprefix("move: "))
+            raise WireDown(refusal.text)
         if state.robot_mode != p.RobotMode.IDLE:
             raise WireDown("somebody else moves the arm. End that program, then resume()")
         if (silent_s := session.silent_s()) > self._config.state_ttl_s:
@@ -285,8 +286,8 @@ class FrankaWire(SessionWire[FrankaSession]):
         status = session.answers.pop(number)
         if status:
             return Refused(
-                "not_recovered",
-                f"{service}: the controller refuses (status {status})",
+                FrankaCode.NOT_RECOVERED,
+                f"the controller refuses (status {status})",
                 "look at the arm; release its stop button, or clear the error in Desk",
             )
         return {"recovered": True}

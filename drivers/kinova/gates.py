@@ -10,8 +10,10 @@ from strands_actors.contract.axis_gates import past_range, stale
 from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, OnResume
 from strands_actors.contract.sensors import number_of
 from strands_actors.contract.wire import Observation
+from strands_actors.drivers.kinova.refusals import KinovaCode
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from . import speeds
 from .protocol import ArmState, arm_state_name
@@ -46,8 +48,8 @@ def too_fast(axes: Sequence[Axis], period_s: float) -> GateCheck:
             if not speed <= axis.speed + _ROUNDING:
                 most = math.floor(axis.speed * period_s * 1e5) / 1e5
                 return Refused(
-                    "too_fast",
-                    f"move: {axis.key} needs {speed:.4g} rad/s to be there within {period_s * 1e3:.3g} ms",
+                    Code.TOO_FAST,
+                    f"{axis.key} needs {speed:.4g} rad/s to be there within {period_s * 1e3:.3g} ms",
                     f"step at most {most:.5f} rad from the measured position",
                     f"{speed:.4g}",
                     f"{axis.speed:.4g}",
@@ -63,9 +65,9 @@ def refuse_state(state: int, fault_bank: int) -> Refused | None:
         return None
     name, wanted = arm_state_name(state), arm_state_name(ArmState.SERVOING_READY)
     if state == ArmState.IN_FAULT:
-        why = f"move: base in fault (bank 0x{fault_bank:x})"
-        return Refused("base_in_fault", why, "clear it, then reconnect", name, wanted)
-    return Refused("arm_state", f"move: the arm is {name}", "make it ready on the base's own page", name, wanted)
+        why = f"base in fault (bank 0x{fault_bank:x})"
+        return Refused(KinovaCode.BASE_IN_FAULT, why, "clear it, then reconnect", name, wanted)
+    return Refused(KinovaCode.ARM_STATE, f"the arm is {name}", "make it ready on the base's own page", name, wanted)
 
 
 def base_ready(observation: Observation, now_ns: int) -> Refused | None:
@@ -77,7 +79,7 @@ def commanded(observation: Observation, now_ns: int) -> Refused | None:
     """Refuse when the wire has stopped the arm by itself, or the base takes its speeds no more:
     motion does not go on by itself after that."""
     why = observation.faults.get(BASE)
-    return None if why is None else Refused("stopped", f"move: {why}", "call resume()", why)
+    return None if why is None else Refused(KinovaCode.STOPPED, why, "call resume()", why)
 
 
 CONDITIONS = (

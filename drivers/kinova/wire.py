@@ -135,7 +135,7 @@ class KinovaWire(SessionWire[KinovaSession]):
         feedback = session.feedback
         refusal = refuse_state(feedback.arm_state, feedback.faults[0])
         if refusal is not None:
-            raise WireDown(refusal.text.removeprefix("move: "))
+            raise WireDown(refusal.text)
         for axis, joint in zip(self._config.axes, feedback.actuators, strict=True):
             if abs(joint.velocity_deg_s) >= STANDING_DEG_S:
                 raise WireDown(f"arm: {axis} turns, and not by us. Check who else commands the arm, then try again")

@@ -16,8 +16,10 @@ from strands_actors.contract.driver import Candidate, Condition, ConditionCheck,
 from strands_actors.contract.sensors import number_of
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.step_gates import refuse_step
+from strands_actors.drivers.kuka.refusals import KukaCode
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from .protocol import JOINTS, ClientMode, ControlMode, Drive, Overlay, Quality, State, name_of
 
@@ -59,8 +61,8 @@ def stale(ttl_s: float) -> ConditionCheck:
         if age_ns <= ttl_ns and all(map(math.isfinite, observation.position)):
             return None
         age = f"{age_ns / 1e6:.0f} ms"
-        why = f"move: no FRI message for {age}"
-        return Refused("stale", why, "check the controller, its FRI session and the network", age, limit)
+        why = f"no FRI message for {age}"
+        return Refused(Code.STALE, why, "check the controller, its FRI session and the network", age, limit)
 
     return stale
 
@@ -69,19 +71,19 @@ def safety(observation: Observation, now_ns: int) -> Refused | None:
     level = number_of(observation.sensors, "safety_state")
     if level == 0:
         return None
-    return Refused("safety", f"move: safety stop, level {level}", _ON_THE_PENDANT, f"{level}", "0")
+    return Refused(KukaCode.SAFETY, f"safety stop, level {level}", _ON_THE_PENDANT, f"{level}", "0")
 
 
 def drives(axes: Sequence[Axis]) -> ConditionCheck:
     def drives(observation: Observation, now_ns: int) -> Refused | None:
         row = observation.sensors.get("drive_state", ())
         if not row:
-            return Refused("drives", "move: the state of the drives is not known", _ON_THE_PENDANT, "", "ACTIVE")
+            return Refused(KukaCode.DRIVES, "the state of the drives is not known", _ON_THE_PENDANT, "", "ACTIVE")
         # One number may stand for all joints.
         for axis, number in zip(axes, row, strict=False):
             if number != Drive.ACTIVE:
                 name = name_of(Drive, round(number))
-                return Refused("drives", f"move: drive of {axis.key} is {name}", _ON_THE_PENDANT, name, "ACTIVE")
+                return Refused(KukaCode.DRIVES, f"drive of {axis.key} is {name}", _ON_THE_PENDANT, name, "ACTIVE")
         return None
 
     return drives
@@ -89,26 +91,26 @@ def drives(axes: Sequence[Axis]) -> ConditionCheck:
 
 def session(observation: Observation, now_ns: int) -> Refused | None:
     return _refuse_other(
-        observation, "fri_state", State.COMMANDING_ACTIVE, "FRI session", "start the motion on the pendant"
+        observation, KukaCode.FRI_STATE, State.COMMANDING_ACTIVE, "FRI session", "start the motion on the pendant"
     )
 
 
 def client_mode(observation: Observation, now_ns: int) -> Refused | None:
     remedy = "let the robot program command positions: ClientCommandMode.POSITION"
-    return _refuse_other(observation, "client_mode", ClientMode.POSITION, "FRI client command mode", remedy)
+    return _refuse_other(observation, KukaCode.CLIENT_MODE, ClientMode.POSITION, "FRI client command mode", remedy)
 
 
 def control_mode(observation: Observation, now_ns: int) -> Refused | None:
     """What the arm does when the session ends is only known of position control."""
     remedy = "use PositionControlMode in the robot program"
-    return _refuse_other(observation, "control_mode", ControlMode.POSITION, "control mode", remedy)
+    return _refuse_other(observation, KukaCode.CONTROL_MODE, ControlMode.POSITION, "control mode", remedy)
 
 
 def overlay(observation: Observation, now_ns: int) -> Refused | None:
     if number_of(observation.sensors, "overlay") != Overlay.NO_OVERLAY:
         return None
     remedy = "start the robot program's motion again, with the FRI overlay"
-    return Refused("overlay", "move: the overlay is lost", remedy, "NO_OVERLAY", "JOINT")
+    return Refused(KukaCode.OVERLAY, "the overlay is lost", remedy, "NO_OVERLAY", "JOINT")
 
 
 def quality(observation: Observation, now_ns: int) -> Refused | None:
@@ -117,7 +119,7 @@ def quality(observation: Observation, now_ns: int) -> Refused | None:
         return None
     name = name_of(Quality, number)
     remedy = "wait until it is GOOD; check the network and the load of this machine"
-    return Refused("quality", f"move: FRI connection quality is {name}", remedy, name, "GOOD")
+    return Refused(KukaCode.QUALITY, f"FRI connection quality is {name}", remedy, name, "GOOD")
 
 
 # -- of one setpoint
@@ -140,10 +142,10 @@ def too_fast(axes: Sequence[Axis], oneshot_s: float) -> GateCheck:
 
 
 def _refuse_other(
-    observation: Observation, sensor: str, wanted: State | ClientMode | ControlMode, what: str, remedy: str
+    observation: Observation, sensor: KukaCode, wanted: State | ClientMode | ControlMode, what: str, remedy: str
 ) -> Refused | None:
     number = number_of(observation.sensors, sensor)
     if number == wanted:
         return None
     name = name_of(type(wanted), number)
-    return Refused(sensor, f"move: {what} is {name}", remedy, name, wanted.name)
+    return Refused(sensor, f"{what} is {name}", remedy, name, wanted.name)

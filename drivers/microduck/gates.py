@@ -13,8 +13,10 @@ from strands_actors.contract.axis_gates import past_range
 from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, OnResume
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.velocity_base import parse_twist
+from strands_actors.drivers.microduck.refusals import MicroduckCode
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from .robots import ACTIVE, AXES, HEAD, MOUTH, POSE, TWIST, ModeLimits
 
@@ -55,8 +57,8 @@ def parse(
             return duration_s
         until_ns = state.now_ns + round(duration_s * NS)
     elif given is not None:
-        why, remedy = f"move: {DURATION} is of a twist, and there is none", f"name one of {', '.join(TWIST)}"
-        return Refused("duration", why, remedy, str(given)[:SHOWN], ", ".join(TWIST))
+        why, remedy = f"{DURATION} is of a twist, and there is none", f"name one of {', '.join(TWIST)}"
+        return Refused(Code.DURATION, why, remedy, str(given)[:SHOWN], ", ".join(TWIST))
     values = list(candidate.values)
     if named & set(POSE) and "active" not in named:
         values[ACTIVE] = 1.0
@@ -71,16 +73,16 @@ def _no_axis(wanted: Mapping[str, object], index: Mapping[str, int], robot: str)
         if plain == "skill":
             shown = str(wanted[key])[:SHOWN]
             return Refused(
-                "skill",
-                "move: a skill is asked for and answered",
+                MicroduckCode.SKILL,
+                "a skill is asked for and answered",
                 f"call do(skill={shown!r})",
                 shown,
                 "do(skill=...)",
             )
         if plain not in index:
             shown = key[:SHOWN] or "''"
-            why = f"move: {shown} is no intent of {robot}: robotd takes no joint targets"
-            return Refused("unknown_joint", why, f"use {INTENTS}", shown, ", ".join(AXES))
+            why = f"{shown} is no intent of {robot}: robotd takes no joint targets"
+            return Refused(Code.UNKNOWN_JOINT, why, f"use {INTENTS}", shown, ", ".join(AXES))
     return None
 
 
@@ -92,10 +94,10 @@ def _active(wanted: dict[str, object]) -> Refused | None:
         value = wanted.get(key)
         if key in wanted and value not in (0, 1):
             shown = str(value)[:SHOWN]
-            return Refused("not_finite", f"move: active is {shown}", "give true or false", shown, "true, false")
+            return Refused(Code.NOT_FINITE, f"active is {shown}", "give true or false", shown, "true, false")
         if value == 0 and (also := [one for one in POSE[:3] if {one, f"{one}.pos"} & wanted.keys()]):
-            why = f"move: active=False ends the pose, and {also[0]} is given"
-            return Refused("both", why, "send one of them", also[0], "active=False alone")
+            why = f"active=False ends the pose, and {also[0]} is given"
+            return Refused(Code.BOTH, why, "send one of them", also[0], "active=False alone")
     return None
 
 
@@ -106,7 +108,7 @@ def _duration(given: object) -> float | Refused:
     if duration_s is not None and SHORTEST_S <= duration_s <= LONGEST_S:
         return duration_s
     shown = str(given)[:SHOWN]
-    return Refused("duration", f"move: {DURATION} is {shown}", f"give {limit}", shown, limit)
+    return Refused(Code.DURATION, f"{DURATION} is {shown}", f"give {limit}", shown, limit)
 
 
 def all_gates(axes: Sequence[Axis], modes: Mapping[str, ModeLimits], state_ttl_s: float) -> tuple[GateCheck, ...]:
@@ -123,7 +125,7 @@ def silent(ttl_s: float) -> GateCheck:
         if age_ns <= ttl_s * NS:
             return None
         age = f"{age_ns / 1e6:.0f} ms"
-        return Refused("stale", f"move: no state for {age}", "check robotd: it is back by itself", age, limit)
+        return Refused(Code.STALE, f"no state for {age}", "check robotd: it is back by itself", age, limit)
 
     return silent
 
@@ -134,7 +136,7 @@ def seated(candidate: Candidate, state: GateState) -> Refused | None:
         return None
     if not any(state.observation.sensors.get("sitting", ())):
         return None
-    return Refused("seated", "move: the duck sits", "call stand() first", "sitting", "standing")
+    return Refused(MicroduckCode.SEATED, "the duck sits", "call stand() first", "sitting", "standing")
 
 
 def within_mode(modes: Mapping[str, ModeLimits]) -> GateCheck:
@@ -151,8 +153,8 @@ def within_mode(modes: Mapping[str, ModeLimits]) -> GateCheck:
         at = round(told[0])
         if not 0 <= at < len(names):
             known = ", ".join(names)
-            why = "move: the drive mode is not known, or none of ours"
-            return Refused("mode", why, f"set_mode(mode=...) to one of {known}", "unknown", known)
+            why = "the drive mode is not known, or none of ours"
+            return Refused(Code.MODE, why, f"set_mode(mode=...) to one of {known}", "unknown", known)
         mode = names[at]
         limit = modes[mode]
         ahead = limit.forward if vx >= 0 else limit.backward
@@ -176,7 +178,7 @@ def within_mode(modes: Mapping[str, ModeLimits]) -> GateCheck:
 
 
 def _over(why: str, offered: str, limit: str) -> Refused:
-    return Refused("past_travel", f"move: {why}", f"stay within {limit}", offered, limit)
+    return Refused(Code.PAST_TRAVEL, why, f"stay within {limit}", offered, limit)
 
 
 # -- conditions: what must be true of it, whatever it is told
@@ -184,10 +186,14 @@ def _over(why: str, offered: str, limit: str) -> Refused:
 
 def on_its_feet(observation: Observation, now_ns: int) -> Refused | None:
     """Refuse while it has fallen, yields or is held up."""
-    words = {"fallen": "has fallen", "limp": "yields", "picked_up": "is held up"}
-    for name, word in words.items():
-        if any(observation.sensors.get(name, ())):
-            return Refused(name, f"move: the duck {word}", "put it on its feet", word, "on its feet")
+    codes = (
+        (MicroduckCode.FALLEN, "has fallen"),
+        (MicroduckCode.LIMP, "yields"),
+        (MicroduckCode.PICKED_UP, "is held up"),
+    )
+    for code, word in codes:
+        if any(observation.sensors.get(code, ())):
+            return Refused(code, f"the duck {word}", "put it on its feet", word, "on its feet")
     return None
 
 
@@ -198,8 +204,8 @@ def driven(observation: Observation, now_ns: int) -> Refused | None:
     if told is not None and told[0]:
         return None
     return Refused(
-        "not_driven",
-        "move: the duck holds still or is relaxed: no policy drives it",
+        MicroduckCode.NOT_DRIVEN,
+        "the duck holds still or is relaxed: no policy drives it",
         "call enable() first",
         "held",
         "driven",

@@ -12,7 +12,9 @@ from strands_actors.contract.wire import Permit, WireDown
 from strands_actors.drivers.common.json_rpc import METHOD_NOT_FOUND, Call
 from strands_actors.drivers.common.json_rpc_port import JsonRpcPort, SaidNo
 from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.microduck.refusals import MicroduckCode
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from . import protocol as p
 from .config import MicroduckConfig
@@ -71,13 +73,17 @@ class Services:
             return await self._perform(service, given, permit)
         except SaidNo as no:
             if no.code == METHOD_NOT_FOUND:
-                why = f"{service}: robotd (API {self._hello.api_version}) does not have it"
+                why = f"robotd (API {self._hello.api_version}) does not have it"
                 return Refused(
-                    "unsupported", why, "update the robot", str(self._hello.api_version), str(p.API_VERSION)
+                    MicroduckCode.UNSUPPORTED,
+                    why,
+                    "update the robot",
+                    str(self._hello.api_version),
+                    str(p.API_VERSION),
                 )
-            return Refused("robot", f"{service}: robotd says {no} ({no.code})", "look at the robot")
+            return Refused(Code.ROBOT, f"robotd says {no} ({no.code})", "look at the robot")
         except MalformedFrame as malformed:
-            raise WireDown(f"{service}: {malformed}. Look at robotd") from None
+            raise WireDown(f"{malformed}. Look at robotd") from None
 
     async def _perform(self, service: str, given: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
         if service in QUESTIONS:
@@ -133,7 +139,7 @@ class Services:
             }
         state = self._link.state
         if state is None:
-            raise WireDown(f"{service}: no state has come yet")
+            raise WireDown("no state has come yet")
         if service == "odometry":
             return {"position_m": list(state.position_m), "yaw_rad": state.yaw_rad}
         return {name: self._link.told[name] for name in TOLD if name in self._link.told}
@@ -143,7 +149,7 @@ class Services:
         if skill not in self.skills:
             known = ", ".join(self.skills) or "none"
             return Refused(
-                "no_skill", f"{service}: the robot has no skill {skill}", f"it has {known}", skill, known
+                MicroduckCode.NO_SKILL, f"the robot has no skill {skill}", f"it has {known}", skill, known
             )
         return await self._intent(service, p.DO, {"skill": skill}, permit)
 
@@ -151,9 +157,9 @@ class Services:
         """One skill does both, so it is asked first how the duck is."""
         policies = p.read_policies(await self._ask(p.POLICIES, {}, permit))
         if policies.sitting is None:
-            why = f"{service}: robotd (API {self._hello.api_version}) does not say whether the duck sits"
+            why = f"robotd (API {self._hello.api_version}) does not say whether the duck sits"
             remedy = f"update the robot, or look, then call do(skill={p.SIT_TOGGLE!r})"
-            return Refused("unsupported", why, remedy, str(self._hello.api_version), str(p.HOMED_SINCE))
+            return Refused(MicroduckCode.UNSUPPORTED, why, remedy, str(self._hello.api_version), str(p.HOMED_SINCE))
         if policies.sitting is down:
             return {"sitting": down, "already": True}
         done = await self._do(service, p.SIT_TOGGLE, permit)
@@ -180,7 +186,7 @@ class Services:
                 return {"distance_mm": frames[0]}
         finally:
             port.close()
-        raise WireDown(f"tof: no frame within {TOF_S:g} s. Check tofd")
+        raise WireDown(f"no frame within {TOF_S:g} s. Check tofd")
 
     async def _intent(
         self, service: str, method: str, params: Mapping[str, Any], permit: Permit
@@ -188,9 +194,7 @@ class Services:
         """Do what is answered by whether it was accepted."""
         accepted, reason = p.read_intent(await self._request(method, params, permit))
         if not accepted:
-            return Refused(
-                "robot", f"{service}: robotd says no: {reason or 'without a reason'}", "look at the robot"
-            )
+            return Refused(Code.ROBOT, f"robotd says no: {reason or 'without a reason'}", "look at the robot")
         return {"accepted": True, **({"reason": reason} if reason else {})}
 
     async def _request(self, method: str, params: Mapping[str, Any], permit: Permit) -> Any:

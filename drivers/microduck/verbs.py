@@ -11,6 +11,7 @@ from strands_actors.contract.axis import finite
 from strands_actors.contract.driver import Service
 from strands_actors.contract.tool_verbs import MOVE_TO, SENSORS, STATUS, STOP, ToolVerb
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from .config import LATE_S
 from .protocol import SOUNDS
@@ -168,8 +169,8 @@ def check_arguments(
     """Refuse arguments of a declared service that it would not take."""
     given = {**SERVICES[service].arguments, **arguments}
     if service in CONFIRMED and given[CONFIRM] is not True:
-        why = f"{service}: {CONFIRMED[service]}"
-        return Refused("unconfirmed", why, f"call {service}({CONFIRM}=True)", str(given[CONFIRM])[:40], "true")
+        why = CONFIRMED[service]
+        return Refused(Code.UNCONFIRMED, why, f"call {service}({CONFIRM}=True)", str(given[CONFIRM])[:40], "true")
     match service:
         case "do":
             if not isinstance(given["skill"], str) or not NAME.fullmatch(given["skill"]):
@@ -204,4 +205,4 @@ def check_arguments(
 
 def _bad(service: str, argument: str, value: object, limit: str) -> Refused:
     shown = str(value)[:40]
-    return Refused("bad_argument", f"{service}: {argument} is {shown!r}", f"give {limit}", shown, limit)
+    return Refused(Code.BAD_ARGUMENT, f"{argument} is {shown!r}", f"give {limit}", shown, limit)

@@ -22,6 +22,7 @@ from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.outcome import NOT_CONNECTED, Outcome
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from . import protocol as p
 from .config import MicroduckConfig
@@ -229,12 +230,12 @@ class MicroduckWire(Wire):
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
         services = self._services
         if services is None:
-            raise WireDown(f"{service}: not connected")
+            raise WireDown("not connected")
         begins = service in MOVING_POWER or (service == "theremin" and arguments.get("active", True))
         if begins and not self._is_armed:
-            return Refused("disarmed", f"{service}: the robot was stopped", "call resume() first")
+            return Refused(Code.DISARMED, "the robot was stopped", "call resume() first")
         if service in MOVING_POWER and self._walk is not None:
-            return Refused("live", f"{service}: the robot walks", "wait until that is over, or call stop()")
+            return Refused(Code.LIVE, "the robot walks", "wait until that is over, or call stop()")
         done = await services.perform(service, arguments, permit)
         if isinstance(done, Refused) or service not in ("enable", "look_at"):
             return done

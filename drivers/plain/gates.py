@@ -12,8 +12,10 @@ from strands_actors.contract.axis import Axis
 from strands_actors.contract.axis_gates import past_range, too_fast
 from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, OnResume, Reason
 from strands_actors.contract.wire import Observation
+from strands_actors.drivers.plain.refusals import PlainCode
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 REFUSED = "send_action: "
 """How a fault begins that is the class's own answer to an action."""
@@ -37,7 +39,7 @@ def not_heard(axes: Sequence[Axis], ttl_s: float) -> GateCheck:
             age_ms = (state.now_ns - read_ns) / 1e6
             if state.now_ns - read_ns > ttl_ns:
                 age = f"for {age_ms:.0f} ms"
-                return Refused("stale", f"move: no reading of {axes[at].key} {age}", remedy, age, limit)
+                return Refused(Code.STALE, f"no reading of {axes[at].key} {age}", remedy, age, limit)
         return None
 
     return not_heard
@@ -58,7 +60,7 @@ def _refused_by_the_class(observation: Observation, now_ns: int) -> Refused | No
     for axis, fault in observation.faults.items():
         if fault.startswith(REFUSED):
             why = fault.removeprefix(REFUSED)
-            return Refused("refused_by_driver", f"move: {axis}: {why}", "call resume()", why)
+            return Refused(PlainCode.REFUSED_BY_DRIVER, f"{axis}: {why}", "call resume()", why)
     return None
 
 

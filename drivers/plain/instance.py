@@ -60,7 +60,7 @@ class Instance:
 
     def connect(self) -> str:
         """Make the object, and connect it by ``connect_eagerly``, else ``connect``."""
-        return self.make() or _told("connect", self._connect)
+        return self.make() or _told("", self._connect)
 
     def _connect(self) -> str:
         eagerly = getattr(self._object, "connect_eagerly", None)
@@ -73,7 +73,7 @@ class Instance:
     def reconnect(self) -> str:
         """Connect an object that says it is not connected any more, after its own ``stop``
         perhaps."""
-        return _told("connect", self._reconnect)
+        return _told("", self._reconnect)
 
     def _reconnect(self) -> str:
         connected = getattr(self._object, "is_connected", True)
@@ -163,10 +163,11 @@ class Instance:
 
 
 def _told(what: str, run: Callable[[], str | None]) -> str:
-    """Return what went wrong, with who says so; empty: nothing."""
+    """Return what went wrong, with who says so; empty: nothing. ``what``: a method of the robot's class;
+    empty: ``connect``, as which verb it is told anyway."""
     try:
         failure = run()
     except Exception as error:  # the user's code may raise anything
-        _log.warning("%s raised", what, exc_info=error)
+        _log.warning("%s raised", what or "connect", exc_info=error)
         failure = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-    return f"{what}: {failure}" if failure else ""
+    return f"{what}: {failure}" if what and failure else failure or ""

@@ -12,7 +12,9 @@ from strands_actors.contract.driver import Candidate, Condition, GateCheck, Gate
 from strands_actors.contract.sensors import number_of
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.step_gates import refuse_lead, refuse_step
+from strands_actors.drivers.rby1.refusals import RBY1Code
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from .protocol import Manager, name_of
 
@@ -39,8 +41,8 @@ def all_gates(axes: Sequence[Axis], state_ttl_s: float, period_s: float) -> tupl
 def refuse_pressed(pressed: bool) -> Refused | None:
     if not pressed:
         return None
-    why = "move: the emergency stop button is pressed"
-    return Refused("emergency_stop", why, "release it, then resume()", "pressed", "released")
+    why = "the emergency stop button is pressed"
+    return Refused(RBY1Code.EMERGENCY_STOP, why, "release it, then resume()", "pressed", "released")
 
 
 def refuse_fault(manager: int) -> Refused | None:
@@ -48,7 +50,7 @@ def refuse_fault(manager: int) -> Refused | None:
         return None
     name = name_of(Manager, manager)
     remedy = "fix its cause, then reset_fault_control_manager() and resume()"
-    return Refused("fault", f"move: the control manager is in {name}", remedy, name, "no fault")
+    return Refused(Code.FAULT, f"the control manager is in {name}", remedy, name, "no fault")
 
 
 def released(observation: Observation, now_ns: int) -> Refused | None:
@@ -64,7 +66,7 @@ def powered(observation: Observation, now_ns: int) -> Refused | None:
     if power == 1 and ready == 1:
         return None
     what = "the motors have no power" if power != 1 else "servos are off"
-    return Refused("power", f"move: {what}", _RESUME, "off", "on")
+    return Refused(RBY1Code.POWER, what, _RESUME, "off", "on")
 
 
 def enabled(observation: Observation, now_ns: int) -> Refused | None:
@@ -73,13 +75,13 @@ def enabled(observation: Observation, now_ns: int) -> Refused | None:
     if manager == Manager.ENABLED:
         return None
     name, wanted = name_of(Manager, manager), name_of(Manager, Manager.ENABLED)
-    return Refused("not_enabled", f"move: the control manager is {name}", _RESUME, name, wanted)
+    return Refused(RBY1Code.NOT_ENABLED, f"the control manager is {name}", _RESUME, name, wanted)
 
 
 def obeying(observation: Observation, now_ns: int) -> Refused | None:
     """Refuse when the robot has dropped our command: motion does not go on by itself after that."""
     why = observation.faults.get(CONTROLLER)
-    return None if why is None else Refused("dropped", f"move: {why}", _RESUME, why, "RUNNING")
+    return None if why is None else Refused(RBY1Code.DROPPED, why, _RESUME, why, "RUNNING")
 
 
 CONDITIONS = (
@@ -113,8 +115,8 @@ def past_own_range(axes: Sequence[Axis]) -> GateCheck:
     def past_own_range(candidate: Candidate, state: GateState) -> Refused | None:
         own = own_axes(axes, state.observation)
         if own is None:
-            why = "move: the robot's own limits are not known"
-            return Refused("no_limits", why, "reconnect", "none", f"{len(axes)} joints")
+            why = "the robot's own limits are not known"
+            return Refused(RBY1Code.NO_LIMITS, why, "reconnect", "none", f"{len(axes)} joints")
         return past_range(own)(candidate, state)
 
     return past_own_range

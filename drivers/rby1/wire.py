@@ -19,6 +19,7 @@ from strands_actors.drivers.common.malformed import MalformedFrame
 from strands_actors.drivers.common.outcome import NOT_CONNECTED
 from strands_actors.drivers.common.session_wire import SessionWire
 from strands_actors.drivers.common.tcp_port import open_tcp
+from strands_actors.drivers.rby1.refusals import RBY1Code
 from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.messages import Refused
 
@@ -147,9 +148,7 @@ class RBY1Wire(SessionWire[RBY1Session]):
         if not why and state.state not in (Manager.IDLE, Manager.ENABLED):
             why = f"the control manager is {state.text}"
         if why:
-            return Refused(
-                "not_reset", f"{service}: {why}", "fix the cause of the fault, then try again", state.text
-            )
+            return Refused(RBY1Code.NOT_RESET, why, "fix the cause of the fault, then try again", state.text)
         return {"control_manager": state.text}
 
     def close(self) -> None:
@@ -164,7 +163,7 @@ class RBY1Wire(SessionWire[RBY1Session]):
         state = session.state
         refusal = refuse_pressed(state.pressed) or refuse_fault(state.manager.state)
         if refusal is not None:
-            raise WireDown(refusal.text.removeprefix("move: "))
+            raise WireDown(refusal.text)
 
     async def _order(self, session: RBY1Session, method: Method, message: bytes) -> None:
         answer = await session.connection.unary(method, message, ORDER_S)

@@ -10,7 +10,9 @@ from strands_actors.contract.axis import SHOWN, Axis, finite, parse_action
 from strands_actors.contract.axis_gates import past_range, show, stale
 from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, OnResume
 from strands_actors.contract.wire import Observation
+from strands_actors.drivers.reachy.refusals import ReachyCode
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from .protocol import BODY, MODES, YAW
 
@@ -55,13 +57,11 @@ def parse(
     duration_s = finite(given)
     if duration_s is None:
         shown = str(given)[:SHOWN]
-        return Refused(
-            "not_finite", f"move: {DURATION} is {shown}", "send a finite number", shown, "a finite number"
-        )
+        return Refused(Code.NOT_FINITE, f"{DURATION} is {shown}", "send a finite number", shown, "a finite number")
     if not SHORTEST_S <= duration_s <= LONGEST_S:
         limit = f"{SHORTEST_S:g}..{LONGEST_S:g} s"
-        why = f"move: {DURATION} {duration_s:g} s is past {limit}"
-        return Refused("duration", why, f"give {limit}", f"{duration_s:g}", limit)
+        why = f"{DURATION} {duration_s:g} s is past {limit}"
+        return Refused(Code.DURATION, why, f"give {limit}", f"{duration_s:g}", limit)
     return Candidate((*values, duration_s), named)
 
 
@@ -81,9 +81,9 @@ def asleep(axes: Sequence[Axis]) -> GateCheck:
         for value, axis in zip(candidate.values[:BODY], axes, strict=False):
             if not axis.low - _ROUNDING <= value <= axis.high + _ROUNDING:
                 limit = f"{show(axis.low, axis.unit)}..{show(axis.high, axis.unit)} {axis.unit}"
-                why = f"move: {axis.key} would stay at {show(value, axis.unit)}, past {limit}: the head is asleep"
+                why = f"{axis.key} would stay at {show(value, axis.unit)}, past {limit}: the head is asleep"
                 return Refused(
-                    "asleep", why, f"call wake(), or give {axis.key}, too", show(value, axis.unit), limit
+                    ReachyCode.ASLEEP, why, f"call wake(), or give {axis.key}, too", show(value, axis.unit), limit
                 )
         return None
 
@@ -98,8 +98,8 @@ def twisted(yaw_deg: float) -> GateCheck:
         if abs(apart) <= yaw_deg + _ROUNDING or not {YAW, BODY} & set(candidate.named):
             return None
         return Refused(
-            "twisted",
-            f"move: head_yaw {show(candidate.values[YAW], 'deg')} and body_yaw "
+            ReachyCode.TWISTED,
+            f"head_yaw {show(candidate.values[YAW], 'deg')} and body_yaw "
             f"{show(candidate.values[BODY], 'deg')} are {show(abs(apart), 'deg')} deg apart",
             f"keep them within {yaw_deg:g} deg of each other",
             show(apart, "deg"),
@@ -124,8 +124,8 @@ def too_fast(axes: Sequence[Axis]) -> GateCheck:
         axis = axes[at]
         step = abs(candidate.values[at] - state.observation.position[at])
         return Refused(
-            "too_fast",
-            f"move: {axis.key} goes {show(step, axis.unit)} {axis.unit} in {duration_s:g} s",
+            Code.TOO_FAST,
+            f"{axis.key} goes {show(step, axis.unit)} {axis.unit} in {duration_s:g} s",
             f"give a duration of at least {least:g} s",
             f"{duration_s:g}",
             f"{least:g} s",
@@ -141,26 +141,27 @@ def motors_on(observation: Observation, now_ns: int) -> Refused | None:
     mode = "in an unknown mode" if told is None else MODES[round(told[0])]
     if mode == "enabled":
         return None
-    return Refused(
-        "motors_off", f"move: the motors are {mode}", 'call motors(mode="enabled") first', mode, "enabled"
-    )
+    return Refused(Code.MOTORS_OFF, f"the motors are {mode}", 'call motors(mode="enabled") first', mode, "enabled")
+
+
+IGNORED = Refused(
+    ReachyCode.IGNORED,
+    "the daemon ignores it: a move of another client is running",
+    "wait until it is over, or call stop(), which ends it",
+    "a move",
+    "none",
+)
 
 
 def heeded(observation: Observation, now_ns: int) -> Refused | None:
     """Refuse when the daemon has just ignored a command."""
-    return ignored("move") if any(observation.sensors.get("ignored", ())) else None
+    return IGNORED if any(observation.sensors.get("ignored", ())) else None
 
 
 def would_be_heeded(candidate: Candidate, state: GateState) -> Refused | None:
     """Refuse while another client's move runs, which goes on: the daemon ignores targets and moves
     then."""
-    return ignored("move") if any(state.observation.sensors.get("others_move", ())) else None
-
-
-def ignored(what: str) -> Refused:
-    """Refuse what the daemon would ignore."""
-    why = f"{what}: the daemon ignores it: a move of another client is running"
-    return Refused("ignored", why, "wait until it is over, or call stop(), which ends it", "a move", "none")
+    return IGNORED if any(state.observation.sensors.get("others_move", ())) else None
 
 
 CONDITIONS = (Condition(motors_on, on_resume=OnResume.STAY_ARMED), Condition(heeded))
@@ -177,15 +178,17 @@ def _look(wanted: dict[str, object]) -> Refused | None:
     keys = ", ".join(LOOK)
     point = [finite(wanted.pop(name, None)) for name in LOOK]
     if both := [name for name in ("head_pitch", "head_yaw") if {name, f"{name}.pos"} & wanted.keys()]:
-        why = f"move: {keys} and {both[0]} are both given"
-        return Refused("both_spellings", why, "send one of them", both[0], keys)
+        why = f"{keys} and {both[0]} are both given"
+        return Refused(Code.BOTH_SPELLINGS, why, "send one of them", both[0], keys)
     x, y, z = point
     if x is None or y is None or z is None:
-        why, remedy = f"move: {keys} are not three finite numbers", "give all three, in metres"
-        return Refused("not_finite", why, remedy, str(point)[:SHOWN], "three finite numbers")
+        why, remedy = f"{keys} are not three finite numbers", "give all three, in metres"
+        return Refused(Code.NOT_FINITE, why, remedy, str(point)[:SHOWN], "three finite numbers")
     if math.hypot(x, y, z) < NEAREST_M:
-        why = f"move: the point to look at is {math.hypot(x, y, z):.3f} m away"
-        return Refused("too_near", why, f"give one at least {NEAREST_M:g} m away", str(point), f"{NEAREST_M:g} m")
+        why = f"the point to look at is {math.hypot(x, y, z):.3f} m away"
+        return Refused(
+            ReachyCode.TOO_NEAR, why, f"give one at least {NEAREST_M:g} m away", str(point), f"{NEAREST_M:g} m"
+        )
     wanted["head_pitch"], wanted["head_yaw"] = direction(x, y, z)
     return None
 
@@ -198,7 +201,7 @@ def _full_speed_s(values: Sequence[float], axes: Sequence[Axis], seen: Observati
 
 
 def _with_other_keys(refusal: Refused) -> Refused:
-    if refusal.code not in ("unknown_joint", "empty"):
+    if refusal.code not in (Code.UNKNOWN_JOINT, Code.EMPTY):
         return refusal
     keys = f"{refusal.limit}; {DURATION} or {', '.join(LOOK)} beside them"
     return Refused(refusal.code, refusal.reason, f"use {keys}", refusal.offered, keys)

@@ -14,11 +14,12 @@ from strands_actors.contract.wire import Observation, Permit, WireDown
 from strands_actors.drivers.common.http_messages import Response
 from strands_actors.drivers.common.http_port import HttpPort
 from strands_actors.drivers.common.malformed import MalformedFrame
+from strands_actors.drivers.reachy.refusals import ReachyCode
 from strands_actors.kernel.messages import Refused
 
 from . import protocol as p
 from .config import ReachyConfig, parse_speech_url
-from .gates import EASE, SHORTEST_S, ignored
+from .gates import EASE, IGNORED, SHORTEST_S
 from .verbs import ALSO
 
 ASK_S = 4.0
@@ -133,7 +134,7 @@ class Services:
             await trio.lowlevel.checkpoint_if_cancelled()  # what a stop undoes is not told as done
             return answer
         except MalformedFrame as malformed:
-            raise WireDown(f"{service}: {malformed}. Look at the daemon") from None
+            raise WireDown(f"{malformed}. Look at the daemon") from None
         finally:
             client.close()
 
@@ -142,9 +143,9 @@ class Services:
     ) -> dict[str, Any] | Refused:
         match ALSO.get(service, service):
             case "wake":
-                return await self._move(client, service, p.WAKE_UP, b"", permit)
+                return await self._move(client, p.WAKE_UP, b"", permit)
             case "sleep":
-                return await self._move(client, service, p.GOTO_SLEEP, b"", permit)
+                return await self._move(client, p.GOTO_SLEEP, b"", permit)
             case "express":
                 return await self._express(client, given["move"], given.get("dataset", p.DATASET), permit)
             case "turn_to_sound":
@@ -160,11 +161,11 @@ class Services:
                 return await self._say(client, given["text"], permit)
             case "play_sound":
                 body = msgspec.json.encode({"file": given["file"]})
-                return await self._post(client, service, p.PLAY_SOUND, body, permit, {"playing": given["file"]})
+                return await self._post(client, p.PLAY_SOUND, body, permit, {"playing": given["file"]})
             case "set_volume":
                 volume = int(given.get("volume", 50))
                 body = msgspec.json.encode({"volume": volume})
-                return await self._post(client, service, p.SET_VOLUME, body, permit, {"volume": volume})
+                return await self._post(client, p.SET_VOLUME, body, permit, {"volume": volume})
             case "track_face":
                 return await self._track(client, given, permit)
             case "camera":
@@ -177,30 +178,28 @@ class Services:
         found = await self._get(client, target)
         return found if isinstance(found, Refused) else p.decode_object(found)
 
-    async def _move(
-        self, client: HttpPort, service: str, target: str, body: bytes, permit: Permit
-    ) -> dict[str, Any] | Refused:
+    async def _move(self, client: HttpPort, target: str, body: bytes, permit: Permit) -> dict[str, Any] | Refused:
         """Begin a move, in the place of ours that runs, and wait for its end. The daemon ignores it
         while another client's runs."""
         running = await client.ask("GET", p.RUNNING, within_s=BEGIN_S)
         if running.status != p.OK:
-            return _said_no(service, running.status, running.body)
+            return _said_no(running.status, running.body)
         if self._moves.others(p.decode_running(running.body)):
-            return ignored(service)
+            return IGNORED
         if self._moves.running:
             stop = p.encode_uuid(self._moves.running)
             await client.ask("POST", p.STOP, stop, within_s=ASK_S, permit=permit)
         answer = await self._energise(client, target, body, permit, BEGIN_S)
         if answer.status != p.OK:
-            return _said_no(service, answer.status, answer.body)
+            return _said_no(answer.status, answer.body)
         uuid = p.decode_move(answer.body)
         self._moves.begin(uuid)
         if await self._moves.ignored(uuid):
-            return ignored(service)
+            return IGNORED
         end = await self._moves.ended(uuid)
         if end.kind != p.COMPLETED:
             return Refused(
-                "move", f"{service}: {end.kind.replace('_', ' ')} {end.details}".rstrip(), "look at the robot"
+                ReachyCode.MOVE, f"{end.kind.replace('_', ' ')} {end.details}".rstrip(), "look at the robot"
             )
         return {"move": uuid}
 
@@ -226,7 +225,7 @@ class Services:
     async def _switch(self, client: HttpPort, mode: str, permit: Permit) -> dict[str, Any] | Refused:
         answer = await self._energise(client, f"{p.SET_MODE}{mode}", b"", permit, SWITCH_S)
         if answer.status != p.OK:
-            return _said_no("motors", answer.status, answer.body)
+            return _said_no(answer.status, answer.body)
         return {"mode": mode}
 
     async def _express(self, client: HttpPort, move: str, dataset: str, permit: Permit) -> dict[str, Any] | Refused:
@@ -237,13 +236,13 @@ class Services:
             return names
         if move not in names:
             there = ", ".join(names)[:200]
-            return Refused("no_move", f"express: {dataset} has no move {move}", f"it has {there}", move, there)
-        return await self._move(client, "express", f"{p.PLAY}{dataset}/{move}", b"", permit)
+            return Refused(ReachyCode.NO_MOVE, f"{dataset} has no move {move}", f"it has {there}", move, there)
+        return await self._move(client, f"{p.PLAY}{dataset}/{move}", b"", permit)
 
     async def _names(self, client: HttpPort, dataset: str) -> list[str] | Refused:
         answer = await client.ask("GET", f"{p.LIST_MOVES}{dataset}", within_s=FETCH_S)
         if answer.status != p.OK:
-            return _said_no("list_moves", answer.status, answer.body)
+            return _said_no(answer.status, answer.body)
         return p.decode_names(answer.body)
 
     async def _turn_to_sound(self, client: HttpPort, permit: Permit, seen: Observation) -> dict[str, Any] | Refused:
@@ -256,10 +255,10 @@ class Services:
         apart = row[p.YAW] - row[p.BODY]
         limit = self._config.yaw_deg
         if abs(apart) > limit or abs(row[p.YAW]) > 180.0:
-            why = f"turn_to_sound: the head would be {apart:.1f} deg from the body"
-            return Refused("twisted", why, "turn the body first", f"{apart:.1f}", f"-{limit:g}..{limit:g}")
+            why = f"the head would be {apart:.1f} deg from the body"
+            return Refused(ReachyCode.TWISTED, why, "turn the body first", f"{apart:.1f}", f"-{limit:g}..{limit:g}")
         duration_s = max(SHORTEST_S, abs(left_deg) / TURN_DEG_S / EASE)
-        moved = await self._move(client, "turn_to_sound", p.GOTO, p.encode_goto(row, duration_s), permit)
+        moved = await self._move(client, p.GOTO, p.encode_goto(row, duration_s), permit)
         return moved if isinstance(moved, Refused) else {**heard, "head_yaw": row[p.YAW]}
 
     async def _sound(self, client: HttpPort) -> dict[str, Any] | Refused:
@@ -268,20 +267,18 @@ class Services:
             return body
         heard = p.decode_direction(body)
         if heard is None:
-            return Refused(
-                "no_sound", "turn_to_sound: the daemon tells no direction of sound", "it needs microphones"
-            )
+            return Refused(ReachyCode.NO_SOUND, "the daemon tells no direction of sound", "it needs microphones")
         return {"left_deg": heard[0], "speech": heard[1]}
 
     async def _track(self, client: HttpPort, given: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
         if not given.get("enabled", True):
-            return await self._post(client, "track_face", p.TRACKING_OFF, b"", permit, {"tracking": False})
+            return await self._post(client, p.TRACKING_OFF, b"", permit, {"tracking": False})
         body = msgspec.json.encode({"weight": float(given.get("weight", 1.0))})
         answer = await self._energise(client, p.TRACKING_ON, body, permit, BEGIN_S)
         if answer.status != p.OK:
-            return _said_no("track_face", answer.status, answer.body)
+            return _said_no(answer.status, answer.body)
         if p.decode_object(answer.body).get("enabled") is not True:
-            return Refused("no_camera", "track_face: the daemon has no camera to track with", "connect one")
+            return Refused(ReachyCode.NO_CAMERA, "the daemon has no camera to track with", "connect one")
         return {"tracking": True}
 
     async def _say(self, client: HttpPort, text: str, permit: Permit) -> dict[str, Any] | Refused:
@@ -292,8 +289,10 @@ class Services:
         finally:
             speech.close()
         if made.status != p.OK or not made.body.startswith(b"RIFF"):
-            why = f"say: tts_url answers status {made.status}, no WAV file"
-            return Refused("no_speech", why, 'it is asked by POST with {"text": ...} and answers with a WAV file')
+            why = f"tts_url answers status {made.status}, no WAV file"
+            return Refused(
+                ReachyCode.NO_SPEECH, why, 'it is asked by POST with {"text": ...} and answers with a WAV file'
+            )
         form = (
             f'--{BOUNDARY}\r\nContent-Disposition: form-data; name="file"; filename="{SPEECH}"\r\n'
             "Content-Type: audio/wav\r\n\r\n"
@@ -302,23 +301,23 @@ class Services:
         kind = f"multipart/form-data; boundary={BOUNDARY}"
         taken = await client.ask("POST", p.UPLOAD_SOUND, body, within_s=ASK_S, permit=permit, kind=kind)
         if taken.status != p.OK:
-            return _said_no("say", taken.status, taken.body)
+            return _said_no(taken.status, taken.body)
         play = msgspec.json.encode({"file": SPEECH})
-        return await self._post(client, "say", p.PLAY_SOUND, play, permit, {"said": text})
+        return await self._post(client, p.PLAY_SOUND, play, permit, {"said": text})
 
     async def _get(self, client: HttpPort, target: str) -> bytes | Refused:
         answer = await client.ask("GET", target, within_s=ASK_S)
         if answer.status == p.OK:
             return answer.body
-        return _said_no(target, answer.status, answer.body)
+        return _said_no(answer.status, answer.body)
 
     async def _post(
-        self, client: HttpPort, service: str, target: str, body: bytes, permit: Permit, done: dict[str, Any]
+        self, client: HttpPort, target: str, body: bytes, permit: Permit, done: dict[str, Any]
     ) -> dict[str, Any] | Refused:
         answer = await client.ask("POST", target, body, within_s=ASK_S, permit=permit)
-        return done if answer.status == p.OK else _said_no(service, answer.status, answer.body)
+        return done if answer.status == p.OK else _said_no(answer.status, answer.body)
 
 
-def _said_no(what: str, status: int, body: bytes) -> Refused:
+def _said_no(status: int, body: bytes) -> Refused:
     said = body[:120].decode("utf-8", "replace")
-    return Refused("daemon", f"{what}: the daemon answers status {status}: {said}", "look at its log", str(status))
+    return Refused(ReachyCode.DAEMON, f"the daemon answers status {status}: {said}", "look at its log", str(status))

@@ -11,7 +11,9 @@ from msgspec.structs import replace
 from strands_actors.contract.axis import finite
 from strands_actors.contract.driver import Service
 from strands_actors.contract.tool_verbs import MOVE_TO, SENSORS, STATUS, STOP, ToolVerb
+from strands_actors.drivers.reachy.refusals import ReachyCode
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from .config import LATE_S
 from .gates import LONGEST_S, SHORTEST_S
@@ -183,16 +185,14 @@ def check_arguments(service: str, arguments: Mapping[str, Any], tts_url: str) ->
             return _bad(service, "mode", given["mode"], ", ".join(MODES))
         case "say" if not tts_url:
             remedy = "give tts_url=, the http address of a service that makes a WAV file of a text"
-            return Refused(
-                "no_tts", f"{service}: there is nothing to make speech of a text", remedy, "", "tts_url="
-            )
+            return Refused(ReachyCode.NO_TTS, "there is nothing to make speech of a text", remedy, "", "tts_url=")
         case "say":
             text = given["text"]
             if not isinstance(text, str) or not 0 < len(text) <= SPOKEN:
                 return _bad(service, "text", text, f"1..{SPOKEN} characters")
         case "record_audio":
             remedy = "take it from the stream whose address camera() tells"
-            return Refused("no_recording", f"{service}: the daemon gives sound over WebRTC alone", remedy)
+            return Refused(ReachyCode.NO_RECORDING, "the daemon gives sound over WebRTC alone", remedy)
         case "play_sound":
             return _name(service, "file", given["file"])
         case "track_face":
@@ -220,4 +220,4 @@ def _name(service: str, argument: str, name: object) -> Refused | None:
 
 def _bad(service: str, argument: str, value: object, limit: str) -> Refused:
     shown = str(value)[:40]
-    return Refused("bad_argument", f"{service}: {argument} is {shown!r}", f"give {limit}", shown, limit)
+    return Refused(Code.BAD_ARGUMENT, f"{argument} is {shown!r}", f"give {limit}", shown, limit)

@@ -197,7 +197,7 @@ class ReachyWire(Wire):
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
         services = self._services
         if services is None:
-            raise WireDown(f"{service}: not connected")
+            raise WireDown("not connected")
         if not await self._answered(WAIT_S):
             raise PermitDenied("the command before has not been answered")
         return await services.perform(service, arguments, permit, await self.read())

@@ -28,6 +28,7 @@ from strands_actors.contract.tool_verbs import MOVE_TO, SENSORS, STATUS, STOP, T
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.addresses import check_device
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from .config import AXIS, BAUD, BAUD_RATES, LATE_S, RobotiqConfig
 from .gates import FORCE, POSITION, SPEED, Keys, all_gates
@@ -148,7 +149,7 @@ class Robotiq(Driver):
         a least speed, too."""
         if "speed" in targets:
             remedy = "leave speed out: it follows from seconds"
-            return Refused("both", "move_to: speed and seconds are both given", remedy, "speed", "seconds")
+            return Refused(Code.BOTH, "speed and seconds are both given", remedy, "speed", "seconds")
         parsed = self.keys.parse(targets)
         if isinstance(parsed, Refused):
             return parsed
@@ -156,8 +157,8 @@ class Robotiq(Driver):
         way_mm = abs(parsed.values[POSITION] - observation.position[0]) * self.config.stroke_mm
         if not way_mm / seconds <= fastest:
             least = f"{math.ceil(100 * way_mm / fastest) / 100:g}"
-            why = f"move_to: the fingers have {way_mm:.1f} mm to go, too far for {seconds:g} s"
-            return Refused("too_fast", why, f"give seconds={least} or more", f"{seconds:g}", least)
+            why = f"the fingers have {way_mm:.1f} mm to go, too far for {seconds:g} s"
+            return Refused(Code.TOO_FAST, why, f"give seconds={least} or more", f"{seconds:g}", least)
         share = (way_mm / seconds - slowest) / (fastest - slowest)
         return {**targets, "speed": min(1.0, max(0.0, share))}
 

@@ -10,7 +10,9 @@ from strands_actors.contract.axis import Axis, parse_action
 from strands_actors.contract.axis_gates import past_range, stale
 from strands_actors.contract.driver import Candidate, GateCheck, GateState
 from strands_actors.contract.wire import Observation
+from strands_actors.drivers.robotiq.refusals import RobotiqCode
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from .config import AXIS
 from .protocol import MAJOR, NO_FAULT, OVER_TEMPERATURE, RELEASING, SILENCE, Activation, fault_words
@@ -55,15 +57,15 @@ class Keys:
         for name in action:
             if not isinstance(name, str) or name not in self._names:
                 shown, names = str(name)[:40] or "''", ", ".join(self._names)
-                why = f"move: {shown} is not a key of {self._robot}"
-                return Refused("unknown_joint", why, f"use {names}", shown, names)
+                why = f"{shown} is not a key of {self._robot}"
+                return Refused(Code.UNKNOWN_JOINT, why, f"use {names}", shown, names)
         given, places = self.places_in(action), ", ".join(self._places)
         if len(given) > 1:
             both = " and ".join(given)
-            return Refused("both_spellings", f"move: {both} are both given", "send one of them", both, places)
+            return Refused(Code.BOTH_SPELLINGS, f"{both} are both given", "send one of them", both, places)
         if not given:
             said = ", ".join(action) or "{}"
-            return Refused("empty", "move: the action says no position", f"use one of {places}", said, places)
+            return Refused(Code.EMPTY, "the action says no position", f"use one of {places}", said, places)
         parsed = parse_action(action, self._robot, self._axes, self._index, self._unnamed)
         if isinstance(parsed, Refused):
             return parsed
@@ -92,8 +94,8 @@ def activated(candidate: Candidate, state: GateState) -> Refused | None:
     if activation == Activation.ACTIVE:
         return None
     return Refused(
-        "not_activated",
-        f"move: the gripper is not activated (gSTA {activation})",
+        RobotiqCode.NOT_ACTIVATED,
+        f"the gripper is not activated (gSTA {activation})",
         "call stop(), then resume(): it activates, moving its fingers through their whole stroke",
         str(activation),
         str(int(Activation.ACTIVE)),
@@ -112,4 +114,4 @@ def fault_free(candidate: Candidate, state: GateState) -> Refused | None:
         remedy = "see to its cause, then call stop() and resume(): it activates through its whole stroke"
     else:
         remedy = "call stop(), then resume()"
-    return Refused("fault", f"move: the gripper reports {fault_words(fault)}", remedy, str(fault), "0")
+    return Refused(Code.FAULT, f"the gripper reports {fault_words(fault)}", remedy, str(fault), "0")

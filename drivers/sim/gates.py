@@ -8,7 +8,9 @@ from collections.abc import Sequence
 from strands_actors.contract.axis import Axis
 from strands_actors.contract.axis_gates import show, unit_of
 from strands_actors.contract.driver import Candidate, GateCheck, GateState
+from strands_actors.drivers.sim.refusals import SimCode
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 HELD_BY_WIRE = "held by the robot on its wire"
 LET_GO = "limp"
@@ -30,8 +32,8 @@ def computable(axes: Sequence[Axis], units: Sequence[tuple[float, float]]) -> Ga
             if not abs(value - zero) <= FARTHEST * abs(scale):
                 most = show(FARTHEST * abs(scale), axis.unit)
                 offered = show(value, axis.unit)
-                why = f"move: {axis.key} {offered}{unit_of(axis)} is farther than physics can be computed"
-                return Refused("past_travel", why, f"stay within {most} of its zero", offered, most)
+                why = f"{axis.key} {offered}{unit_of(axis)} is farther than physics can be computed"
+                return Refused(Code.PAST_TRAVEL, why, f"stay within {most} of its zero", offered, most)
         return None
 
     return computable
@@ -45,7 +47,7 @@ def held(axes: Sequence[str]) -> GateCheck:
             if why is not None:
                 there = "stop it there, then " if why == HELD_BY_WIRE else ""
                 remedy = f"{there}stop() and resume() here take it"
-                return Refused("not_held", f"move: {axis} is {why}", remedy, why, "held by the simulation")
+                return Refused(SimCode.NOT_HELD, f"{axis} is {why}", remedy, why, "held by the simulation")
         return None
 
     return held

@@ -13,8 +13,10 @@ from strands_actors.drivers.common.outcome import NOT_CONNECTED
 from strands_actors.drivers.common.simulation_control import protocol as p
 from strands_actors.drivers.common.simulation_control.body import Hand
 from strands_actors.drivers.common.simulation_control.client import Refusal, SimulationClient
+from strands_actors.drivers.sim.refusals import SimCode
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from .config import SimConfig
 from .gates import HELD_BY_WIRE, LET_GO
@@ -86,13 +88,13 @@ class SimWire(Wire):
         is heard before. Returns when it has been read, too: who looks next sees what came of it."""
         permit.check()
         if service == "reset" and self._armed:
-            return Refused("live", "reset: the robot is energised", "stop it first")
+            return Refused(Code.LIVE, "the robot is energised", "stop it first")
         self._beside = beside = self._beside or SimulationClient(self._config.control)
         try:
             request = p.Reset(0) if service == "reset" else p.Step(0, int(arguments.get("steps", 1)))
             sample = await beside.call(request, p.Sample, p.STEP_S)
         except Refusal as refusal:
-            return Refused("wire", f"{service}: {refusal}")
+            return Refused(SimCode.WIRE, str(refusal))
         self._read_since = trio.Event()
         with trio.move_on_after(SILENT_S):  # until then the link is lost
             await self._read_since.wait()

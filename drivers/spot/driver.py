@@ -163,7 +163,7 @@ class Spot(Driver):
             state.target_ns,
             state.stream,
             state.period_s,
-            state.live_until_ns,
+            state.live,
         )
         parsed = parse_twist(action, self.robot, self.table, self._index, at)
         return parsed if isinstance(parsed, Refused) else with_parts(parsed, state)

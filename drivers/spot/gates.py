@@ -11,8 +11,10 @@ from strands_actors.contract.axis_gates import past_range, stale, too_fast
 from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, OnResume, Reason
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import Observation
+from strands_actors.drivers.spot.refusals import SpotCode
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from .protocol import TWIST_S, Motors, name_of
 from .robots import ARM, BASE, CLAW, DRIVES, KEYS, LEGS, MOVES_ARM, MOVES_CLAW
@@ -39,21 +41,21 @@ def _lease(observation: Observation, now_ns: int) -> Refused | None:
     owner = observation.faults.get(LEASE)
     if owner is None:
         return None
-    return Refused("lease_lost", f"move: {owner}", "let its owner return it, then call resume()", owner)
+    return Refused(SpotCode.LEASE_LOST, owner, "let its owner return it, then call resume()", owner)
 
 
 def _estop_of_ours(observation: Observation, now_ns: int) -> Refused | None:
     why = observation.faults.get(ESTOP)
     if why is None:
         return None
-    return Refused("estop_lost", f"move: {why}", "call resume(), which sets up the e-stop anew", why)
+    return Refused(SpotCode.ESTOP_LOST, why, "call resume(), which sets up the e-stop anew", why)
 
 
 def _estopped(observation: Observation, now_ns: int) -> Refused | None:
     (pressed,) = observation.sensors.get("estopped", (0.0,))
     if not pressed:
         return None
-    return Refused("estopped", "move: the robot is E-stopped", "release it first", "E-stopped")
+    return Refused(SpotCode.ESTOPPED, "the robot is E-stopped", "release it first", "E-stopped")
 
 
 def _motors(observation: Observation, now_ns: int) -> Refused | None:
@@ -61,7 +63,7 @@ def _motors(observation: Observation, now_ns: int) -> Refused | None:
     if motors == Motors.ON:
         return None
     state = name_of(Motors, int(motors))
-    return Refused("motors_off", f"move: its motors are {state}", "call stand() first", state, "on")
+    return Refused(Code.MOTORS_OFF, f"its motors are {state}", "call stand() first", state, "on")
 
 
 # -- gates: of one command
@@ -93,8 +95,8 @@ def _whole_arm(candidate: Candidate, state: GateState) -> Refused | None:
         return None
     shown = ", ".join(unknown)
     return Refused(
-        "stale",
-        f"move: no position from {shown} when the robot was armed, and the arm is told as a whole",
+        Code.STALE,
+        f"no position from {shown} when the robot was armed, and the arm is told as a whole",
         f"name {shown} too, or call stop() and resume() once it is reported",
         shown,
         "all joints of the arm",
@@ -108,7 +110,7 @@ def _has_part(candidate: Candidate, state: GateState) -> Refused | None:
         return None
     what = "claw" if absent == [CLAW] else "arm"
     return Refused(
-        "no_arm", f"move: this robot has no {what}", f"use {', '.join(BASE)}", absent[0], ", ".join(BASE)
+        SpotCode.NO_ARM, f"this robot has no {what}", f"use {', '.join(BASE)}", absent[0], ", ".join(BASE)
     )
 
 
@@ -121,8 +123,8 @@ def refuse_leg(action: Mapping[str, object]) -> Refused | None:
     """Refuse to move a leg, which only the robot's own controller does."""
     for key in action:
         if isinstance(key, str) and key.removesuffix(".pos") in LEGS:
-            why = f"move: {key}: legs belong to the locomotion controller"
-            return Refused("read_only", why, f"walk by {', '.join(BASE)}", key, ", ".join(KEYS))
+            why = f"{key}: legs belong to the locomotion controller"
+            return Refused(SpotCode.READ_ONLY, why, f"walk by {', '.join(BASE)}", key, ", ".join(KEYS))
     return None
 
 
@@ -151,8 +153,8 @@ def refuse_twist(arguments: Mapping[str, Any], axes: Sequence[Axis]) -> Refused 
         value = finite(arguments.get(axis.key, 0.0))
         if value is None:
             shown = str(arguments.get(axis.key))[:SHOWN]
-            why = f"set_twist: {axis.key} is {shown}"
-            return Refused("not_finite", why, "send a finite number", shown, "a finite number")
+            why = f"{axis.key} is {shown}"
+            return Refused(Code.NOT_FINITE, why, "send a finite number", shown, "a finite number")
         speeds.append(value)
     nothing = Observation(0, (0.0,) * len(BASE), (0,) * len(BASE))
     base = axes[: len(BASE)]

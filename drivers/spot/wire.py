@@ -18,8 +18,10 @@ from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
 from strands_actors.drivers.common.outcome import NOT_CONNECTED, Outcome, names_of
 from strands_actors.drivers.common.session_wire import SessionWire
+from strands_actors.drivers.spot.refusals import SpotCode
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from . import protocol as p
 from .config import SAFE_S, SpotConfig
@@ -423,7 +425,7 @@ class SpotWire(SessionWire[SpotSession]):
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
         if not self._is_armed:
-            return Refused("disarmed", f"{service}: the robot was stopped", "call resume() first")
+            return Refused(Code.DISARMED, "the robot was stopped", "call resume() first")
         if service == "set_twist":
             return await self._set_twist(arguments, permit)
         return await self._stand(permit)
@@ -447,7 +449,7 @@ class SpotWire(SessionWire[SpotSession]):
                 permit.check()
                 await trio.sleep(LOOK_S)
             return {"standing": True}
-        return Refused("not_standing", f"stand: it does not stand after {STAND_UP_S:g} s", "look at the robot")
+        return Refused(SpotCode.NOT_STANDING, f"it does not stand after {STAND_UP_S:g} s", "look at the robot")
 
     async def _power_on(self, permit: Permit) -> Refused | None:
         session = self.session
@@ -471,7 +473,7 @@ class SpotWire(SessionWire[SpotSession]):
             if status == p.Power.SUCCESS:
                 return None
         why = p.name_of(p.Power, status)
-        return Refused("no_power", f"stand: its motors are not powered on: {why}", "look at the robot", why)
+        return Refused(SpotCode.NO_POWER, f"its motors are not powered on: {why}", "look at the robot", why)
 
     # -- parts
 
@@ -480,11 +482,9 @@ class SpotWire(SessionWire[SpotSession]):
         if status == p.Command.OK:
             return None
         if LEASE in self._faults:
-            return Refused(
-                "lease_lost", f"{service}: {self._faults[LEASE]}", "let its owner return it, then resume()"
-            )
+            return Refused(SpotCode.LEASE_LOST, self._faults[LEASE], "let its owner return it, then resume()")
         why = p.name_of(p.Command, status)
-        return Refused("robot", f"{service}: the robot refuses it: {why}", "look at the robot", why)
+        return Refused(Code.ROBOT, f"the robot refuses it: {why}", "look at the robot", why)
 
     def _note(self, lost: LeaseLost) -> None:
         """Keep who took the lease: later it is only known that it is not ours."""

@@ -75,13 +75,13 @@ class Board:
         try:
             info = p.parse_board_info(reply)
         except MalformedFrame as malformed:
-            raise WireDown(f"connect: {self.name} says that {malformed}. Check its firmware") from None
+            raise WireDown(f"{self.name} says that {malformed}. Check its firmware") from None
         if info.kind != kind:
-            raise WireDown(f"connect: {self.name} is a {info.kind} board, must be a {kind}. Check the udev rules")
+            raise WireDown(f"{self.name} is a {info.kind} board, must be a {kind}. Check the udev rules")
         if info.version < p.OLDEST_V1 or info.protocol not in p.PROTOCOLS[kind]:
             known = p.PROTOCOLS[kind]
             raise WireDown(
-                f"connect: {self.name} has firmware {info.firmware}. It must be v0.4 or newer, with protocol "
+                f"{self.name} has firmware {info.firmware}. It must be v0.4 or newer, with protocol "
                 f"p{known[0]} to p{known[-1]}"
             )
         self.info = info
@@ -110,7 +110,7 @@ class Board:
     async def must(self, call: bytes, what: str) -> None:
         """Raise ``WireDown`` when a call is not acknowledged."""
         if not await self.command(call):
-            raise WireDown(f"connect: {self.name} does not take {what}. Check its cable and power")
+            raise WireDown(f"{self.name} does not take {what}. Check its cable and power")
 
     async def ask(self, call: int, *, wait: bool = False) -> bytes | None:
         """Return the reply without its number; None: it did not come whole. In the quiet time raise
@@ -154,13 +154,13 @@ class Board:
             if part.code == f.V0_GOT_LAST:
                 break
         if reply[:1] != bytes((call + 1,)):
-            raise WireDown(f"connect: {self.name} answers another question. Power-cycle the robot")
+            raise WireDown(f"{self.name} answers another question. Power-cycle the robot")
         return reply[1:]
 
     async def _v0_step(self, request: bytes, code: int) -> f.Frame:
         replies = await self.bus.transact(request, {code: 0}, ANSWER_S, wait=True)
         if code not in replies:
-            raise WireDown(f"connect: {self.name} does not say who it is. Check its cable and power")
+            raise WireDown(f"{self.name} does not say who it is. Check its cable and power")
         return replies[code]
 
 

@@ -24,6 +24,7 @@ from strands_actors.contract.tool_verbs import DURATION, MOVE_TO, STATE, STATUS,
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
 from strands_actors.drivers.common.velocity_base import LIFETIME_S
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from .config import ARM, BASE, LIFT, StretchConfig
 from .gates import conditions, gates_of, parse
@@ -167,14 +168,14 @@ class Stretch(Driver):
         joint = str(arguments.get("joint", ""))[:40]
         if joint not in ranges:
             names = ", ".join(ranges)
-            why = f"{service}: joint is {joint or 'missing'}"
-            return Refused("bad_argument", why, f"give one of {names}", joint, names)
+            why = f"joint is {joint or 'missing'}"
+            return Refused(Code.BAD_ARGUMENT, why, f"give one of {names}", joint, names)
         low, high = (finite(arguments.get(name)) for name in ("low", "high"))
         least, most = ranges[joint]
         if low is None or high is None or not least - 1e-9 <= low < high <= most + 1e-9:
             offered, limit = f"{arguments.get('low')}..{arguments.get('high')}"[:40], f"{least:.4f}..{most:.4f}"
-            why = f"{service}: {joint} {offered}"
-            return Refused("bad_argument", why, f"give low below high, within {limit}", offered, limit)
+            why = f"{joint} {offered}"
+            return Refused(Code.BAD_ARGUMENT, why, f"give low below high, within {limit}", offered, limit)
         return None
 
 

@@ -14,18 +14,28 @@ from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.dynamixel.gates import FAULT_CODES, REMEDIES
 from strands_actors.drivers.common.servo.gates import motor_fault, temperature, voltage
 from strands_actors.drivers.common.velocity_base import LIFETIME_S, parse_twist
+from strands_actors.drivers.stretch.refusals import StretchCode
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from .config import ARM, BASE, LIFT, StretchConfig
 from .readings import CONTACT, UNHELD
 
 ROUNDING = 1e-9
 _HOMING = "run the homing routine on the robot: stretch_robot_home.py"
-_FAULT_CODES = {**FAULT_CODES, "silent": "silent"}
+_FAULT_CODES = {**FAULT_CODES, "silent": StretchCode.SILENT}
 _STOPPED_ITSELF = {
-    CONTACT: ("contact", "has met something, and was stopped by its board", "clear its way, then call resume()"),
-    UNHELD: ("safety_mode", "is in its safety mode", "check its board and its supply, then call resume()"),
+    CONTACT: (
+        StretchCode.CONTACT,
+        "has met something, and was stopped by its board",
+        "clear its way, then call resume()",
+    ),
+    UNHELD: (
+        StretchCode.SAFETY_MODE,
+        "is in its safety mode",
+        "check its board and its supply, then call resume()",
+    ),
 }
 """Word in ``faults`` of lift or arm -> code, what it is, and what to do."""
 
@@ -54,10 +64,10 @@ def parse(
     if "vy" in plain:
         sideways = finite(plain.pop("vy"))
         if sideways is None:
-            return Refused("not_finite", "move: vy is no finite number", "leave it out")
+            return Refused(Code.NOT_FINITE, "vy is no finite number", "leave it out")
         if sideways != 0:
-            why = f"move: vy {sideways:g} m/s, and this base cannot strafe"
-            return Refused("strafe", why, "turn with wz, drive with vx", f"{sideways:g}", "0")
+            why = f"vy {sideways:g} m/s, and this base cannot strafe"
+            return Refused(StretchCode.STRAFE, why, "turn with wz, drive with vx", f"{sideways:g}", "0")
         if not plain:
             plain = dict.fromkeys(BASE, 0.0)
     before = msgspec.structs.replace(state, target=state.target[: len(axes)])  # without what it told
@@ -71,7 +81,7 @@ def parse(
         if not named.isdisjoint(base):
             until_ns = state.now_ns + round(LIFETIME_S * NS)
         named.update(base)
-    if state.live_until_ns and len(state.target) > len(axes):
+    if state.live is not None and len(state.target) > len(axes):
         # Two commands may reach the wire as one, the newer: it tells what the other has told, too.
         named.update(_told(state.target, len(axes)).difference(base))
     mask = float(sum(1 << at for at in named))
@@ -100,7 +110,7 @@ def _runstop(observation: Observation, now_ns: int) -> Refused | None:
     if sensors.get("runstop", (0.0,)) == (0.0,):
         return None
     why, remedy = why_stopped(sensors)
-    return Refused("runstop", f"move: {why}", f"{remedy}, then resume()", "pressed")
+    return Refused(StretchCode.RUNSTOP, why, f"{remedy}, then resume()", "pressed")
 
 
 def why_stopped(sensors: Mapping[str, tuple[float, ...]]) -> tuple[str, str]:
@@ -118,7 +128,7 @@ def _went_on(observation: Observation, now_ns: int) -> Refused | None:
         for word in observation.faults.get(joint, "").split(", "):
             if word in _STOPPED_ITSELF:
                 code, what, remedy = _STOPPED_ITSELF[word]
-                return Refused(code, f"move: {joint} {what}", remedy, word, "none")
+                return Refused(code, f"{joint} {what}", remedy, word, "none")
     return None
 
 
@@ -159,8 +169,8 @@ def _soft_limits(axes: Sequence[Axis]) -> GateCheck:
                 bottom, top = show(low, axis.unit, inwards=math.ceil), show(high, axis.unit, inwards=math.floor)
                 offered = show(value, axis.unit)
                 return Refused(
-                    "soft_limit",
-                    f"move: {axis.key} {offered}{unit_of(axis)} is outside its soft limits of now",
+                    StretchCode.SOFT_LIMIT,
+                    f"{axis.key} {offered}{unit_of(axis)} is outside its soft limits of now",
                     f"stay within {bottom}..{top}",
                     offered,
                     f"{bottom}..{top}",
@@ -177,7 +187,7 @@ def _homed(axes: Sequence[Axis]) -> GateCheck:
         for at in candidate.named:
             axis = axes[at]
             if axis.mode is AxisMode.POSITION and not _row(state, "homed", at, 0.0):
-                return Refused("not_homed", f"move: {axis.key} not homed", _HOMING, "not homed", "homed")
+                return Refused(StretchCode.NOT_HOMED, f"{axis.key} not homed", _HOMING, "not homed", "homed")
         return None
 
     return homed
@@ -197,8 +207,8 @@ def _wheel_speeds(config: StretchConfig, axes: Sequence[Axis]) -> GateCheck:
         for side, speed in zip(("left", "right"), config.wheels(*_twist(candidate, axes)), strict=True):
             if not abs(speed) <= most + ROUNDING:
                 return Refused(
-                    "wheel_speed",
-                    f"move: the {side} wheel would run at {speed:.3f} m/s",
+                    StretchCode.WHEEL_SPEED,
+                    f"the {side} wheel would run at {speed:.3f} m/s",
                     f"keep |vx| + |wz| * {config.parameters.separation_m / 2:.3f} within {most:g}",
                     f"{abs(speed):.3f}",
                     f"{most:g}",
@@ -215,8 +225,8 @@ def _wheel_watchdog(axes: Sequence[Axis]) -> GateCheck:
         if not any(_twist(candidate, axes)) or state.observation.sensors.get("wheel_watchdog") == (1.0,):
             return None
         return Refused(
-            "no_watchdog",
-            "move: the wheels' velocity watchdog is off",
+            StretchCode.NO_WATCHDOG,
+            "the wheels' velocity watchdog is off",
             "set enable_vel_watchdog: 1 for both wheels in the robot's YAML, then connect again",
             "off",
             "on",

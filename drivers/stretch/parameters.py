@@ -86,7 +86,7 @@ def folder_of(environment: Mapping[str, str]) -> Path:
     path, number = environment.get(PATH), environment.get(ID)
     if not path or not number:
         raise WireDown(
-            f"connect: {PATH} and {ID} are not set. Run this on the robot, where they name the folder of its YAML"
+            f"{PATH} and {ID} are not set. Run this on the robot, where they name the folder of its YAML"
         )
     return Path(path) / number
 
@@ -100,16 +100,14 @@ def read_folder(robot: str, folder: Path) -> Parameters:
         try:
             found = yaml.safe_load((folder / name).read_text("utf-8"))
         except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-            raise WireDown(
-                f"connect: {folder / name} cannot be read ({_first_line(error)}). Check {PATH}"
-            ) from None
+            raise WireDown(f"{folder / name} cannot be read ({_first_line(error)}). Check {PATH}") from None
         if found is not None and not isinstance(found, dict):
-            raise WireDown(f"connect: {folder / name} is no table. Restore the robot's own file")
+            raise WireDown(f"{folder / name} is no table. Restore the robot's own file")
         said = merged(said, found or {})
     try:
         return parameters_of(robot, said)
     except ValueError as error:
-        raise WireDown(f"connect: {folder}: {error}") from None
+        raise WireDown(f"{folder}: {error}") from None
 
 
 def parameters_of(robot: str, said: Mapping[str, Any] | None = None) -> Parameters:

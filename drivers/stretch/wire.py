@@ -107,11 +107,11 @@ class StretchWire(Wire):
         the board; those that hold now were acknowledged."""
         data = await board.ask(p.FLASH_GAINS, wait=True)
         if data is None:
-            raise WireDown(f"connect: {board.name} does not tell its gains in flash. Check its cable and power")
+            raise WireDown(f"{board.name} does not tell its gains in flash. Check its cable and power")
         try:
             return bool(p.parse_gains(data).config & p.Config.VELOCITY_WATCHDOG)
         except MalformedFrame as malformed:
-            why = f"connect: {board.name} does not tell its gains in flash: {malformed}. Check its firmware"
+            why = f"{board.name} does not tell its gains in flash: {malformed}. Check its firmware"
             raise WireDown(why) from None
 
     def _begin(self) -> None:

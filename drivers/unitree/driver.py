@@ -30,6 +30,7 @@ from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.addresses import check_peer
 from strands_actors.drivers.common.motor_targets import ROWS, Parser, target_gates
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from .config import UnitreeConfig
 from .gates import CONTROL_HZ, CONTROL_S, conditions
@@ -118,10 +119,10 @@ class _Legs(Driver):
 
     def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
         if service in self.OF_WALKING:
-            why = f"{service}: this robot is commanded joint by joint (level='low')"
+            why = "this robot is commanded joint by joint (level='low')"
             walks = f"{self.robot}:sport" in self.LEVELS
             remedy = WALKS_ELSEWHERE if walks else "command its joints: its way to walk is not known here"
-            return Refused("level", why, remedy, "low", "sport" if walks else "")
+            return Refused(Code.LEVEL, why, remedy, "low", "sport" if walks else "")
         return super().check_service(service, arguments)
 
     def check_port(self) -> None:

@@ -5,8 +5,10 @@ from __future__ import annotations
 
 from strands_actors.contract.driver import Condition, ConditionCheck, OnResume
 from strands_actors.contract.wire import Observation
+from strands_actors.drivers.unitree.refusals import UnitreeCode
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from .robots import Model
 from .rpc import FSM_WORDS
@@ -45,14 +47,14 @@ def stale(ttl_s: float) -> ConditionCheck:
     def stale(observation: Observation, now_ns: int) -> Refused | None:
         stamp_ns = observation.stamp_ns[0]
         if stamp_ns == 0:
-            why = "move: no LowState yet, mode_machine unknown"
-            return Refused("no_state", why, "wait for the first, or check the network")
+            why = "no LowState yet, mode_machine unknown"
+            return Refused(Code.NO_STATE, why, "wait for the first, or check the network")
         age_ns = now_ns - stamp_ns
         if age_ns <= ttl_ns:
             return None
         age, limit = f"{age_ns / 1e6:.0f} ms", f"{ttl_s * 1e3:.0f} ms"
-        why = f"move: last LowState is {age} old (limit {limit})"
-        return Refused("stale", why, "check the robot and the network", age, limit)
+        why = f"last LowState is {age} old (limit {limit})"
+        return Refused(Code.STALE, why, "check the robot and the network", age, limit)
 
     return stale
 
@@ -64,20 +66,20 @@ def fsm(observation: Observation, now_ns: int) -> Refused | None:
     """G1: low-level commands are for the states that balance."""
     known = observation.sensors.get("fsm")
     if known is None:
-        why = "move: the FSM id is not known"
-        return Refused("fsm_unknown", why, "check that the robot has booted", "", _HANDSHAKE)
+        why = "the FSM id is not known"
+        return Refused(UnitreeCode.FSM_UNKNOWN, why, "check that the robot has booted", "", _HANDSHAKE)
     number, asked_s = known
     age_s = now_ns / NS - asked_s
     if age_s > FSM_TTL_S:
-        why = f"move: FSM id is {age_s:.1f} s old (limit {FSM_TTL_S:.1f} s)"
+        why = f"FSM id is {age_s:.1f} s old (limit {FSM_TTL_S:.1f} s)"
         age, limit = f"{age_s:.1f} s", f"{FSM_TTL_S:.1f} s"
-        return Refused("fsm_stale", why, "check the robot's sport service", age, limit)
+        return Refused(UnitreeCode.FSM_STALE, why, "check the robot's sport service", age, limit)
     if number in HANDSHAKE_FSM:
         return None
     word = FSM_WORDS.get(round(number))
     shown = f"{number:g} ({word})" if word else f"{number:g}"
-    why = f"move: FSM {shown} does not accept low-level commands; needs 500, 501 or 801"
-    return Refused("fsm", why, "bring the robot there by its remote", f"{number:g}", _HANDSHAKE)
+    why = f"FSM {shown} does not accept low-level commands; needs 500, 501 or 801"
+    return Refused(UnitreeCode.FSM, why, "bring the robot there by its remote", f"{number:g}", _HANDSHAKE)
 
 
 def sport_mode(observation: Observation, now_ns: int) -> Refused | None:
@@ -85,28 +87,30 @@ def sport_mode(observation: Observation, now_ns: int) -> Refused | None:
     known = observation.sensors.get("sport_mode_released")
     remedy = "call release_sport_mode() first: the robot no longer balances by itself then"
     if known is None:
-        return Refused("sport_mode_unknown", "move: the onboard mode is not known", remedy, "", "released")
+        return Refused(UnitreeCode.SPORT_MODE_UNKNOWN, "the onboard mode is not known", remedy, "", "released")
     released, asked_s = known
     age_s = now_ns / NS - asked_s
     if age_s > MODE_TTL_S:
-        why = f"move: the onboard mode is {age_s:.1f} s old (limit {MODE_TTL_S:.1f} s)"
+        why = f"the onboard mode is {age_s:.1f} s old (limit {MODE_TTL_S:.1f} s)"
         age = f"{age_s:.1f} s"
-        return Refused("sport_mode_stale", why, "check the robot's network", age, f"{MODE_TTL_S:.1f} s")
+        return Refused(UnitreeCode.SPORT_MODE_STALE, why, "check the robot's network", age, f"{MODE_TTL_S:.1f} s")
     if released:
         return None
     name = observation.faults.get("sport_mode", "")
-    return Refused("sport_mode", f"move: sport mode {name} still active", remedy, name, "released")
+    return Refused(UnitreeCode.SPORT_MODE, f"sport mode {name} still active", remedy, name, "released")
 
 
 def battery_known(observation: Observation, now_ns: int) -> Refused | None:
     stamp_s = observation.sensors.get("battery_stamp_s")
     if stamp_s is None:
-        why = "move: the battery's charge is not known"
-        return Refused("battery_unknown", why, "check the robot's battery topic", "unknown", "a state of charge")
+        why = "the battery's charge is not known"
+        return Refused(
+            UnitreeCode.BATTERY_UNKNOWN, why, "check the robot's battery topic", "unknown", "a state of charge"
+        )
     age_s = now_ns / NS - stamp_s[0]
     if age_s > BATTERY_TTL_S:
-        why = f"move: the battery's charge is {age_s:.0f} s old (limit {BATTERY_TTL_S:.0f} s)"
-        return Refused("battery_unknown", why, "check the robot's battery topic", f"{age_s:.0f} s")
+        why = f"the battery's charge is {age_s:.0f} s old (limit {BATTERY_TTL_S:.0f} s)"
+        return Refused(UnitreeCode.BATTERY_UNKNOWN, why, "check the robot's battery topic", f"{age_s:.0f} s")
     return None
 
 
@@ -116,7 +120,7 @@ def battery_above(floor_pct: float) -> ConditionCheck:
         if known is None or known[0] >= floor_pct:
             return None
         charge = f"{known[0]:.1f} %"
-        why = f"move: battery {charge} is under the floor of {floor_pct:.1f} %"
-        return Refused("battery_low", why, "charge it", charge, f"{floor_pct:.1f} %")
+        why = f"battery {charge} is under the floor of {floor_pct:.1f} %"
+        return Refused(UnitreeCode.BATTERY_LOW, why, "charge it", charge, f"{floor_pct:.1f} %")
 
     return battery_above

@@ -16,6 +16,7 @@ import trio
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, WireDown
 from strands_actors.drivers.common.session_wire import PromptSessionWire
+from strands_actors.drivers.unitree.refusals import UnitreeCode
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
 
@@ -232,9 +233,7 @@ class UnitreeWire(PromptSessionWire[UnitreeSession]):
         while it owes an answer."""
         session = self.session
         if self._config.simulator:
-            return Refused(
-                "sport_mode", f"{service}: a simulator has no onboard mode", "command its joints", "", ""
-            )
+            return Refused(UnitreeCode.SPORT_MODE, "a simulator has no onboard mode", "command its joints", "", "")
         attempts = int(arguments.get("attempts", ATTEMPTS))
         for attempt in range(1, attempts + 1):
             name = await self._fresh_mode(session)
@@ -246,11 +245,11 @@ class UnitreeWire(PromptSessionWire[UnitreeSession]):
         if not name:
             return {"sport_mode_released": True, "attempts": attempts}
         if session.modes.owed:
-            why = f"{service}: {name!r} is still active; {MAY_LET_GO}"
-            return Refused("sport_mode", why, "bring it to lie by its remote, and wait", name, "released")
+            why = f"{name!r} is still active; {MAY_LET_GO}"
+            return Refused(UnitreeCode.SPORT_MODE, why, "bring it to lie by its remote, and wait", name, "released")
         return Refused(
-            "sport_mode",
-            f"{service}: {name!r} is still active after {attempts} attempts",
+            UnitreeCode.SPORT_MODE,
+            f"{name!r} is still active after {attempts} attempts",
             "bring the robot to lie or to damp by its remote, then try again",
             name,
             "released",

@@ -11,8 +11,10 @@ from strands_actors.contract.driver import Candidate, Condition, GateCheck, Gate
 from strands_actors.contract.sensors import number_of
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.step_gates import refuse_lead
+from strands_actors.drivers.ur.refusals import URCode
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from .protocol import MOVABLE_SAFETY, RobotMode, RuntimeState, SafetyMode, mode_name
 
@@ -59,10 +61,10 @@ def refuse_modes(robot: int, safety: int) -> Refused | None:
     same."""
     if robot != RobotMode.RUNNING:
         name, wanted = mode_name(RobotMode, robot), mode_name(RobotMode, RobotMode.RUNNING)
-        return Refused("robot_mode", f"move: robot is {name}", "power on and release brakes", name, wanted)
+        return Refused(Code.ROBOT_MODE, f"robot is {name}", "power on and release brakes", name, wanted)
     if safety not in MOVABLE_SAFETY:
         name, remedy = mode_name(SafetyMode, safety), _UNLOCK.get(safety, "clear it on the pendant")
-        return Refused("safety_mode", f"move: {name}", remedy, name, "NORMAL (1) or REDUCED (2)")
+        return Refused(URCode.SAFETY_MODE, name, remedy, name, "NORMAL (1) or REDUCED (2)")
     return None
 
 
@@ -80,11 +82,11 @@ def program(observation: Observation, now_ns: int) -> Refused | None:
     has ended the script."""
     runs, remedy = number_of(observation.sensors, "runtime_state", 0), "call resume()"
     if runs in PAUSED:
-        return Refused("paused", "move: control script was paused on the pendant", remedy, limit="PLAYING")
+        return Refused(URCode.PAUSED, "control script was paused on the pendant", remedy, limit="PLAYING")
     if number_of(observation.sensors, "control", 0) != 1 or runs != RuntimeState.PLAYING:
         why = observation.faults.get("controller", "")
-        said = "move: control script is not running" + (f" ({why})" if why else "")
-        return Refused("program", said, remedy, limit="PLAYING")
+        said = "control script is not running" + (f" ({why})" if why else "")
+        return Refused(URCode.PROGRAM, said, remedy, limit="PLAYING")
     return None
 
 
@@ -94,7 +96,7 @@ CONDITIONS = (Condition(modes), Condition(program, on_resume=OnResume.ARM_ANEW))
 def paused(candidate: Candidate, state: GateState) -> Refused | None:
     """Refuse a setpoint while the operator has set the arm's speed to nothing."""
     if not state.observation.sensors.get("speed_scaling", (0.0,))[0] > 0.0:
-        return Refused("paused", "move: the arm's speed is scaled to 0", "raise the speed slider on the pendant")
+        return Refused(URCode.PAUSED, "the arm's speed is scaled to 0", "raise the speed slider on the pendant")
     return None
 
 

@@ -190,7 +190,7 @@ class URWire(SessionWire[URSession]):
         session = self.session
         refusal = session.refuse_modes()
         if refusal is not None:
-            raise WireDown(refusal.text.removeprefix("move: "))
+            raise WireDown(refusal.text)
         if session.runtime_state != RuntimeState.STOPPED:
             raise WireDown("a program runs on the controller. stop() ends it, then resume()")
         if (await plain.ask_dashboard(self._config.host, "is in remote control"))[0].lower() == "false":

@@ -11,7 +11,9 @@ from strands_actors.contract.axis_gates import past_ranges, past_told_range, sta
 from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, OnResume
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.step_gates import refuse_lead, refuse_step
+from strands_actors.drivers.xarm.refusals import XArmCode
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from .arms import Arm
 from .protocol import Mode, State, error_words
@@ -40,7 +42,7 @@ def error_free(observation: Observation, now_ns: int) -> Refused | None:
     if error == 0:
         return None
     words = "an unknown error" if error is None else f"error {error_words(error)}"
-    return Refused("error", f"move: controller holds {words}", "clear it at the arm, then resume()", words, "none")
+    return Refused(XArmCode.ERROR, f"controller holds {words}", "clear it at the arm, then resume()", words, "none")
 
 
 def running(observation: Observation, now_ns: int) -> Refused | None:
@@ -50,14 +52,14 @@ def running(observation: Observation, now_ns: int) -> Refused | None:
     if state in (State.MOVING, State.READY):
         return None
     word = {State.PAUSED.value: "paused", State.STOPPED.value: "stopped"}.get(state or 0, "not ready")
-    return Refused("state", f"move: arm is {word} (state {state})", _AGAIN, f"{state}", "1 or 2")
+    return Refused(XArmCode.STATE, f"arm is {word} (state {state})", _AGAIN, f"{state}", "1 or 2")
 
 
 def in_servo_mode(observation: Observation, now_ns: int) -> Refused | None:
     mode = _sensor(observation, "mode")
     if mode == Mode.SERVO:
         return None
-    return Refused("mode", f"move: arm is in mode {mode}, not in servo mode (1)", _AGAIN, f"{mode}", "1")
+    return Refused(Code.MODE, f"arm is in mode {mode}, not in servo mode (1)", _AGAIN, f"{mode}", "1")
 
 
 CONDITIONS = (

@@ -232,7 +232,7 @@ class XArmWire(SessionWire[XArmSession]):
         """Return what the newest report says of it; empty: nothing."""
         observation, now_ns = self._observation(session), self._clock.now_ns()
         refusals = (condition.check(observation, now_ns) for condition in CONDITIONS)
-        return next((refusal.reason.removeprefix("move: ") for refusal in refusals if refusal is not None), "")
+        return next((refusal.reason for refusal in refusals if refusal is not None), "")
 
     # -- parts
 

@@ -25,6 +25,7 @@ from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.velocity_base import LIFETIME_S
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from .config import LINKS, ROS2, ROSBRIDGE, YahboomConfig
 from .gates import ARM_MS, DRIVES, TIME, all_gates, parse
@@ -188,13 +189,13 @@ def _refuse_degrees(servos: Sequence[Servo], joints: Sequence[Any]) -> Refused |
     ranges = ", ".join(f"{servo.key} {servo.low_deg}..{servo.high_deg}" for servo in servos)
     remedy = f"give {len(servos)} servo angles in degrees: {ranges}"
     if len(joints) != len(servos):
-        why = f"{_SET_ARM_DEGREES}: joints has {len(joints)} numbers"
-        return Refused("bad_input", why, remedy, str(len(joints)), str(len(servos)))
+        why = f"joints has {len(joints)} numbers"
+        return Refused(Code.BAD_INPUT, why, remedy, str(len(joints)), str(len(servos)))
     for servo, value in zip(servos, joints, strict=True):
         degrees = finite(value)
         if degrees is None or not servo.low_deg <= degrees <= servo.high_deg:
-            why = f"{_SET_ARM_DEGREES}: {servo.key} is {shown(value)}"
-            return Refused("past_travel", why, remedy, shown(value), f"{servo.low_deg}..{servo.high_deg}")
+            why = f"{servo.key} is {shown(value)}"
+            return Refused(Code.PAST_TRAVEL, why, remedy, shown(value), f"{servo.low_deg}..{servo.high_deg}")
     return None
 
 

@@ -14,6 +14,7 @@ from strands_actors.contract.driver import Candidate, GateCheck, GateState
 from strands_actors.drivers.common.velocity_base import parse_twist
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from .robots import BASE, Servo
 
@@ -42,7 +43,7 @@ def parse(
     """Return the whole target. ``time_ms``: what the arm takes when the action does not say so."""
     wanted = {key: value for key, value in action.items() if key != TIME}
     if not wanted and TIME in action:
-        return Refused("no_joint", f"move: {TIME} alone moves nothing", "name a joint of the arm with it", TIME)
+        return Refused(Code.NO_JOINT, f"{TIME} alone moves nothing", "name a joint of the arm with it", TIME)
     on_axes = msgspec.structs.replace(state, target=state.target[:AXES])
     candidate = parse_twist(wanted, robot, axes, index, on_axes)
     if isinstance(candidate, Refused):
@@ -53,9 +54,9 @@ def parse(
         given = finite(action[TIME])
         if given is None or given != int(given) or not 1 <= given <= MAX_TIME_MS:
             shown = str(action[TIME])[:SHOWN]
-            return Refused("bad_time", f"move: {TIME} is {shown}", _NO_TIME, shown, f"1..{MAX_TIME_MS}")
+            return Refused(Code.BAD_TIME, f"{TIME} is {shown}", _NO_TIME, shown, f"1..{MAX_TIME_MS}")
         if not moves_arm:
-            return Refused("no_joint", f"move: {TIME} is of the arm", "name a joint of the arm with it", TIME)
+            return Refused(Code.NO_JOINT, f"{TIME} is of the arm", "name a joint of the arm with it", TIME)
         time_ms = int(given)
     arm = (float(time_ms), state.now_ns / NS) if moves_arm else (0.0, 0.0)
     return msgspec.structs.replace(candidate, values=(*candidate.values, *arm, 1.0 if drives else 0.0))
@@ -76,8 +77,8 @@ def silent(ttl_s: float) -> GateCheck:
             return None
         age = f"{age_ns / 1e6:.0f} ms"
         return Refused(
-            "stale",
-            f"move: no odometry for {age}",
+            Code.STALE,
+            f"no odometry for {age}",
             "check the base and rosbridge: it is back by itself",
             age,
             limit,
@@ -99,8 +100,8 @@ def whole_arm(servos: Sequence[Servo]) -> GateCheck:
         if not unknown:
             return None
         return Refused(
-            "unknown_pose",
-            f"move: where {unknown} are is not known, and all servos are told at once",
+            Code.UNKNOWN_POSE,
+            f"where {unknown} are is not known, and all servos are told at once",
             f"name all of {keys}, or use the verb home: after that each can be named alone",
             unknown,
             keys,
@@ -123,8 +124,8 @@ def servo_range(servos: Sequence[Servo]) -> GateCheck:
                 continue
             hint = "; radians are expected" if abs(value) > math.pi else ""
             return Refused(
-                "past_travel",
-                f"move: {servo.key} {value:.4g} rad is {degrees:.0f} deg of its servo, past "
+                Code.PAST_TRAVEL,
+                f"{servo.key} {value:.4g} rad is {degrees:.0f} deg of its servo, past "
                 f"{servo.low_deg}..{servo.high_deg}{hint}",
                 f"stay within {math.ceil(low * 1e4) / 1e4:.4f}..{math.floor(high * 1e4) / 1e4:.4f} rad",
                 f"{value:.4g}",

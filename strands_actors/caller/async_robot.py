@@ -248,12 +248,12 @@ async def open_tree(wanted: Plan, arm: bool = True) -> AsyncIterator[RobotTree]:
         try:
             whole = await completed(wanted)
         except WireDown as down:
-            raise ConnectionError(f"connect: {str(down).removeprefix('connect: ')}") from None
+            raise ConnectionError(f"connect: {down}") from None
         tree = RobotTree(node, nursery, entrance, whole)
         try:
             problem = await tree.connect(arm)
             if problem is not None:
-                raise ConnectionError(problem)
+                raise ConnectionError(f"connect: {problem}")
             yield tree
         finally:
             with trio.CancelScope(shield=True):

@@ -15,7 +15,9 @@ from strands_actors.contract.plain_numbers import as_python
 from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Unreachable
+from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.gate.actions import plain, refuse_shape
+from strands_actors.supervisors.gate.admission import MOVE
 from strands_actors.supervisors.gate.messages import Lease, Perform, Setpoint
 
 from .portal import portal
@@ -41,9 +43,10 @@ class Orders:
         self._patience = patience
 
     def move(self, action: Mapping[str, Any]) -> Order | Refused:
-        return refuse_shape(action) or Order(
-            "move", lambda lease: self._setpoint(lease, action), self._patience.ask_s
-        )
+        refusal = refuse_shape(action)
+        if refusal is not None:
+            return refusal.about(MOVE)
+        return Order(MOVE, lambda lease: self._setpoint(lease, action), self._patience.ask_s)
 
     def perform(
         self, service: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None
@@ -54,7 +57,7 @@ class Orders:
         if refusal is None and action is not None:
             refusal = refuse_shape(action)
         if refusal is not None:
-            return refusal
+            return refusal.about(service)
 
         def make(lease: Lease) -> Message:
             first = None if action is None else self._setpoint(lease, action)
@@ -89,7 +92,7 @@ class Commanding:
                     return answer
             refusal = await writer.acquire()
             if refusal is not None or writer.lease is None:
-                return refusal or Refused("lease", f"{order.verb}: no lease")
+                return refusal or Refused(Code.LEASE, "no lease", verb=order.verb)
             return await self._ask(order, writer.lease)
 
     async def _ask(self, order: Order, lease: Lease) -> Message | None:

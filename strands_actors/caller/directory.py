@@ -21,6 +21,7 @@ from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Node, Unreachable
+from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors import addresses, stop_result
 from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate.gate import Gate
@@ -80,7 +81,7 @@ class Directory:
             try:
                 answer = await self._ask(at.guardian, Guardian, Fence(reason, by, lock), deadlines.root_s)
             except (AskTimeout, Unreachable) as failure:
-                answer = Refused("unconfirmed", busy.explained(f"neither wire nor root answers ({failure})"))
+                answer = Refused(Code.UNCONFIRMED, busy.explained(f"neither wire nor root answers ({failure})"))
         return stop_result.of_answer(str(reason), answer, note.motors)
 
     async def resume(self, note: Note, by: str) -> Resumed | Refused:
@@ -88,7 +89,7 @@ class Directory:
         try:
             answer = await self._ask(addresses.of(note.robot).gate, Gate, Resume(by), note.arm_s + RESUME_ROOM_S)
         except (AskTimeout, Unreachable) as failure:
-            return Refused("unreachable", f"the wire does not answer ({failure})", "is it being restarted?")
+            return Refused(Code.UNREACHABLE, f"the wire does not answer ({failure})", "is it being restarted?")
         return answer if isinstance(answer, Resumed | Refused) else _NO_ANSWER
 
     async def _ask(
@@ -106,7 +107,7 @@ class Directory:
                 await trio.sleep(0.005)
 
 
-_NO_ANSWER = Refused("no_answer", "there was no answer that could be read")
+_NO_ANSWER = Refused(Code.NO_ANSWER, "there was no answer that could be read")
 
 
 @contextlib.asynccontextmanager

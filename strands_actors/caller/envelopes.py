@@ -11,10 +11,11 @@ from typing import Any, assert_never
 
 import msgspec
 
-from strands_actors.contract.driver import Driver
+from strands_actors.contract.driver import Driver, Reason
 from strands_actors.contract.wire import Observation
 from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.gate.messages import Status, StopReport
 from strands_actors.supervisors.root.messages import TaskStatus, TreeReport
 from strands_actors.supervisors.stop_result import Confirmed, NothingRan, StopResult, Unconfirmed, Unreachable
@@ -118,18 +119,41 @@ def error(text: str, json: dict[str, Any] | None = None) -> Answer:
     return Answer(status="error", content=content)
 
 
-_LATE = frozenset({"expired", "stale", "no_observation", "no_answer", "timeout", "unreachable", "publish"})
+_LATE = frozenset(
+    {
+        Code.EXPIRED,
+        Code.STALE,
+        Code.NO_OBSERVATION,
+        Code.NO_ANSWER,
+        Code.TIMEOUT,
+        Code.UNREACHABLE,
+        Code.PUBLISH,
+    }
+)
 """Codes of refusals after a deadline that was missed."""
-EXPIRED = "the setpoint expired"
-"""The gate's cause of a hold. It stands in refusals of the epoch before."""
+_TOLD = ("verb", "code", "reason", "remedy", "offered", "limit", "because")
 
 
 def refused(refusal: Refused) -> Answer:
     """A missed deadline names a computer that is too busy."""
-    if refusal.code in _LATE or EXPIRED in refusal.reason:
+    if refusal.code in _LATE or refusal.because == Reason.EXPIRED:
         refusal = msgspec.structs.replace(refusal, reason=busy.explained(refusal.reason))
-    details = {key: value for key in ("code", "offered", "limit") if (value := getattr(refusal, key))}
+    details = {key: value for key in _TOLD if (value := getattr(refusal, key))}
     return error(refusal.text, {"refused": details})
+
+
+def with_remedy(answer: Answer, remedies: Mapping[str, str]) -> Answer:
+    """Return a refusal with the remedy of somebody else's verbs.
+
+    Args:
+        answer: Any envelope; one that is no refusal is returned as it is.
+        remedies: What to do, by code of the refusal.
+    """
+    told = answer["content"][-1].get("json", {}).get("refused", {})
+    remedy = remedies.get(told.get("code", ""))
+    if remedy is None or "reason" not in told:
+        return answer
+    return refused(Refused(**{**told, "remedy": remedy}))
 
 
 def stop_result(verb: str, result: StopResult, done: dict[str, Any] | None = None) -> Answer:

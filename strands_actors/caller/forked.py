@@ -15,6 +15,7 @@ from strands_actors.contract.driver import Driver, Reason
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport
 from strands_actors.kernel.processes.interpreter import PYTHON, environment
+from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors import stop_result
 from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate.messages import StopReport
@@ -34,7 +35,7 @@ def why_unknown(parent: int, robot: str) -> str:
 def unknown(verb: str, parent: int, robot: str, driver: Driver) -> stop_result.Unreachable:
     """Return the result of a verb that ends motion, where the child can do nothing."""
     what, _, remedy = why_unknown(parent, robot).partition(". ")
-    return stop_result.silent(verb, what, driver, remedy, "forked")
+    return stop_result.silent(verb, what, driver, remedy, Code.FORKED)
 
 
 def command_line(*words: str, within_s: float) -> dict[str, Any]:

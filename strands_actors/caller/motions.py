@@ -23,8 +23,8 @@ from strands_actors.contract.shown import shown
 from strands_actors.contract.wire import Observation
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.gate.actions import plain, refuse_shape
-from strands_actors.supervisors.gate.admission import about
 
 PEAK = 1.875
 """Top speed of a minimum-jerk path, as a multiple of its mean speed."""
@@ -34,10 +34,12 @@ LONGEST_HELD_S = 30.0
 """Longest time for which a speed is held: a base that is forgotten must not drive for minutes."""
 CHUNK = 32
 """Actions that are handed out at once."""
+MOVE_TO = "move_to"
+"""The verb of a motion in a time."""
 STRETCH = 1.1
 """By so much a path is lengthened, again and again, until the robot's gates let it pass."""
 
-TOO_FAST = frozenset({"too_fast", "runs_ahead"})
+TOO_FAST = frozenset({Code.TOO_FAST, Code.RUNS_AHEAD})
 """Codes of refusals that more time mends."""
 
 
@@ -85,31 +87,34 @@ def refuse_seconds(verb: str, name: str, seconds: object, longest_s: float) -> R
     if value is not None and 0 < value <= longest_s:
         return None
     given, limit = shown(seconds), f"above 0, at most {longest_s:g}"
-    return Refused("bad_time", f"{verb}: {name} is {given}", f"give seconds, {limit}", given, limit)
+    return Refused(Code.BAD_TIME, f"{name} is {given}", f"give seconds, {limit}", given, limit, verb=verb)
 
 
 def refuse_targets(driver: Driver, targets: object) -> Refused | None:
     """Refuse what ``move_to`` cannot take of this robot, whatever its state is."""
     if driver.axes and not any(_is_place(driver, at) for at in range(len(driver.axes))):
-        why = f"move_to: {driver.robot} has no joints that go to a target"
-        return Refused("no_positions", why, "use send_action(), or move(..., duration_s=)")
+        why = f"{driver.robot} has no joints that go to a target"
+        return Refused(Code.NO_POSITIONS, why, "use send_action(), or move(..., duration_s=)", verb=MOVE_TO)
     late = driver.fallbacks[Reason.POLICY]
     if driver.timing.oneshot_ttl_s is not None and not driver.energised(late):
-        why = f"move_to: {driver.robot} keeps no pose by itself: when its commands end it goes to {late}"
-        return Refused("keeps_no_pose", why, "use run_policy() with a policy that keeps its pose afterwards, too")
+        why = f"{driver.robot} keeps no pose by itself: when its commands end it goes to {late}"
+        remedy = "use run_policy() with a policy that keeps its pose afterwards, too"
+        return Refused(Code.KEEPS_NO_POSE, why, remedy, verb=MOVE_TO)
     refusal = refuse_shape(targets)
     if refusal is not None:
-        return about("move_to", refusal)
+        return refusal.about(MOVE_TO)
     assert isinstance(targets, Mapping)
     speeds = {axis.key for axis in driver.table if axis.mode is AxisMode.VELOCITY}
     for name, value in targets.items():
         if str(name).removesuffix(".pos") in speeds:
-            why = f"move_to: {shown(name)} is a speed, and has no target to reach"
+            why = f"{shown(name)} is a speed, and has no target to reach"
             remedy = "give joints here, and speeds to move(..., duration_s=) or send_action()"
-            return Refused("a_speed", why, remedy, shown(name), "joints")
+            return Refused(Code.A_SPEED, why, remedy, shown(name), "joints", verb=MOVE_TO)
         if isinstance(value, Mapping):
-            why = f"move_to: {shown(name)} is {shown(value)}"
-            return Refused("not_finite", why, "give a number for each joint", shown(value), "a number")
+            why = f"{shown(name)} is {shown(value)}"
+            return Refused(
+                Code.NOT_FINITE, why, "give a number for each joint", shown(value), "a number", verb=MOVE_TO
+            )
     return None
 
 
@@ -124,39 +129,40 @@ def plan_move(
     state = _state(seen, period_s)
     parsed = driver.parse(plain(targets), state)
     if isinstance(parsed, Refused):
-        return about("move_to", parsed)
+        return parsed.about(MOVE_TO)
     ends = {at: parsed.values[at] for at in parsed.named}
     measured = seen.observation.position
     for at in ends:
         key = driver.axes[at]
         if not math.isfinite(measured[at]):
-            why = f"move_to: where {key} is, is not known"
-            return Refused("unknown_pose", why, "use send_action(), which says how the robot goes there", key)
+            why = f"where {key} is, is not known"
+            remedy = "use send_action(), which says how the robot goes there"
+            return Refused(Code.UNKNOWN_POSE, why, remedy, key, verb=MOVE_TO)
     refusal = _refuse_end(driver, parsed, state)
     if refusal is not None:
-        return about("move_to", refusal)
+        return refusal.about(MOVE_TO)
     starts = {at: measured[at] for at in ends}
     steps = max(1, math.ceil(seconds / period_s - 1e-9))
     slowest, least = _least_steps(driver, starts, ends, period_s)
     refusal = _refuse_steps(driver, starts, ends, state, max(steps, least))
     if refusal is not None and refusal.code not in TOO_FAST:
-        return about("move_to", refusal)
+        return refusal.about(MOVE_TO)
     while refusal is not None:
         least = math.ceil(max(steps, least) * STRETCH)
         if least * period_s > LONGEST_S:
-            return about("move_to", refusal)
+            return refusal.about(MOVE_TO)
         refusal = _refuse_steps(driver, starts, ends, state, least)
         if refusal is not None and refusal.code not in TOO_FAST:
-            return about("move_to", refusal)
+            return refusal.about(MOVE_TO)
     if steps < least:
-        return _refuse_time(driver, slowest, starts, ends, seconds, least * period_s)
+        return _refuse_time(driver, slowest, starts, ends, seconds, least * period_s).about(MOVE_TO)
     apart = any(abs(seen.target[at] - start) > _speed(driver, at) * period_s for at, start in starts.items())
     names = {at: driver.axes[at] for at in ends}
 
     def action(step: int) -> dict[str, float]:
         return {names[at]: _between(starts[at], ends[at], step / steps) for at in names}
 
-    return Motion("move_to", period_s, steps, action, keeps=True, begins_apart=apart)
+    return Motion(MOVE_TO, period_s, steps, action, keeps=True, begins_apart=apart)
 
 
 def plan_hold(
@@ -166,7 +172,7 @@ def plan_hold(
     state = _state(seen, period_s)
     refusal = _refuse(driver, plain(action), state)
     if isinstance(refusal, Refused):
-        return about(verb, refusal)
+        return refusal.about(verb)
     zero = {driver.axes[at]: driver.table[at].rest for at in refusal.named if not _is_place(driver, at)}
     steps = max(1, math.ceil(seconds / period_s - 1e-9)) + 1
     held = plain(action)
@@ -259,8 +265,8 @@ def _refuse_time(
 ) -> Refused:
     key, unit = driver.axes[slowest], unit_of(driver.table[slowest]) if driver.table else ""
     way, least = abs(ends[slowest] - starts[slowest]), f"{math.ceil(least_s * 100 - 1e-6) / 100:g}"
-    why = f"move_to: {key} has {way:.4g}{unit} to go, too far for {seconds:g} s"
-    return Refused("too_fast", why, f"give seconds={least} or more", f"{seconds:g}", least)
+    why = f"{key} has {way:.4g}{unit} to go, too far for {seconds:g} s"
+    return Refused(Code.TOO_FAST, why, f"give seconds={least} or more", f"{seconds:g}", least)
 
 
 def _state(seen: Seen, period_s: float) -> GateState:

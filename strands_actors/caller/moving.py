@@ -14,7 +14,6 @@ import trio
 
 from strands_actors.contract.plain_numbers import as_python
 from strands_actors.kernel.messages import Refused
-from strands_actors.supervisors.gate.admission import about
 from strands_actors.supervisors.gate.failsafe import Mode
 
 from . import envelopes as answers
@@ -38,7 +37,7 @@ async def move_to(tree: RobotTree, targets: Mapping[str, Any], seconds: float, w
     seen = None if status is None else status.observation
     timed = None if seen is None else driver.timed(targets, seconds, seen)
     if isinstance(timed, Refused):
-        return answers.refused(about("move_to", timed))
+        return answers.refused(timed.about("move_to"))
     if timed is not None:
         return await _told_once(tree, targets, timed, seconds, wait)
     period_s = 1.0 / driver.timing.control_hz
@@ -85,7 +84,7 @@ async def _told_once(
     """Give a robot that plans motions by itself one command, and watch it for as long as that takes."""
     accepted = await tree.send_action(action)
     if isinstance(accepted, Refused):
-        return answers.refused(about("move_to", accepted))
+        return answers.refused(accepted.about("move_to"))
     driver = tree.driver
     told = {"robot": tree.robot, **driver.accepted(action, accepted.values, accepted.sensors), "seconds": seconds}
     if not wait:

@@ -15,6 +15,7 @@ from strands_actors.contract.driver import Driver, Reason
 from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import ActorRef, AskTimeout, Node, Unreachable
+from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate.failsafe import LINKED, Mode
 from strands_actors.supervisors.gate.messages import GetStatus, Lease, Status
@@ -40,8 +41,8 @@ class NotConnected(Exception):
 
 
 def unreachable(verb: str, failure: Exception) -> Refused:
-    why = busy.explained(f"{verb}: {failure}") if isinstance(failure, AskTimeout) else f"{verb}: {failure}"
-    return Refused("unreachable", why, "resume() when the robot is back")
+    why = busy.explained(str(failure)) if isinstance(failure, AskTimeout) else str(failure)
+    return Refused(Code.UNREACHABLE, why, "resume() when the robot is back", verb=verb)
 
 
 class Patience(NamedTuple):
@@ -173,11 +174,11 @@ class Processes(ABC):
         try:
             answer = await self.gate.ask(GetStatus(), self.patience.ask_s)
         except AskTimeout:
-            why = busy.explained(f"{verb}: the wire has not answered for {self.patience.ask_s * 1e3:g} ms")
-            return Refused("no_answer", why, "try again: the host may be busy")
+            why = busy.explained(f"the wire has not answered for {self.patience.ask_s * 1e3:g} ms")
+            return Refused(Code.NO_ANSWER, why, "try again: the host may be busy", verb=verb)
         except Unreachable as failure:
             return unreachable(verb, failure)
-        return answer if isinstance(answer, Status | Refused) else Refused("no_answer", f"{verb}: no answer")
+        return answer if isinstance(answer, Status | Refused) else Refused(Code.NO_ANSWER, "no answer", verb=verb)
 
     async def status(self) -> Status | None:
         """None when the wire does not answer."""

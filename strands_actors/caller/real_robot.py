@@ -159,7 +159,7 @@ class RealRobot(RobotTool):
             problem = self._connect_first()
             # A service may be what mends the reason why it is not armed.
             if problem is not None and (name in self.LAZY or self._tree is None):
-                return f"not connected: {problem.removeprefix('connect: ')}"
+                return f"not connected: {problem}"
         return self._tree or (CLEANED_UP if self._closed else _NOT_CONNECTED)
 
     def _connects(self, name: str) -> bool:
@@ -185,20 +185,21 @@ class RealRobot(RobotTool):
         """Start the tree, connect, and arm at the measured position (unless it was made with
         ``arm=False``). None, or why not."""
         self._asked_to_connect = True
-        return self._connect_now()
+        return _told(self._connect_now())
 
     def ensure_connected(self) -> str | None:
         """Connect as the first command does, unless that was done. None, or why not. Who stopped it
         meanwhile finds it stopped."""
-        return f"connect: {CLEANED_UP}" if self._closed else self._connect_first()
+        return _told(CLEANED_UP if self._closed else self._connect_first())
 
     def _connect_now(self) -> str | None:
+        """Return why it is not connected, without the verb."""
         if self._closed:
-            return f"connect: {CLEANED_UP}"
+            return CLEANED_UP
         try:
             return self._call(self._connect)
         except OSError as failure:  # there is no loop to connect in
-            return f"connect: {failure}"
+            return str(failure)
 
     async def _connect(self) -> str | None:
         if self._tree is None and (problem := await self._complete()):
@@ -211,7 +212,7 @@ class RealRobot(RobotTool):
             self._opened = tree
         if self._closed:  # looked at last, as ``cleanup()`` sets it first: one of the two sees the other
             self._opened = None
-            return f"connect: {CLEANED_UP}"
+            return CLEANED_UP
         return await tree.connect(self._arm)
 
     async def _complete(self) -> str | None:
@@ -220,7 +221,7 @@ class RealRobot(RobotTool):
             async with self._completing:
                 self._plan = plan = await completed(self._plan)
         except WireDown as down:
-            return f"connect: {str(down).removeprefix('connect: ')}"
+            return str(down)
         self._driver = build_driver(plan.driver_class, plan.robot, plan.port, plan.options)
         return None
 
@@ -618,3 +619,7 @@ _NAMES = {"action": "move", "torque": "resume", "sensors": "observe", "state": "
 """The robot's own verb for what an agent's verb does."""
 
 _NOT_CONNECTED = "not connected; call connect_eagerly() first"
+
+
+def _told(problem: str | None) -> str | None:
+    return None if problem is None else f"connect: {problem}"

@@ -19,8 +19,8 @@ from strands_actors.contract.loading import load
 from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import ActorRef, AskTimeout, Unreachable
+from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors import addresses, stop_result
-from strands_actors.supervisors.gate.admission import about
 from strands_actors.supervisors.gate.failsafe import Mode
 from strands_actors.supervisors.gate.messages import GetSafety, Stop, StopReport
 from strands_actors.supervisors.root.messages import GetTask, Operate, Rollout, StartTask, StopTask, TaskStatus
@@ -30,6 +30,7 @@ from .motions import Motion, Seen, Steps
 from .processes import Processes
 from .writer import Writer
 
+START_TASK = "start_task"
 START_S = 2.0
 """For a policy's process to be started."""
 
@@ -114,7 +115,7 @@ class Rollouts:
         """Run a named policy in a process of its own; for a robot of another host in this one.
         ``is_actor``: as in ``StartTask``. Returns at once."""
         async with self._writer.turn:
-            refusal = await self._may_start("start_task")
+            refusal = await self._may_start(START_TASK)
             if refusal is not None:
                 return refusal
             rollout, tasks = self._rollout(instruction, duration_s, 0, hz), self._processes.tasks
@@ -127,14 +128,17 @@ class Rollouts:
                 return await self._never_started(tasks, failure)
             if isinstance(answer, TaskStatus):
                 self._task, self._has_process = answer, True
-        return answer if isinstance(answer, TaskStatus | Refused) else Refused("no_answer", "no answer")
+        if isinstance(answer, TaskStatus | Refused):
+            return answer
+        return Refused(Code.NO_ANSWER, "no answer", verb=START_TASK)
 
     async def _never_started(self, tasks: ActorRef, failure: AskTimeout | Unreachable) -> Refused:
         """What was not answered in time must not be done late. The stop ends the lease that it
         would write under, so that whatever began, or still begins, gets none."""
         tasks.tell(StopTask())
-        why = busy.explained(f"start_task: {failure}")
-        return stop_result.timed_out(why, await self._hold(), "nothing of it will begin", "try again")
+        why = busy.explained(str(failure))
+        refused = stop_result.timed_out(why, await self._hold(), "nothing of it will begin", "try again")
+        return refused.about(START_TASK)
 
     async def move(self, verb: str, plan: Callable[[Seen], Motion | Refused]) -> Motion | Refused:
         """Begin the motion that ``plan`` makes of where the robot is, as a rollout of this process.
@@ -145,13 +149,15 @@ class Rollouts:
             if isinstance(status, Refused):
                 return status
             if status.no_motion is not None:
-                return about(verb, status.no_motion)
+                return status.no_motion.about(verb)
             refusal = await self.refuse(verb, "a task is already running")
             if refusal is not None:
                 return refusal
             seen = status.observation
             if seen is None:
-                return Refused("no_observation", f"{verb}: nothing was read yet", "wait for the first observation")
+                return Refused(
+                    Code.NO_OBSERVATION, "nothing was read yet", "wait for the first observation", verb=verb
+                )
             motion = plan(Seen(seen, status.target, self._processes.node.clock.now_ns()))
             if isinstance(motion, Refused):
                 return motion
@@ -168,19 +174,19 @@ class Rollouts:
     async def _may_start(self, verb: str) -> Refused | None:
         kind = self._processes.plan.robot
         if self._driver.ROLLOUTS:
-            return Refused("no_rollout", f"{verb}: {kind}: {self._driver.ROLLOUTS}", "call send_action()")
-        if self._driver.TASKS and verb == "start_task":
-            return Refused("no_task", f"{verb}: {kind}: {self._driver.TASKS}", "call run_policy()")
+            return Refused(Code.NO_ROLLOUT, f"{kind}: {self._driver.ROLLOUTS}", "call send_action()", verb=verb)
+        if self._driver.TASKS and verb == START_TASK:
+            return Refused(Code.NO_TASK, f"{kind}: {self._driver.TASKS}", "call run_policy()", verb=verb)
         self._processes.require()
         status = await self._processes.ask_status(verb)
         if isinstance(status, Refused):
             return status
         if status.mode not in (Mode.ARMED, Mode.HOLDING):
             return Refused(
-                "not_armed", f"{verb}: the robot is {status.mode}", "connect_eagerly() or resume() first"
+                Code.NOT_ARMED, f"the robot is {status.mode}", "connect_eagerly() or resume() first", verb=verb
             )
         if status.no_motion is not None:
-            return about(verb, status.no_motion)
+            return status.no_motion.about(verb)
         return await self.refuse(verb, "a task is already running") or await self._writer.acquire()
 
     def _rollout(self, instruction: str, duration_s: float, n_steps: int, hz: float | None) -> Rollout:
@@ -214,7 +220,7 @@ class Rollouts:
         """Pass on what an operator does. None, or why there is nobody to tell."""
         tasks = self._processes.tasks
         if tasks is None or not self._has_process or not self._task.running:
-            return Refused("no_teleop", "operate: no teleoperation runs", "call attach_teleop() first")
+            return Refused(Code.NO_TELEOP, "no teleoperation runs", "call attach_teleop() first", verb="operate")
         if self.no_operator is not None:
             return self.no_operator
         tasks.tell(told)
@@ -228,7 +234,7 @@ class Rollouts:
     async def refuse(self, verb: str, why: str = "a task is running") -> Refused | None:
         """Return what a command is told while a rollout writes; None when there is none."""
         if (await self.task()).running:
-            return Refused("running", f"{verb}: {why}", "call stop_task() first")
+            return Refused(Code.RUNNING, why, "call stop_task() first", verb=verb)
         return None
 
     async def stop_task(self) -> TaskEnd:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, overload
 
 from strands_actors.kernel.messages import Refused
@@ -75,11 +76,12 @@ class SimRobot(RealRobot):
         if isinstance(width, str):
             width, height, camera_name = height, camera, width
         elif camera_name is None:
-            return self._render(width, height, camera)
+            with _named("render"):
+                return self._render(width, height, camera)
         try:
             picture = self._render(width, height, None if camera_name in WHOLE else camera_name)
         except (SimulationError, TypeError, ValueError) as failure:
-            return answers.error(f"render: {str(failure).removeprefix('render: ')}")
+            return answers.error(f"render: {failure}")
         down, across, _ = picture.shape
         return answers.picture(encode_png(picture), {"camera": camera_name, "width": across, "height": down})
 
@@ -92,7 +94,8 @@ class SimRobot(RealRobot):
     def view(self) -> None:
         """Open MuJoCo's viewer, which mirrors the robot until it is closed. Raise
         ``SimulationError`` without a display."""
-        self._call(self._world.view)
+        with _named("view"):
+            self._call(self._world.view)
 
     def get_observation(
         self, images: Any = False, *, robot_name: str | None = None, skip_images: bool | None = None
@@ -126,15 +129,17 @@ class SimRobot(RealRobot):
 
     def reset(self) -> Answer:
         """Stop, put every joint and every object back to where it began, energise."""
-        return self._verb(functools.partial(self._back, self._world.reset), "reset")
+        return self._verb(functools.partial(self._back, "reset", self._world.reset), "reset")
 
     def save_state(self, name: str = "default") -> Answer:
         """Keep all that moves, robot and objects, under a name."""
-        return self._change("save_state", lambda: (scene.state_name("save_state", name),), {"saved": name})
+        return self._change("save_state", lambda: (scene.state_name(name),), {"saved": name})
 
     def load_state(self, name: str = "default") -> Answer:
         """Stop, put everything back to where it was saved, energise."""
-        return self._verb(functools.partial(self._back, self._world.change, "load_state", name), "load_state")
+        return self._verb(
+            functools.partial(self._back, "load_state", self._world.change, "load_state", name), "load_state"
+        )
 
     def add_object(
         self,
@@ -156,7 +161,7 @@ class SimRobot(RealRobot):
 
     def remove_object(self, name: str) -> Answer:
         """Take an object that was added out of the scene."""
-        return self._change("remove_object", lambda: (scene.state_name("remove_object", name),), {"removed": name})
+        return self._change("remove_object", lambda: (scene.state_name(name),), {"removed": name})
 
     def add_camera(
         self,
@@ -174,7 +179,7 @@ class SimRobot(RealRobot):
         told = (name, position, target, fov, parent_body)
 
         def fields() -> tuple[dict[str, Any]]:
-            scene.check_size("add_camera", width, height)
+            scene.check_size(width, height)
             return (scene.camera_fields(*told),)
 
         answer = self._change("add_camera", fields, {"added": name})
@@ -301,25 +306,24 @@ class SimRobot(RealRobot):
         try:
             self._call(self._world.change, verb, *read())
         except (ValueError, SimulationError) as failure:
-            text = str(failure)
-            return answers.error(text if text.startswith(f"{verb}: ") else f"{verb}: {text}")
+            return answers.error(f"{verb}: {failure}")
         return answers.success(done)
 
-    async def _back(self, *where: Any) -> Answer:
-        """Stop, do what the simulation is told, energise. The last argument is the tree."""
+    async def _back(self, verb: str, put_back: Callable[..., Awaitable[None]], *where: Any) -> Answer:
+        """Stop, put everything back, energise. The last argument is the tree."""
         *told, tree = where
         result = await tree.stop()
         if not isinstance(result, stop_result.Confirmed):
             return answers.stop_result("stop", result)
         try:
-            await told[0](*told[1:])
+            await put_back(*told)
         except SimulationError as failure:
             problem = str(failure)
         else:
             problem = ""
         answer = await tree.resume()
         if problem:
-            return answers.error(problem)
+            return answers.error(f"{verb}: {problem}")
         if isinstance(answer, Refused):
             return answers.refused(answer)
         return answers.success({"position": tree.driver.observed(answer.observation)})
@@ -330,3 +334,12 @@ class SimRobot(RealRobot):
         answer = super().cleanup()
         self._call(self._world.close)
         return answer
+
+
+@contextlib.contextmanager
+def _named(verb: str) -> Iterator[None]:
+    """Name the verb in what it raises."""
+    try:
+        yield
+    except SimulationError as failure:
+        raise SimulationError(f"{verb}: {failure}") from None

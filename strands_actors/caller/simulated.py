@@ -56,7 +56,10 @@ class Scene:
     @property
     def place(self) -> dict[str, Any] | None:
         """Raise ``ValueError``."""
-        return placement(self.position, self.orientation)
+        try:
+            return placement(self.position, self.orientation)
+        except ValueError as wrong:
+            raise ValueError(f"Robot: {wrong}") from None
 
 
 def check_backend(backend: object) -> None:

@@ -17,6 +17,7 @@ from strands_actors.contract.wire import Observation
 from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Node, Unreachable
+from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors import stop_result
 from strands_actors.supervisors.gate.failsafe import Mode
 from strands_actors.supervisors.gate.messages import (
@@ -117,8 +118,7 @@ class RobotTree:
                 self.problem = await self._connect(arm) or ""
                 return self.problem or None
         except (NotConnected, AskTimeout, Unreachable, OSError, ValueError) as failure:
-            why = CLEANED_UP if self._processes.closed else str(failure).removeprefix("connect: ")
-            self.problem = f"connect: {why}"
+            self.problem = CLEANED_UP if self._processes.closed else str(failure)
             return self.problem
 
     async def _connect(self, arm: bool) -> str | None:
@@ -147,15 +147,15 @@ class RobotTree:
             if status.locked_by:
                 since = f", {status.locked_since}" if status.locked_since else ""
                 how = f"resume() lifts the lockout, as does `strands-actors resume {self.robot}`"
-                return f"connect: e-stopped by {status.locked_by}{since}. {how}"
+                return f"e-stopped by {status.locked_by}{since}. {how}"
             # It lifts no lock: one may have been put on since the status was read.
             answer = await self._energise(stops, asked_ns, lift=False)
             if not isinstance(answer, Resumed):
-                return answer.text if isinstance(answer, Refused) else "no answer"
+                return answer.about("").text if isinstance(answer, Refused) else "no answer"
         async with self._writer.turn:
             refusal = await self._writer.acquire()
         processes.require_open()
-        return None if refusal is None else refusal.text
+        return None if refusal is None else refusal.about("").text
 
     async def cleanup(self) -> StopResult:
         """Make safe, end the tree. What is being started goes on to its next wait at most, and sees
@@ -285,14 +285,14 @@ class RobotTree:
                 if refusal is None:
                     await self.rollouts.end_overtaken()
             return refusal or answer
-        return answer if isinstance(answer, Refused) else Refused("no_answer", "resume: no answer")
+        return answer if isinstance(answer, Refused) else Refused(Code.NO_ANSWER, "no answer", verb="resume")
 
     async def _energise(self, stops: int, asked_ns: int, lift: bool) -> Message | None:
         """Have the gate arm, unless it was told to stop since: by us (``stops``: how often it had been
         before), or by anybody (``asked_ns``)."""
         self._processes.require_open()
         if self._stops != stops:
-            return Refused("stopped", "resume: stopped meanwhile", "resume again when that is over")
+            return Refused(Code.STOPPED, "stopped meanwhile", "resume again when that is over", verb="resume")
         within_s = self.driver.timing.arm_s + 2.0  # how long arming may take, and a little more
         try:
             when_ns = 0 if self._processes.elsewhere else asked_ns  # another host has another clock
@@ -340,12 +340,16 @@ def processes_of(node: Node, nursery: trio.Nursery, entrance: Entrance, plan: Pl
 
 
 def _accepted(answer: Message | None) -> Accepted | Refused:
-    return answer if isinstance(answer, Accepted | Refused) else Refused("no_answer", "move: no answer")
+    return answer if isinstance(answer, Accepted | Refused) else Refused(Code.NO_ANSWER, "no answer", verb="move")
 
 
 def _performed(service: str, answer: Message | None) -> Performed | Refused:
-    return answer if isinstance(answer, Performed | Refused) else Refused("no_answer", f"{service}: no answer")
+    return answer if isinstance(answer, Performed | Refused) else Refused(Code.NO_ANSWER, "no answer", verb=service)
 
 
 def _observed(answer: Message | None) -> Observation | Refused:
-    return answer if isinstance(answer, Observation | Refused) else Refused("no_answer", "observe: no answer")
+    return (
+        answer
+        if isinstance(answer, Observation | Refused)
+        else Refused(Code.NO_ANSWER, "no answer", verb="observe")
+    )

@@ -18,6 +18,7 @@ from strands_actors.kernel.health.heartbeat import new_page, words_of
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Node, Ref, Unreachable
 from strands_actors.kernel.processes.process import ChildProcess, start, wait_for_end_of
+from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors import addresses, stop_result
 from strands_actors.supervisors import permissions as channels
 from strands_actors.supervisors.gate.failsafe import Mode
@@ -256,7 +257,7 @@ class TreeProcesses(Processes):
             safe_state = self.driver.fallbacks[Reason.ROOT]
             return stop_result.Confirmed(StopReport(Reason.ROOT, safe_state, 0, True, ()))
         left = "what is left of it tries for a minute. look at the robot, and cut its power if it still moves"
-        return stop_result.silent(verb, busy.explained(str(why)), self.driver, left, "unconfirmed")
+        return stop_result.silent(verb, busy.explained(str(why)), self.driver, left, Code.UNCONFIRMED)
 
     def _part(self, process: ChildProcess) -> None:
         """A root whose robot is not confirmed safe stays, and tries, without us."""
@@ -276,16 +277,16 @@ class TreeProcesses(Processes):
 
     async def late(self, verb: str, timeout: AskTimeout) -> Refused:
         """Fence and stop."""
-        why = busy.explained(f"{verb}: {timeout}")
+        why = busy.explained(str(timeout))
         result = await self.make_safe(Reason.WIRE, f"{verb} timed out", False)
-        return stop_result.timed_out(why, result, "the robot was stopped", "resume()")
+        return stop_result.timed_out(why, result, "the robot was stopped", "resume()").about(verb)
 
     async def revive(self, lift: bool, beside: Callable[[], Awaitable[None]]) -> Refused | None:
         if await self._answers():
             return None
         if not lift:  # whether it was locked is no longer known
             remedy = "an operator's resume() starts it again"
-            return Refused("not_connected", "resume: the tree does not answer", remedy)
+            return Refused(Code.NOT_CONNECTED, "the tree does not answer", remedy, verb="resume")
         if self.started:
             await self._discard()
         await self.start(beside)

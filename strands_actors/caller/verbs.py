@@ -21,6 +21,7 @@ from strands_actors.drivers import canonical_name
 from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import AskTimeout, Unreachable
+from strands_actors.kernel.refusals import Code
 from strands_actors.policies.registry import choose_provider, robot_facts
 from strands_actors.supervisors import stop_result
 from strands_actors.supervisors.gate.messages import Accepted, Performed, Resumed, Status
@@ -67,9 +68,9 @@ def refuse_name(robot_name: object, plan: Plan, running_as: str, verb: str = "mo
     is_text = isinstance(robot_name, str) and robot_name
     if is_text and plan.tool_name == plan.robot == canonical_name(str(robot_name)):
         return None
-    why = f"{verb}: robot_name is {str(robot_name)[:SHOWN]!r}, and this robot is {running_as} ({plan.robot})"
+    why = f"robot_name is {str(robot_name)[:SHOWN]!r}, and this robot is {running_as} ({plan.robot})"
     remedy = "send it to the robot that it is meant for, or leave robot_name out"
-    return answers.refused(Refused("other_robot", why, remedy, str(robot_name)[:SHOWN], running_as))
+    return answers.refused(Refused(Code.OTHER_ROBOT, why, remedy, str(robot_name)[:SHOWN], running_as, verb=verb))
 
 
 async def send_action(tree: RobotTree, action: Mapping[str, Any]) -> Answer:
@@ -148,7 +149,7 @@ async def _measured(tree: RobotTree, name: str, more: Callable[[Observation], di
     status = await tree.status()
     if status is None or status.observation is None:
         why = busy.explained("the wire does not answer") if status is None else "nothing was read yet"
-        return answers.refused(Refused("no_observation", f"{name}: {why}", "try again in a moment"))
+        return answers.refused(Refused(Code.NO_OBSERVATION, why, "try again in a moment", verb=name))
     seen = status.observation
     return answers.success(
         {
@@ -193,11 +194,13 @@ def name_values(
     names = () if service is None else tuple(service.arguments)
     takes = ", ".join(names) or "no arguments"
     if len(values) > len(names):
-        what = f"{name}: {len(values)} values were given"
-        return Refused("bad_input", what, f"it takes {takes}", str(len(values)), str(len(names)))
+        what = f"{len(values)} values were given"
+        return Refused(Code.BAD_INPUT, what, f"it takes {takes}", str(len(values)), str(len(names)), verb=name)
     placed = dict(zip(names, values, strict=False))
     if twice := sorted(placed.keys() & arguments.keys()):
-        return Refused("bad_input", f"{name}: {twice[0]} is given twice", f"it takes {takes}", twice[0], takes)
+        return Refused(
+            Code.BAD_INPUT, f"{twice[0]} is given twice", f"it takes {takes}", twice[0], takes, verb=name
+        )
     return {**placed, **arguments}
 
 
@@ -230,7 +233,8 @@ def _command(
     known = tree.driver.SERVICES.get(name)
     if known is None or not known.acts:
         return None
-    return tree.driver.check_service(name, arguments) or {**(action or {}), **known.arguments, **arguments}
+    refusal = tree.driver.check_service(name, arguments)
+    return {**(action or {}), **known.arguments, **arguments} if refusal is None else refusal.about(name)
 
 
 def _order_to_stop(tree: RobotTree, name: str) -> Reason | None:

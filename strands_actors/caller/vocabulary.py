@@ -9,6 +9,7 @@ from typing import Any
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.tool_verbs import ToolVerb
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 from strands_actors.surfaces.agents.calls import Call, read
 
 
@@ -37,15 +38,16 @@ def call_of(driver: Driver, command: str, values: Sequence[Any], inputs: Mapping
     verb = find_verb(driver, command)
     if verb is None:
         known = ", ".join(verb_names(driver)) or "none"
-        why = f"{command}: {driver.robot} has no such command"
-        return Refused("unknown_command", why, f"it has {known}", command, known)
+        why = f"{driver.robot} has no such command"
+        return Refused(Code.UNKNOWN_COMMAND, why, f"it has {known}", command, known, verb=command)
     names = {name.replace(".", "_"): name for name in verb.inputs}
     takes = ", ".join(names) or "no input"
     if len(values) > len(names):
-        what = f"{verb.name}: {len(values)} values were given"
-        return Refused("bad_input", what, f"it takes {takes}", str(len(values)), str(len(names)))
+        what = f"{len(values)} values were given"
+        return Refused(Code.BAD_INPUT, what, f"it takes {takes}", str(len(values)), str(len(names)), verb=verb.name)
     placed = dict(zip(names.values(), values, strict=False))
     named = {names.get(name, name): value for name, value in inputs.items()}
     if twice := sorted(placed.keys() & named.keys()):
-        return Refused("bad_input", f"{verb.name}: {twice[0]} is given twice", f"it takes {takes}", twice[0], takes)
+        what = f"{twice[0]} is given twice"
+        return Refused(Code.BAD_INPUT, what, f"it takes {takes}", twice[0], takes, verb=verb.name)
     return read(driver, {"action": verb.name, **placed, **named})

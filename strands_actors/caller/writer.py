@@ -11,6 +11,7 @@ import trio
 from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import AskTimeout, Unreachable
+from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors import stop_result
 from strands_actors.supervisors.gate.messages import Acquire, Beat, GetSafety, Lease, Release
 from strands_actors.supervisors.stop_result import StopResult
@@ -18,7 +19,7 @@ from strands_actors.supervisors.stop_result import StopResult
 from .processes import Processes
 
 BEAT_S = 0.04
-STALE = ("stale_epoch", "no_lease", "lease")
+STALE = (Code.STALE_EPOCH, Code.NO_LEASE, Code.LEASE)
 """Refusals of a lease that was good once: an explicit new command may take it anew."""
 
 
@@ -45,7 +46,7 @@ class Writer:
         if isinstance(answer, Lease):
             self.lease = answer
             return None
-        return answer if isinstance(answer, Refused) else Refused("lease", "no lease")
+        return answer if isinstance(answer, Refused) else Refused(Code.LEASE, "no lease")
 
     async def release(self) -> StopResult:
         """Give the lease up, if it is held. Return what became of what was commanded under it."""

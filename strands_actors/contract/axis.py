@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 import msgspec
 
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from .shown import shown
 
@@ -105,7 +106,7 @@ def parse_action(
     """
     keys = ", ".join(index)
     if not action:
-        return Refused("empty", "move: the action names no joint", f"use {keys}", "{}", keys)
+        return Refused(Code.EMPTY, "the action names no joint", f"use {keys}", "{}", keys)
     values = list(target)
     for at, axis in enumerate(axes):
         if axis.mode is AxisMode.VELOCITY:
@@ -115,15 +116,15 @@ def parse_action(
         found = index.get(key.removesuffix(".pos")) if isinstance(key, str) else None
         if found is None:
             said = str(key)[:SHOWN] or "''"
-            return Refused("unknown_joint", f"move: {said} is not a joint of {robot}", f"use {keys}", said, keys)
+            return Refused(Code.UNKNOWN_JOINT, f"{said} is not a joint of {robot}", f"use {keys}", said, keys)
         name = axes[found].key
         if found in named:
             both = f"{name} and {name}.pos"
-            return Refused("both_spellings", f"move: {both} are both given", "send one of them", both, name)
+            return Refused(Code.BOTH_SPELLINGS, f"{both} are both given", "send one of them", both, name)
         number = finite(value)
         if number is None:
-            why = f"move: {name} is {_not_a_number(value)}"
-            return Refused("not_finite", why, "send a finite number", shown(value, SHOWN), "a finite number")
+            why = f"{name} is {_not_a_number(value)}"
+            return Refused(Code.NOT_FINITE, why, "send a finite number", shown(value, SHOWN), "a finite number")
         values[found] = number
         named.append(found)
     return tuple(values), tuple(named)

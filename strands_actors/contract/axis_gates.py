@@ -10,6 +10,7 @@ from typing import NamedTuple, Protocol
 
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from .axis import AxisMode
 from .driver import Candidate, GateCheck, GateState
@@ -71,10 +72,10 @@ def stale(axes: Axes, ttl_s: float) -> GateCheck:
             age_ns = state.now_ns - stamp
             if stamp == 0 or age_ns > ttl_ns:
                 age = "yet" if stamp == 0 else f"for {age_ns / 1e6:.0f} ms"
-                return Refused("stale", f"move: no position from {axes[at].label} {age}", remedy, age, limit)
+                return Refused(Code.STALE, f"no position from {axes[at].label} {age}", remedy, age, limit)
         for at, value in enumerate(candidate.values[: len(axes)]):
             if not math.isfinite(value):  # an axis that was never read has no target to keep
-                return Refused("stale", f"move: no position from {axes[at].label} yet", remedy, "yet", limit)
+                return Refused(Code.STALE, f"no position from {axes[at].label} yet", remedy, "yet", limit)
         return None
 
     return stale
@@ -153,8 +154,8 @@ def _past_range(axis: Limited, value: float) -> Refused:
     end = bottom if value < low else top
     offered = _show_past(value, low if value < low else high, axis.unit)
     return Refused(
-        "past_travel",
-        f"move: {axis.key} {offered}{unit_of(axis)} is past {end}",
+        Code.PAST_TRAVEL,
+        f"{axis.key} {offered}{unit_of(axis)} is past {end}",
         f"stay within {bottom}..{top}",
         offered=offered,
         limit=f"{bottom}..{top}",
@@ -211,8 +212,8 @@ def too_fast(
                 most = show(allowed, axis.unit, inwards=math.floor)
                 unit = unit_of(axis)
                 return Refused(
-                    "too_fast",
-                    f"move: {axis.key} steps {show(step, axis.unit)}{unit} in {period_s * 1e3:.3g} ms",
+                    Code.TOO_FAST,
+                    f"{axis.key} steps {show(step, axis.unit)}{unit} in {period_s * 1e3:.3g} ms",
                     f"step at most {most}{unit}",
                     offered=show(step, axis.unit),
                     limit=most,

@@ -23,6 +23,7 @@ import msgspec
 
 from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from .axis import Axis, AxisMode, Part, axes_of, finite, first_target, parse_action
 from .loading import load
@@ -101,6 +102,9 @@ class Service(msgspec.Struct, frozen=True):
     # began is live as a latched setpoint is, until a stop or the end of the lease. An older target
     # is not sent again.
     moves: bool = False
+    # It ends what is live, which it may be asked in the middle of: an older target is not sent again.
+    # No condition refuses it, as a landing must not be refused for a low battery.
+    ends_motion: bool = False
     # It gives motors power, lets go of them, or has them move by themselves afterwards: motion for
     # whoever is not the robot's own program, also where ``moves`` would refuse it (to a robot that
     # is not armed yet).
@@ -118,6 +122,21 @@ class Service(msgspec.Struct, frozen=True):
     stops: Reason | None = None
 
 
+class Live(msgspec.Struct, frozen=True, gc=False):
+    """A target that the robot follows. ``until_ns``: when it ends; None: it is latched, and ends with
+    its writer's lease."""
+
+    until_ns: int | None = None
+
+    @property
+    def latched(self) -> bool:
+        return self.until_ns is None
+
+    def over(self, now_ns: int) -> bool:
+        """Return whether its time has passed."""
+        return self.until_ns is not None and now_ns >= self.until_ns
+
+
 class GateState(msgspec.Struct, frozen=True, gc=False):
     """What a gate may look at. Pure data: a gate knows no clock and no I/O."""
 
@@ -127,7 +146,7 @@ class GateState(msgspec.Struct, frozen=True, gc=False):
     target_ns: int  # when that was accepted
     stream: bool  # part of a stream of setpoints, whose period is known
     period_s: float = 0.0  # the stream's period; 0 for a one-shot
-    live_until_ns: int = 0  # when the live setpoint ends; 0: none is live; -1: latched
+    live: Live | None = None  # None: the robot follows no target
 
 
 class Candidate(msgspec.Struct, frozen=True, gc=False):
@@ -333,19 +352,17 @@ class Driver(ABC):
         if known is None:
             names = ", ".join(self.SERVICES) or "none"
             return Refused(
-                "unknown_service", f"{service}: {self.robot} has no such service", f"it has {names}", service, names
+                Code.UNKNOWN_SERVICE, f"{self.robot} has no such service", f"it has {names}", service, names
             )
         for name in arguments:
             if name not in known.arguments:
                 names = ", ".join(known.arguments) or "none"
-                return Refused(
-                    "unknown_argument", f"{service}: no argument {name}", f"it takes {names}", name, names
-                )
+                return Refused(Code.UNKNOWN_ARGUMENT, f"no argument {name}", f"it takes {names}", name, names)
         for name, most in known.counts.items():
             value = arguments.get(name, known.arguments[name])
             if not _is_count(value, most):
-                why, limit = f"{service}: {name} is {value!r}", f"1..{most}"
-                return Refused("bad_argument", why, f"give a whole number, 1 to {most}", f"{value}", limit)
+                why, limit = f"{name} is {value!r}", f"1..{most}"
+                return Refused(Code.BAD_ARGUMENT, why, f"give a whole number, 1 to {most}", f"{value}", limit)
         return None
 
     def action_of(self, verb: ToolVerb, inputs: Mapping[str, Any]) -> dict[str, Any] | Refused:

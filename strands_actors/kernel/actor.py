@@ -20,6 +20,8 @@ from typing import Any
 
 import trio
 
+from strands_actors.kernel.refusals import Code
+
 from .clock import Clock
 from .frames import Protocol, protocol_of
 from .inline_dispatch import BURST, LONGEST_NS
@@ -333,7 +335,7 @@ class Cell:
 
     def _failed(self, reply: ReplyTo | None, error: Exception) -> None:
         if reply is not None:
-            reply.send(Refused("crashed", f"{self.address} failed: {describe(error)}"))
+            reply.send(Refused(Code.CRASHED, f"{self.address} failed: {describe(error)}"))
 
 
 def _at_once(handler: Coroutine[Any, Any, Any]) -> Any:
@@ -346,8 +348,14 @@ def _at_once(handler: Coroutine[Any, Any, Any]) -> Any:
     raise RuntimeError(f"{handler} waits, of a message that it called prompt")
 
 
-def describe(error: BaseException) -> str:
-    """Return one line for people; of a group, its first cause."""
+def first_of(error: BaseException) -> BaseException:
+    """Return the first cause in a group; another error as it is."""
     while isinstance(error, BaseExceptionGroup):
         error = error.exceptions[0]
+    return error
+
+
+def describe(error: BaseException) -> str:
+    """Return one line for people; of a group, its first cause."""
+    error = first_of(error)
     return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__

@@ -16,6 +16,8 @@ from typing import Any
 
 import msgspec
 
+from strands_actors.kernel.refusals import Code
+
 from .messages import Message, Refused
 
 TELL, ASK, REPLY, WATCH, DOWN, HOSTS = range(6)
@@ -99,7 +101,7 @@ class Protocol:
 
     def wrong_type(self, message: object) -> Refused:
         accepted = ", ".join(sorted(kind.__name__ for kind in self.accepts))
-        return Refused("wrong_type", f"{self.name} does not take {type(message).__name__}", f"send {accepted}")
+        return Refused(Code.WRONG_TYPE, f"{self.name} does not take {type(message).__name__}", f"send {accepted}")
 
 
 def read_reply(decode: Callable[[Any], Message | None], body: Any) -> Message | None:
@@ -107,7 +109,7 @@ def read_reply(decode: Callable[[Any], Message | None], body: Any) -> Message | 
     try:
         return decode(body)
     except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
-        return Refused("malformed_reply", f"the answer cannot be read: {error}")
+        return Refused(Code.MALFORMED_REPLY, f"the answer cannot be read: {error}")
 
 
 _protocols: dict[Any, Protocol] = {}

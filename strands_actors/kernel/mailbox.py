@@ -15,6 +15,8 @@ from typing import Protocol
 
 import trio
 
+from strands_actors.kernel.refusals import Code
+
 from .messages import Message, Refused
 
 CAPACITY = 1024
@@ -49,7 +51,7 @@ _SLOTS = 64
 """Kept ready; senders come and go."""
 
 
-SUPERSEDED = Refused("superseded", "a newer message of the same sender took this one's place")
+SUPERSEDED = Refused(Code.SUPERSEDED, "a newer message of the same sender took this one's place")
 
 
 class Mailbox:

@@ -28,7 +28,9 @@ class Message(msgspec.Struct, frozen=True, array_like=True, tag=True, gc=False):
 class Refused(Message, frozen=True):
     """A typed no: what was wrong, what was offered, what would be accepted. Nothing was written.
 
-    ``code`` is stable and for programs; ``reason`` and ``remedy`` are sentences for people.
+    ``code`` is stable and for programs; ``reason`` and ``remedy`` are sentences for people, and no
+    program reads them. ``verb``: what was refused. Whoever answers an order names it: a rule that
+    refuses knows only why. ``because``: the ``Reason`` of the stop in which the robot is.
     """
 
     code: str
@@ -36,7 +38,16 @@ class Refused(Message, frozen=True):
     remedy: str = ""
     offered: str = ""
     limit: str = ""
+    verb: str = ""
+    because: str = ""
 
     @property
     def text(self) -> str:
-        return f"{self.reason}. {self.remedy}" if self.remedy else self.reason
+        """Return it for people, as ``verb: reason. remedy``."""
+        verb = f"{self.verb}: " if self.verb else ""
+        remedy = f". {self.remedy}" if self.remedy else ""
+        return f"{verb}{self.reason}{remedy}"
+
+    def about(self, verb: str) -> Refused:
+        """Return it as the answer to ``verb``."""
+        return msgspec.structs.replace(self, verb=verb)

@@ -16,6 +16,8 @@ from typing import Any
 
 import msgspec
 
+from strands_actors.kernel.refusals import Code
+
 from .asks import Answer, Deadlines, went_away
 from .clock import Clock
 from .frames import ASK, DOWN, HOSTS, REPLY, TELL, WATCH, Down, Frame, decode_frame, frame, read_reply
@@ -102,7 +104,7 @@ class Router:
             message, reply = entry
             self.dead(cell.address, message, "the actor ended")
             if reply is not None:
-                reply.send(Refused("gone", f"{cell.address} ended before it read this"))
+                reply.send(Refused(Code.GONE, f"{cell.address} ended before it read this"))
 
     def ref(self, address: str, protocol: type[Any] | None = None, sender: str = "") -> Ref:
         return Ref(self, address, protocol, sender or self.address)
@@ -113,7 +115,7 @@ class Router:
             self._refuse(cell.address, message, cell.protocol.wrong_type(message), reply)
             return False
         if not cell.mailbox.put(message, reply, sender):
-            full = Refused("mailbox_full", f"{cell.address} has {len(cell.mailbox)} messages waiting", "wait")
+            full = Refused(Code.MAILBOX_FULL, f"{cell.address} has {len(cell.mailbox)} messages waiting", "wait")
             self._refuse(cell.address, message, full, reply)
             return False
         return True
@@ -228,7 +230,9 @@ class Router:
 
     def _refuse_sender(self, head: Frame, way: Way) -> None:
         reply = _RemoteReply(self, way, head.reply_to, head.cid) if head.kind == ASK else None
-        refusal = Refused("channel", f"{head.sender} does not speak over this channel", "speak for yourself alone")
+        refusal = Refused(
+            Code.CHANNEL, f"{head.sender} does not speak over this channel", "speak for yourself alone"
+        )
         self._refuse(head.to or self.address, head, refusal, reply)
 
     def _receive_message(
@@ -237,7 +241,7 @@ class Router:
         reply = _RemoteReply(self, way, head.reply_to, head.cid) if head.kind == ASK else None
         cell = self.cells.get(head.to)
         if cell is None:
-            refusal = Refused("unknown_address", f"nobody hosts {head.to} here")
+            refusal = Refused(Code.UNKNOWN_ADDRESS, f"nobody hosts {head.to} here")
             self._refuse(head.to, head, refusal, reply)
             return False
         if size > MAX_MESSAGE_BYTES:
@@ -247,7 +251,7 @@ class Router:
             message = cell.protocol.decode(body)
         except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
             accepted = ", ".join(sorted(kind.__name__ for kind in cell.protocol.accepts))
-            refusal = Refused("malformed", f"{cell.protocol.name} cannot read this: {error}", f"send {accepted}")
+            refusal = Refused(Code.MALFORMED, f"{cell.protocol.name} cannot read this: {error}", f"send {accepted}")
             self._refuse(head.to, head, refusal, reply)
             return False
         channel = way.channel
@@ -320,7 +324,7 @@ class Router:
 
 def _oversized(size: int) -> Refused:
     limit = MAX_MESSAGE_BYTES
-    return Refused("oversized", f"{size} bytes", f"send at most {limit}", str(size), str(limit))
+    return Refused(Code.OVERSIZED, f"{size} bytes", f"send at most {limit}", str(size), str(limit))
 
 
 def _close_all(descriptors: Iterable[int]) -> None:

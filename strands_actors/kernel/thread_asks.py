@@ -15,6 +15,8 @@ from collections.abc import Callable
 
 import msgspec
 
+from strands_actors.kernel.refusals import Code
+
 from .asks import AskTimeout, Unreachable, not_there
 from .frames import ASK, REPLY, decode_frame, frame, read_reply
 from .messages import MAX_MESSAGE_BYTES, Message, Refused
@@ -63,7 +65,7 @@ class ThreadAsks:
         cid = next(self._cids)
         data = frame(to, ASK, cid, sender, self.reply_to, message)
         if len(data) > MAX_MESSAGE_BYTES:
-            return Refused("oversized", f"{len(data)} bytes", f"send at most {MAX_MESSAGE_BYTES}")
+            return Refused(Code.OVERSIZED, f"{len(data)} bytes", f"send at most {MAX_MESSAGE_BYTES}")
         waiting = self._waiting[cid] = _Waiting(to)
         try:
             if self._closed:

@@ -49,31 +49,31 @@ class World:
     async def render(self, width: int, height: int, camera: str | None) -> NDArray[numpy.uint8]:
         """(height, width, 3), the first row on top."""
         try:
-            check_size("render", width, height)
+            check_size(width, height)
         except ValueError as wrong:
             raise SimulationError(str(wrong)) from None
-        picture = await self._ask("render", _RENDER, width, height, camera or "")
+        picture = await self._ask(_RENDER, width, height, camera or "")
         import numpy
 
         return numpy.frombuffer(picture.rgb, numpy.uint8).reshape(height, width, 3).copy()
 
     async def reset(self) -> None:
         """Every joint back to where it began, held there."""
-        await self._ask("reset", _RESET)
+        await self._ask(_RESET)
 
     async def change(self, verb: str, *args: Any) -> None:
         """``add_object``, ``remove_object``, ``add_camera``, ``save_state``, ``load_state``."""
-        await self._ask(verb, f"{_WORLD}:{verb}", *args)
+        await self._ask(f"{_WORLD}:{verb}", *args)
 
     async def view(self) -> None:
         """Open MuJoCo's viewer in a process of its own; return when its window is there."""
         if sys.platform.startswith("linux") and not (
             os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
         ):
-            raise SimulationError("view: there is no display (DISPLAY is not set). use render()")
+            raise SimulationError("there is no display (DISPLAY is not set). use render()")
         if why := missing("pictures", "a window"):
-            raise SimulationError(f"view: {why}")
-        await self._start("view")
+            raise SimulationError(why)
+        await self._start()
         window = start(_VIEWER, {"control": self._twin_process.control})
         self._windows.append(window)
         with trio.move_on_after(WINDOW_S):
@@ -81,7 +81,7 @@ class World:
             if window.socket.recv(1):
                 return
         await window.drop()
-        raise SimulationError("view: the viewer did not open; what it says is above")
+        raise SimulationError("the viewer did not open; what it says is above")
 
     async def close(self) -> None:
         """End the simulation, and every window on it."""
@@ -90,15 +90,15 @@ class World:
         self._windows.clear()
         await self._twin_process.close()
 
-    async def _ask(self, verb: str, where: str, *args: Any) -> Any:
-        await self._start(verb)
+    async def _ask(self, where: str, *args: Any) -> Any:
+        await self._start()
         try:
             return await load(where)(self._twin_process.control, *args)
         except RuntimeError as failure:
-            raise SimulationError(f"{verb}: {failure}") from None
+            raise SimulationError(str(failure)) from None
 
-    async def _start(self, verb: str) -> None:
+    async def _start(self) -> None:
         try:
             await self._twin_process.start()
         except TwinProcessDown as down:
-            raise SimulationError(f"{verb}: {down}") from None
+            raise SimulationError(str(down)) from None

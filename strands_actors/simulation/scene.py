@@ -37,25 +37,25 @@ def object_fields(
     if mesh_path is not None and shape == "box":
         shape = "mesh"
     if shape not in SIZES:
-        raise ValueError(f"add_object: shape is {shape!r}. use one of {', '.join(SIZES)}")
+        raise ValueError(f"shape is {shape!r}. use one of {', '.join(SIZES)}")
     if (shape == "mesh") != (mesh_path is not None):
-        raise ValueError("add_object: mesh_path= is the file of shape='mesh', which needs it")
+        raise ValueError("mesh_path= is the file of shape='mesh', which needs it")
     if is_static not in (None, True, False):
-        raise ValueError(f"add_object: is_static is {is_static!r}. give True or False")
-    mass_kg = _number("add_object", "mass", mass)
+        raise ValueError(f"is_static is {is_static!r}. give True or False")
+    mass_kg = _number("mass", mass)
     if mass_kg <= 0:
-        raise ValueError(f"add_object: mass is {mass!r}. give kilograms, above 0")
-    sizes = _row("add_object", "size", size, SIZES[str(shape)])
+        raise ValueError(f"mass is {mass!r}. give kilograms, above 0")
+    sizes = _row("size", size, SIZES[str(shape)])
     if min(sizes) <= 0:
-        raise ValueError(f"add_object: size is {size!r}. give metres, above 0")
-    colors = _row("add_object", "color", color, GREY, counts=(3, 4))
+        raise ValueError(f"size is {size!r}. give metres, above 0")
+    colors = _row("color", color, GREY, counts=(3, 4))
     if not all(0 <= part <= 1 for part in colors):
-        raise ValueError(f"add_object: color is {color!r}. give r, g, b and a, 0 to 1")
+        raise ValueError(f"color is {color!r}. give r, g, b and a, 0 to 1")
     return {
-        "name": _name("add_object", name),
+        "name": _name(name),
         "shape": shape,
-        "position": _row("add_object", "position", position, ORIGIN),
-        "orientation": turned("add_object", orientation),
+        "position": _row("position", position, ORIGIN),
+        "orientation": turned(orientation),
         "size": sizes,
         "color": colors if len(colors) == 4 else (*colors, 1.0),
         "mass_kg": mass_kg,
@@ -68,22 +68,22 @@ def camera_fields(
     name: object, position: object, target: object, fov: object, parent_body: object
 ) -> dict[str, Any]:
     """Return what goes to the simulation. Raise ``ValueError``."""
-    fov_deg = _number("add_camera", "fov", fov)
+    fov_deg = _number("fov", fov)
     if not 0 < fov_deg < 180:
-        raise ValueError(f"add_camera: fov is {fov!r}. give degrees, above 0 and below 180")
+        raise ValueError(f"fov is {fov!r}. give degrees, above 0 and below 180")
     return {
-        "name": _name("add_camera", name),
-        "position": _row("add_camera", "position", position, (0.5, 0.5, 0.5)),
-        "target": _row("add_camera", "target", target, ORIGIN),
+        "name": _name(name),
+        "position": _row("position", position, (0.5, 0.5, 0.5)),
+        "target": _row("target", target, ORIGIN),
         "fov_deg": fov_deg,
         "body": "" if parent_body is None else str(parent_body),
     }
 
 
-def check_size(verb: str, width: object, height: object) -> None:
+def check_size(width: object, height: object) -> None:
     """Raise ``ValueError`` for a picture that nobody can draw."""
     if not all(isinstance(size, int) and size > 0 for size in (width, height)):
-        raise ValueError(f"{verb}: a picture of {width!r} x {height!r}. give whole numbers above 0")
+        raise ValueError(f"a picture of {width!r} x {height!r}. give whole numbers above 0")
 
 
 def placement(position: object, orientation: object) -> dict[str, Any] | None:
@@ -91,39 +91,37 @@ def placement(position: object, orientation: object) -> dict[str, Any] | None:
     if position is None and orientation is None:
         return None
     return {
-        "position": _row("Robot", "position", position, ORIGIN),
-        "orientation": turned("Robot", orientation),
+        "position": _row("position", position, ORIGIN),
+        "orientation": turned(orientation),
     }
 
 
-def turned(who: str, orientation: object) -> tuple[float, ...]:
+def turned(orientation: object) -> tuple[float, ...]:
     """Return a quaternion w, x, y, z. Raise ``ValueError``."""
-    quat = _row(who, "orientation", orientation, UPRIGHT)
+    quat = _row("orientation", orientation, UPRIGHT)
     if not math.hypot(*quat) > 1e-6:
-        raise ValueError(f"{who}: orientation is {orientation!r}. give a quaternion w, x, y, z that is not zero")
+        raise ValueError(f"orientation is {orientation!r}. give a quaternion w, x, y, z that is not zero")
     return quat
 
 
-def state_name(who: str, name: object) -> str:
-    return _name(who, name)
+def state_name(name: object) -> str:
+    return _name(name)
 
 
-def _name(who: str, name: object) -> str:
+def _name(name: object) -> str:
     if not isinstance(name, str) or not name.strip() or len(name) > 64:
-        raise ValueError(f"{who}: the name is {name!r}. give text of at most 64 letters")
+        raise ValueError(f"the name is {name!r}. give text of at most 64 letters")
     return name
 
 
-def _row(
-    who: str, what: str, given: object, default: tuple[float, ...], counts: Sequence[int] = ()
-) -> tuple[float, ...]:
+def _row(what: str, given: object, default: tuple[float, ...], counts: Sequence[int] = ()) -> tuple[float, ...]:
     if given is None:
         return default
     wanted = counts or (len(default),)
     values = tuple(given) if isinstance(given, Sequence) and not isinstance(given, str) else _listed(given)
     if len(values) not in wanted:
-        raise ValueError(f"{who}: {what} is {given!r}. give {' or '.join(map(str, wanted))} numbers")
-    return tuple(_number(who, what, value) for value in values)
+        raise ValueError(f"{what} is {given!r}. give {' or '.join(map(str, wanted))} numbers")
+    return tuple(_number(what, value) for value in values)
 
 
 def _listed(given: object) -> tuple[object, ...]:
@@ -132,7 +130,7 @@ def _listed(given: object) -> tuple[object, ...]:
     return tuple(values) if isinstance(values, list) else ()
 
 
-def _number(who: str, what: str, given: object) -> float:
+def _number(what: str, given: object) -> float:
     if isinstance(given, bool) or not isinstance(given, int | float) or not math.isfinite(given):
-        raise ValueError(f"{who}: {what} is {given!r}. give finite numbers")
+        raise ValueError(f"{what} is {given!r}. give finite numbers")
     return float(given)

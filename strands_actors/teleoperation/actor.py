@@ -29,6 +29,7 @@ from strands_actors.kernel.clock import NS
 from strands_actors.kernel.mailbox import SUPERSEDED
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Unreachable
+from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.gate.failsafe import WRITABLE
 from strands_actors.supervisors.gate.gate import Gate
@@ -77,9 +78,9 @@ RECORDER_S = 3.0
 KEY, GRIPPER = "key", "gripper"
 MOVED = 0.2
 """Degrees, or percent of a gripper: two counts of a servo's 4096, of which one is noise."""
-OVER = ("disarmed", "faulted", "locked_out", "stopped", "ended", "no_drill")
+OVER = (Code.DISARMED, Code.FAULTED, Code.LOCKED_OUT, Code.STOPPED, Code.ENDING, Code.NO_DRILL)
 """Refusals after which only the robot's operator can go on: the teleoperation has ended."""
-FRAME_REFUSED = ("too_fast", "past_travel")
+FRAME_REFUSED = (Code.TOO_FAST, Code.PAST_TRAVEL)
 """Refusals of one target: the next may be accepted."""
 
 

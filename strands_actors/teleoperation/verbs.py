@@ -19,6 +19,7 @@ from strands_actors.contract.driver import Driver
 from strands_actors.contract.plain_numbers import as_python
 from strands_actors.contract.shown import closest, shown
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.root.messages import Operate
 
 from .actor import GRIPPER, KEY
@@ -34,9 +35,10 @@ RATES = "-1..1"
 MOST_RATE = 1.01
 """A stick may say a little more than 1: -32768 of 32767. It counts as 1."""
 NOT_THE_DEADMAN = Refused(
-    "gripper_deadman",
-    "operate: the dead-man of this teleoperation is the leader's gripper",
+    Code.GRIPPER_DEADMAN,
+    "the dead-man of this teleoperation is the leader's gripper",
     'squeeze it twice, or begin again: attach_teleop(leader, deadman="key")',
+    verb="operate",
 )
 
 
@@ -69,8 +71,10 @@ def attach(
 
     async def run(tree: RobotTree) -> Answer:
         if tree.plan.at:
-            why = f"teleoperate: {tree.robot} is run by another host"
-            return answers.refused(Refused("elsewhere", why, "run the teleoperation on that host"))
+            why = f"{tree.robot} is run by another host"
+            return answers.refused(
+                Refused(Code.ELSEWHERE, why, "run the teleoperation on that host", verb="teleoperate")
+            )
         try:
             source = await leader.source()
         except TwinProcessDown as down:
@@ -121,7 +125,7 @@ def operate(driver: Driver, held: object, rates: Mapping[str, object]) -> Verb |
     letting go."""
     is_held = as_python(held)
     if not isinstance(is_held, bool):  # the text "False" would hold the dead-man
-        return answers.refused(_wrong("bad_held", f"held is {shown(held)}", "True or False", held))
+        return answers.refused(_wrong(Code.BAD_ARGUMENT, f"held is {shown(held)}", "True or False", held))
     told = _rates(driver, rates)
     if isinstance(told, Refused) and is_held:
         return answers.refused(told)
@@ -143,13 +147,13 @@ def _rates(driver: Driver, given: Mapping[str, object]) -> dict[str, float] | Re
             close = closest(key, driver.axes)
             hint = f" ({close[0]!r}?)" if close else ""
             why, known = f"{shown(key)} is no axis of {driver.robot}{hint}", ", ".join(driver.axes)
-            return _wrong("unknown_joint", why, f"one of {known or 'none'}", key)
+            return _wrong(Code.UNKNOWN_JOINT, why, f"one of {known or 'none'}", key)
         number = finite(as_python(rate))
         if number is None or abs(number) > MOST_RATE:
-            return _wrong("bad_rate", f"{key} is {shown(rate)}", f"how fast it is to go, {RATES}", rate)
+            return _wrong(Code.BAD_RATE, f"{key} is {shown(rate)}", f"how fast it is to go, {RATES}", rate)
         told[key] = number
     return told
 
 
 def _wrong(code: str, why: str, accepted: str, offered: object) -> Refused:
-    return Refused(code, f"operate: {why}", f"give {accepted}", shown(offered), accepted)
+    return Refused(code, why, f"give {accepted}", shown(offered), accepted, verb="operate")

@@ -37,8 +37,9 @@ START_S = 60.0
 CAMERA, RECORDER = "camera/eye", "recorder"
 """Roles of processes that a robot has only when it is asked for them."""
 EXTRAS = frozenset({CAMERA, RECORDER})
-EXTRAS_S = 20.0
-"""Within which these are there: a camera begins only when the robot has."""
+COMPLETE_S = 20.0
+"""Within which they are all there: a camera begins only when the robot has, and one that was killed
+begins again."""
 
 SILENT_NS = 200_000_000
 """A host that has said nothing for so long says nothing more: none has a longer period."""
@@ -55,6 +56,7 @@ class Caller:
         """``extras``: of ``EXTRAS``, that this robot has."""
         self.extras = extras
         self._recorder: RecorderProcess | None = None
+        self._roles = frozenset[str]()
         self.trigger = directory / "trigger"
         self.tree: dict[str, Any] = {}
         self.run_dir = directory / "run"
@@ -81,17 +83,25 @@ class Caller:
         """Each process of the tree when the robot began to move."""
         return {entry["role"]: entry["pid"] for entry in self.tree.get("processes", ())}
 
-    def begin_extras(self) -> None:
-        """Return when the robot has its extras. Raise ``NotMoving`` when it does not get them."""
+    def _living(self) -> set[str]:
+        """Return the roles of processes that have not ended since the tree told of them."""
+        return {role for role, pid in self.pids().items() if Path(f"/proc/{pid}").exists()}
+
+    def complete(self) -> None:
+        """Return when the tree has its extras, and every process that it has ever had. Raise
+        ``NotMoving`` when it does not get them."""
+        if self._recorder is not None and not self._recorder.alive:
+            self._end_recorder()
         if RECORDER in self.extras and self._recorder is None:
             self._recorder = RecorderProcess(self.tree["robot"], self.run_dir)
-        deadline_s = time.monotonic() + EXTRAS_S
-        while self.extras - self.pids().keys():
+        deadline_s = time.monotonic() + COMPLETE_S
+        while missing := (self.extras | self._roles) - self._living():
             if time.monotonic() > deadline_s:
-                raise NotMoving(f"there is no {', '.join(self.extras - self.pids().keys())} process")
+                raise NotMoving(f"there is no {', '.join(missing)} process")
             time.sleep(0.05)
             self.tell("tree")
             self.tree = self.line()
+        self._roles = frozenset(self.pids())
 
     def line(self) -> dict[str, Any]:
         """What it says next. Raise ``NotMoving`` when it has ended, or says nothing for
@@ -127,14 +137,18 @@ class Caller:
             path.unlink(missing_ok=True)
 
     def end(self) -> None:
-        if self._recorder is not None:
-            self._recorder.end()
+        self._end_recorder()
         self.process.end()
         for pid in self.pids().values():
             with contextlib.suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)
         os.close(self._input)
         os.close(self._output)
+
+    def _end_recorder(self) -> None:
+        if self._recorder is not None:
+            self._recorder.end()
+            self._recorder = None
 
 
 class Bench:
@@ -188,7 +202,7 @@ class Bench:
             caller.tell(f"again {motion}")
             try:
                 caller.tree = caller.line()
-                caller.begin_extras()
+                caller.complete()
                 return caller
             except NotMoving:
                 pass
@@ -199,7 +213,7 @@ class Bench:
         caller.forget_trigger()
         try:
             caller.tree = caller.line()
-            caller.begin_extras()
+            caller.complete()
         except NotMoving:
             self.drop()
             self._begin_twin()  # a hold by wrong readings may have left a joint where it cannot be armed

@@ -111,9 +111,9 @@ class FakeDriver(Driver):
         values, named = list(state.target), []
         for key, value in action.items():
             if key not in AXES:
-                return Refused("unknown_joint", f"move: {key} is no axis", f"use {', '.join(AXES)}")
+                return Refused("unknown_joint", f"{key} is no axis", f"use {', '.join(AXES)}")
             if not isinstance(value, int | float) or not math.isfinite(value) or abs(value) > LIMIT:
-                return Refused("range", f"move: {key} is {value}", f"stay within {LIMIT}", str(value))
+                return Refused("range", f"{key} is {value}", f"stay within {LIMIT}", str(value))
             values[AXES.index(key)] = float(value)
             named.append(AXES.index(key))
         return Candidate(tuple(values), tuple(named))

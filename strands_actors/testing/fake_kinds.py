@@ -181,7 +181,7 @@ def _battery(observation: Observation, now_ns: int) -> Refused | None:
     (pct,) = observation.sensors.get("battery_pct", (100.0,))
     if pct >= FLOOR_PCT:
         return None
-    return Refused("battery", f"move: battery at {pct:.0f} %", "charge it", f"{pct:.0f}", f"{FLOOR_PCT:.0f}")
+    return Refused("battery", f"battery at {pct:.0f} %", "charge it", f"{pct:.0f}", f"{FLOOR_PCT:.0f}")
 
 
 class FakeHttp(_Kind):

@@ -76,6 +76,9 @@ LIVING = (Faults.FREEZE, Faults.SPIN)
 """Faults that leave the process there."""
 BYSTANDER_FAULTS = (Faults.KILL, Faults.FREEZE)
 """It runs no code of ours that could be asked for another fault."""
+STARTED_AGAIN = ("standby", "recorder")
+"""Bystanders that their tree, or the bench, starts again at once when they have ended. A camera that
+ends again and again is waited for."""
 RETURNING = (Faults.FREEZE, Faults.LINK_LOSS)
 """Faults of the robot during which nothing can be written: measured from their end. The others:
 from a stop."""
@@ -117,6 +120,13 @@ class Cell:
 def is_bystander(role: str) -> bool:
     """Return whether the wire shows nothing of a fault of this process alone."""
     return role not in list(Victims)
+
+
+def spoils(victim: str, fault: str) -> bool:
+    """Return whether a tree is not whole again after this fault, and cannot be broken once more."""
+    if is_bystander(victim):
+        return fault == Faults.KILL and victim not in STARTED_AGAIN
+    return victim == Victims.CALLER
 
 
 def victim_named(role: str) -> str:

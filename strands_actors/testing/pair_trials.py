@@ -26,7 +26,7 @@ from .cells import (
     told,
     until_safe,
 )
-from .faults import SIGNALS, Faults, Victims, is_bystander
+from .faults import SIGNALS, Faults, Victims, spoils
 from .pairs import APART_S, Pair, expected_safe_states, pair_bound_s
 
 
@@ -38,7 +38,7 @@ def run_pair(pair: Pair, bench: Bench, settle_s: float = SETTLE_S) -> Outcome:
     def trial(caller: Caller) -> Outcome:
         return trio.run(_break_pair, bench, caller, pair, apart_s, settle_s)
 
-    drop = not pair.members or any(member == Victims.CALLER or is_bystander(member) for member in pair.members)
+    drop = not pair.members or any(spoils(member, fault) for member, fault in pair.faults)
     return persevere(bench, _motion(pair, bench.driver), trial, drop, extras_for(pair.members))
 
 
@@ -68,18 +68,24 @@ async def _break_pair(bench: Bench, caller: Caller, pair: Pair, apart_s: float, 
     bound_ms = pair_bound_s(bench.driver, pair) * 1e3
     expected = Expected(pair.victim, pair.fault, expected_safe_states(bench.driver, pair), bound_ms)
     if pair.stops:
-        return await stop_after(bench, caller, expected, broken_ns, queue, settle_s)
+        outcome = await stop_after(bench, caller, expected, broken_ns, queue, settle_s)
+        _let_go(pair, caller)
+        return outcome
     await until_safe(bench.log, began_ns, queue)
     stood_ms = queue.stood_ms()
     await trio.sleep(settle_s + pair_bound_s(bench.driver, pair))
-    for member, fault in pair.faults:
-        if fault is Faults.FREEZE and member != Victims.CALLER:
-            # A frozen process that is let go again must not write: it was fenced, or has no way to.
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(caller.pid(member), signal.SIGCONT)
+    _let_go(pair, caller)
     await trio.sleep(settle_s)
     require_motion(bench.log, began_ns)
     return told(read(bench.log, expected, began_ns, broken_ns, 0.0, stood_ms), bench.log, began_ns)
+
+
+def _let_go(pair: Pair, caller: Caller) -> None:
+    """A frozen process that goes on must not write: it was fenced, or has no way to."""
+    for member, fault in pair.faults:
+        if fault is Faults.FREEZE and member != Victims.CALLER:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(caller.pid(member), signal.SIGCONT)
 
 
 def _orders(pair: Pair, caller: Caller) -> list[tuple[int, signal.Signals]]:

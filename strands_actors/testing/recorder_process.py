@@ -25,6 +25,10 @@ class RecorderProcess:
             env=environment(STRANDS_ACTORS_RUN=str(run_dir)),
         )
 
+    @property
+    def alive(self) -> bool:
+        return self._process.poll() is None
+
     def end(self) -> None:
         """Kill it, also where it was stopped."""
         with contextlib.suppress(ProcessLookupError):

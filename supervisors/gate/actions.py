@@ -9,6 +9,7 @@ from typing import Any
 
 from strands_actors.contract.shown import harmless, shown
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 MAX_KEYS = 256
 """Of an action, or of one of its values."""
@@ -26,10 +27,10 @@ def refuse_shape(action: object) -> Refused | None:
     if isinstance(action, Mapping):
         if len(action) <= MAX_KEYS:
             return None
-        what = f"move: the action has {len(action)} keys"
-        return Refused("too_many_keys", what, f"give at most {MAX_KEYS}", str(len(action)), str(MAX_KEYS))
+        what = f"the action has {len(action)} keys"
+        return Refused(Code.TOO_MANY_KEYS, what, f"give at most {MAX_KEYS}", str(len(action)), str(MAX_KEYS))
     kind = type(action).__name__
-    return Refused("not_a_mapping", f"move: the action is a {kind}", "it must be a mapping of joints to numbers")
+    return Refused(Code.NOT_A_MAPPING, f"the action is a {kind}", "it must be a mapping of joints to numbers")
 
 
 def _plain_value(value: Any) -> Any:

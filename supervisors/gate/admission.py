@@ -5,19 +5,21 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import msgspec
-
-from strands_actors.contract.driver import Condition, Driver, GateState, OnResume, Reason
+from strands_actors.contract.driver import Condition, Driver, GateState, Live, OnResume, Reason
 from strands_actors.contract.wire import Observation
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.gate.messages import Perform, Setpoint
 
 from . import failsafe
 from .failsafe import Mode
 from .lease import Leases, refuse_by_deadline
 
-LATCHED = -1
-"""``live_until_ns`` of a target that stands as long as its lease lives."""
+MOVE = "move"
+"""The verb of a setpoint."""
+
+
+_BUSY = Refused(Code.BUSY, "another service is under way", "wait until it is done")
 
 
 class Known(NamedTuple):
@@ -31,7 +33,7 @@ class Known(NamedTuple):
     observation: Observation | None
     target: tuple[float, ...]
     target_ns: int  # when it was accepted
-    live_until_ns: int  # 0: no live setpoint
+    live: Live | None
     in_service: bool  # one of the robot's own services is under way
 
 
@@ -49,21 +51,26 @@ class Admission:
         self._driver = driver
 
     def setpoint(self, message: Setpoint, known: Known, now_ns: int) -> Admitted | Refused:
+        """Return what goes to the wire, or why nothing does."""
+        answer = self._setpoint(message, known, now_ns)
+        return answer.about(MOVE) if isinstance(answer, Refused) else answer
+
+    def _setpoint(self, message: Setpoint, known: Known, now_ns: int) -> Admitted | Refused:
         """Ask in the order in which a person would want to hear it: mode, lease, epoch, deadline,
         the robot's conditions, its axes, its gates."""
         refusal = (
             self._refuse_by_mode(known)
-            or _refuse_by_lease("move", message, known)
-            or refuse_by_deadline(message.deadline_ns, now_ns, "move: ")
+            or _refuse_by_lease(message, known)
+            or refuse_by_deadline(message.deadline_ns, now_ns)
             or self._refuse_latched(message)
         )
         if refusal is not None:
             return refusal
         observation = known.observation
         if observation is None:
-            return Refused("no_observation", "move: nothing was read yet", "wait for the first observation")
+            return Refused(Code.NO_OBSERVATION, "nothing was read yet", "wait for the first observation")
         if known.in_service:
-            return Refused("busy", "move: one of the robot's own services is under way", "wait until it is done")
+            return Refused(Code.BUSY, "one of the robot's own services is under way", "wait until it is done")
         broken = self.broken_condition(observation, now_ns)
         if broken is not None:
             return broken[1]
@@ -74,7 +81,7 @@ class Admission:
             known.target_ns,
             message.period_s > 0,
             message.period_s,
-            known.live_until_ns,
+            known.live,
         )
         candidate = self._driver.parse(message.action, state)
         if isinstance(candidate, Refused):
@@ -91,40 +98,44 @@ class Admission:
     def service(self, message: Perform, known: Known, now_ns: int) -> Refused | None:
         """Refuse one of the driver's own services. One that moves the robot is refused whenever a
         setpoint would be, whatever it says."""
+        refusal = self._refuse_service(message, known, now_ns)
+        return None if refusal is None else refusal.about(message.service)
+
+    def _refuse_service(self, message: Perform, known: Known, now_ns: int) -> Refused | None:
         service, state = message.service, known.state
         refusal = self._driver.check_service(service, message.arguments)
         if refusal is not None:
             return refusal
         if self._driver.SERVICES[service].acts:
-            return Refused("a_command", f"{service}: it is a command", "send its arguments as an action")
+            return Refused(Code.A_COMMAND, "it is a command", "send its arguments as an action")
         if state.locked_by:
-            return Refused("locked_out", f"{service}: e-stopped by {state.locked_by}", "resume() lifts the lockout")
+            return Refused(Code.LOCKED_OUT, f"e-stopped by {state.locked_by}", "resume() lifts the lockout")
         if state.mode in failsafe.OVER:
-            return refuse_at_the_end(service, known.cause)
+            return refuse_at_the_end(known.cause)
         if state.mode not in failsafe.LINKED:
-            return Refused("not_connected", f"{service}: not connected: {known.connect_error}")
+            return Refused(Code.NOT_CONNECTED, f"not connected: {known.connect_error}")
         if state.mode in (Mode.ARMING, Mode.STOPPING):
-            return Refused("busy", f"{service}: the robot is {state.mode}", "try again when that is over")
-        refusal = _refuse_by_lease(service, message, known)
+            return Refused(Code.BUSY, f"the robot is {state.mode}", "try again when that is over")
+        refusal = _refuse_by_lease(message, known)
         if refusal is not None:
             return refusal
         refusal = self._refuse_by_mode(known) if self._driver.SERVICES[service].needs_armed else None
         if refusal is not None:
-            return about(service, refusal)
-        moves = known.live_until_ns != 0 or message.first is not None
-        if moves and not self._driver.SERVICES[service].in_motion:
-            return Refused(
-                "live", f"{service}: the robot is being moved", "wait until that is over, or call stop()"
-            )
-        return self._refuse_to_move(service, known, now_ns) if self._driver.SERVICES[service].moves else None
+            return refusal
+        what = self._driver.SERVICES[service]
+        moves = known.live is not None or message.first is not None
+        if moves and not (what.in_motion or what.ends_motion):
+            return Refused(Code.LIVE, "the robot is being moved", "wait until that is over, or call stop()")
+        if what.ends_motion and known.in_service:
+            return _BUSY
+        return self._refuse_to_move(known, now_ns) if what.moves else None
 
-    def _refuse_to_move(self, service: str, known: Known, now_ns: int) -> Refused | None:
+    def _refuse_to_move(self, known: Known, now_ns: int) -> Refused | None:
         if known.in_service:
-            return Refused("busy", f"{service}: another service is under way", "wait until it is done")
+            return _BUSY
         if known.observation is None:
-            return Refused("no_observation", f"{service}: nothing was read yet", "wait for the first observation")
-        refusal = self.refuse_motion(known, now_ns)
-        return None if refusal is None else about(service, refusal)
+            return Refused(Code.NO_OBSERVATION, "nothing was read yet", "wait for the first observation")
+        return self.refuse_motion(known, now_ns)
 
     def refuse_motion(self, known: Known, now_ns: int) -> Refused | None:
         """Return what any setpoint would be refused for: the mode, or a condition of the robot."""
@@ -161,21 +172,22 @@ class Admission:
     def _refuse_by_mode(self, known: Known) -> Refused | None:
         mode = known.state.mode
         if known.state.locked_by:
-            why = f"move: e-stopped by {known.state.locked_by}"
-            return Refused("locked_out", why, "resume() lifts the lockout")
+            why = f"e-stopped by {known.state.locked_by}"
+            return Refused(Code.LOCKED_OUT, why, "resume() lifts the lockout")
         if mode in failsafe.WRITABLE:
             return None
         if mode in failsafe.OVER:
-            return refuse_at_the_end("move", known.cause)
+            return refuse_at_the_end(known.cause)
         if mode not in failsafe.LINKED:
             why = "the restart budget is spent" if mode is Mode.FAILED else known.connect_error
-            return Refused("not_connected", f"move: not connected: {why}", "call connect_eagerly() first")
+            return Refused(Code.NOT_CONNECTED, f"not connected: {why}", "call connect_eagerly() first")
         if mode is Mode.ARMING:
-            return Refused("arming", "move: the robot is being energised", "try again when it is armed")
+            return Refused(Code.ARMING, "the robot is being energised", "try again when it is armed")
         cause = f" ({known.cause})" if known.cause else ""
         # A code of its own: whoever moved the robot was ended by the robot, not by a person's stop.
-        code = "faulted" if known.reason == Reason.FAULT else "disarmed"
-        return Refused(code, f"move: the robot is {mode}{cause}", "call resume() first")
+        code = Code.FAULTED if known.reason == Reason.FAULT else Code.DISARMED
+        why = f"the robot is {mode}{cause}"
+        return Refused(code, why, "call resume() first", because=known.reason)
 
     def _refuse_latched(self, message: Setpoint) -> Refused | None:
         """Refuse a command without an end to a robot that would go on moving by it: a base, a
@@ -183,30 +195,25 @@ class Admission:
         longest_s = self._driver.timing.oneshot_ttl_s
         if not message.latched or longest_s is None:
             return None
-        why = f"move: {self._driver.robot} takes no command without an end"
-        return Refused("latched", why, f"give it a lifetime, {longest_s:g} s", "latched", f"{longest_s:g} s")
+        why = f"{self._driver.robot} takes no command without an end"
+        return Refused(Code.LATCHED, why, f"give it a lifetime, {longest_s:g} s", "latched", f"{longest_s:g} s")
 
 
-def about(verb: str, refusal: Refused) -> Refused:
-    """Return what a setpoint is refused for as the answer to another verb."""
-    why = refusal.reason.removeprefix("move: ").removeprefix("observe: ")
-    return msgspec.structs.replace(refusal, reason=f"{verb}: {why}")
-
-
-def refuse_at_the_end(what: str, cause: str) -> Refused:
+def refuse_at_the_end(cause: str) -> Refused:
     """Refuse anything of a tree that ends."""
-    return Refused("ending", f"{what}: the tree of this robot ends ({cause})", "start it again")
+    return Refused(Code.ENDING, f"the tree of this robot ends ({cause})", "start it again")
 
 
-def _refuse_by_lease(what: str, message: Setpoint | Perform, known: Known) -> Refused | None:
-    refusal = known.leases.refuse(what, message.lease, message.channel)
+def _refuse_by_lease(message: Setpoint | Perform, known: Known) -> Refused | None:
+    refusal = known.leases.refuse(message.lease, message.channel)
     if refusal is None and message.epoch != known.state.epoch:
         cause = f" ({known.cause})" if known.cause else ""
         return Refused(
-            "stale_epoch",
-            f"{what}: prepared in epoch {message.epoch}, now it is {known.state.epoch}{cause}",
+            Code.STALE_EPOCH,
+            f"prepared in epoch {message.epoch}, now it is {known.state.epoch}{cause}",
             "send it again",
             str(message.epoch),
             str(known.state.epoch),
+            because=known.reason,
         )
     return refusal

@@ -81,7 +81,7 @@ class Cause(msgspec.Struct, frozen=True):
             if condition.on_resume is OnResume.REFUSE and not condition.is_silence:
                 refusal = condition.check(observation, now_ns)
                 if refusal is not None:
-                    text = refusal.reason.removeprefix("move: ")
+                    text = refusal.reason
                     return self._replaced(text, condition.reason, rank)
         if not driver.conditions and self.rank > Rank.REPORTED:
             new = {name: fault for name, fault in observation.faults.items() if self.faults.get(name) != fault}

@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import msgspec
 
-from strands_actors.contract.driver import HOLDING_REASONS, ORDERED, Driver, OnResume, Reason
+from strands_actors.contract.driver import HOLDING_REASONS, ORDERED, Driver, Live, OnResume, Reason
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import Observation
 from strands_actors.kernel.actor import Actor, Deferred
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import Ref
+from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.gate.messages import (
     BROUGHT,
     Accepted,
@@ -53,12 +54,15 @@ from strands_actors.supervisors.root.stop_channel import not_reached
 from strands_actors.supervisors.wire.messages import Alive, Arm, CarryOut, MakeSafe, Write
 
 from . import failsafe
-from .admission import LATCHED, Admission, Known, about, refuse_at_the_end
+from .admission import MOVE, Admission, Known, refuse_at_the_end
 from .cause import SOON_NS, Cause, Lapse, Rank, rank_of, rank_of_condition
 from .failsafe import Action, Event, Mode
 from .held_target import held_target
 from .lease import LEASE_TTL_NS, Held, Leases
 from .memory import GateMemory, Waiting
+
+OBSERVE, ACQUIRE, RESUME = "observe", "acquire", "resume"
+"""Verbs of what is refused here."""
 
 _STOP_AGAIN_NS = round(0.5 * NS)
 """At least so long after a stop that could not be confirmed."""
@@ -102,7 +106,7 @@ class Gate(Actor):
         self._observation: Observation | None = None
         self._target: tuple[float, ...] = ()
         self._target_ns = 0
-        self._live_until_ns = 0  # 0: no live setpoint; -1: latched, as long as the lease lives
+        self._live: Live | None = None
         self._stops: list[Waiting] = []
         self._lock = LockKept(0, locked_since)  # the newest that was kept
         self._resumes: list[Deferred] = []
@@ -167,7 +171,7 @@ class Gate(Actor):
             case Setpoint():
                 return self._setpoint(message)
             case Probe():
-                if self._live_until_ns:
+                if self._live is not None:
                     self._look(message.now_ns)
                 elif self._state.mode in failsafe.WRITABLE:
                     self._look_at_conditions(message.now_ns, live=False)
@@ -177,10 +181,7 @@ class Gate(Actor):
             case Stop():
                 return self._stop(message)
             case Resume():
-                answer = self._resume(message)
-                how = "ordered" if isinstance(answer, Deferred) else "armed already"
-                self._tell_decided(message.by, "resume", answer if isinstance(answer, Refused) else how)
-                return answer
+                return self._answer_resume(message)
             case Beat():
                 self._leases.beat(message, self.context.received_ns)
             case Stopped():
@@ -190,7 +191,8 @@ class Gate(Actor):
             case Release():
                 return self._release(message)
             case GetObservation():
-                return self._newest_observation()
+                seen = self._newest_observation()
+                return seen.about(OBSERVE) if isinstance(seen, Refused) else seen
             case GetSafety():
                 return self._safety()
             case GetStatus():
@@ -247,7 +249,7 @@ class Gate(Actor):
         self._advance(Event.SETPOINT)
         self._report_stands = False
         self._target, self._target_ns = admitted.values, now_ns
-        self._live_until_ns = admitted.until_ns or LATCHED
+        self._live = Live(admitted.until_ns or None)
         if self._leases.held is not None:
             self._leases.held.beat(now_ns + LEASE_TTL_NS)
             self._leases.held.steps += 1
@@ -275,7 +277,7 @@ class Gate(Actor):
             self._observation,
             self._target,
             self._target_ns,
-            self._live_until_ns,
+            self._live,
             bool(self._services),
         )
 
@@ -292,7 +294,9 @@ class Gate(Actor):
         if self._driver.SERVICES[message.service].moves:
             self._advance(Event.SETPOINT)
             self._report_stands = False
-            self._live_until_ns = LATCHED
+            self._live = Live()
+        elif self._driver.SERVICES[message.service].ends_motion:
+            self._live = None
         self._service += 1
         self._services[self._service] = deferred = self.context.defer()
         self._transport.tell(CarryOut(self._state.epoch, self._service, message.service, message.arguments))
@@ -312,8 +316,10 @@ class Gate(Actor):
         """Granted in the middle of a hold, it is answered when that is over: what the next command
         does not name stays where it is then."""
         answer = self._leases.acquire(message, self.context.received_ns, self._state.mode is Mode.HOLDING)
+        if isinstance(answer, Refused):
+            answer = answer.about(ACQUIRE)
         self._tell_decided(
-            message.holder, "acquire", answer if isinstance(answer, Refused) else "granted", message.channel
+            message.holder, ACQUIRE, answer if isinstance(answer, Refused) else "granted", message.channel
         )
         if isinstance(answer, Refused):
             return answer
@@ -339,7 +345,7 @@ class Gate(Actor):
         held = self._leases.release(message.lease, message.channel)
         if held is not None:
             self._tell_decided(held.holder, "release", "released", held.channel)
-            latched = held.under is not None and self._live_until_ns == LATCHED
+            latched = held.under is not None and self._live is not None and self._live.latched
             if not (message.keeps and latched and not message.channel) and self._end_writer(held):
                 deferred = self.context.defer()
                 self._stops.append(Waiting(self._state.epoch, deferred, False, releases=True))
@@ -351,14 +357,14 @@ class Gate(Actor):
         when there is nothing to hold."""
         if held.under is not None:
             return self._trip(Reason.POLICY, f"{held.holder} ended", lapse=Lapse.ROLLOUT_ENDED)
-        if self._live_until_ns or self._state.mode is Mode.LOST:
+        if self._live is not None or self._state.mode is Mode.LOST:
             return self._trip(Reason.LEASE, NOBODY_WRITES, lapse=Lapse.GIVEN_BACK)
         return False
 
     def _writer_stopped(self, pid: int) -> None:
         """Hold as if its lease or its last setpoint had run out: a stopped process can send neither."""
         held = self._leases.held
-        if held is None or not self._live_until_ns:
+        if held is None or self._live is None:
             return
         if held.owner.pid == pid:
             self._trip(Reason.LEASE, f"the process of {held.owner.holder} is stopped")
@@ -370,12 +376,12 @@ class Gate(Actor):
     def _look(self, now_ns: int, admitted: bool = False) -> None:
         """At what may have ended what is live. ``admitted``: the robot's conditions have just been
         looked at."""
-        live_until = self._live_until_ns
-        if live_until > 0 and now_ns >= live_until:
+        live = self._live
+        if live is not None and live.over(now_ns):
             self._trip(Reason.EXPIRED, "the setpoint expired", lapse=Lapse.EXPIRED)
         elif self._leases.held is None:
             self._trip(Reason.LEASE, NOBODY_WRITES, lapse=Lapse.GIVEN_BACK)
-        elif why := self._leases.lapsed(now_ns, live_until == LATCHED):
+        elif why := self._leases.lapsed(now_ns, live is not None and live.latched):
             self._trip(Reason.LEASE, why)
         elif not admitted:
             self._look_at_conditions(now_ns, live=True)
@@ -388,7 +394,7 @@ class Gate(Actor):
         broken = self._admission.broken_condition(self._observation, now_ns, only_always=not live)
         if broken is not None:
             condition, refusal = broken
-            cause = refusal.reason.removeprefix("move: ")
+            cause = refusal.reason
             rank = rank_of_condition(self._driver, condition)
             self._trip(condition.reason, cause, safe_state=condition.safe_state, rank=rank)
 
@@ -399,7 +405,7 @@ class Gate(Actor):
             self._guardian.tell(Decided(who, what, told, over))
 
     def _tell_alive(self, number: int) -> None:
-        live = self._live_until_ns != 0 and self._state.mode is Mode.ARMED
+        live = self._live is not None and self._state.mode is Mode.ARMED
         self._watchdog.tell(Alive(number, self._state.epoch, live))
 
     # -- stop, resume
@@ -488,10 +494,10 @@ class Gate(Actor):
         if makes_safe:
             if event is not Event.HOLD or before.mode is not Mode.LOST:  # it is safe since the link was lost
                 self._blame(cause, reason, rank_of(reason) if rank is None else rank, lapse)
-            self._live_until_ns = 0
+            self._live = None
             self._report_stands = False
             self._transport.tell(MakeSafe(self._state.epoch, safe_state, reason))  # before anybody else is told
-            self._refuse_resumes(Refused("stopped", f"resume: {cause}", "resume again when that is over"))
+            self._refuse_resumes(Refused(Code.STOPPED, cause, "resume again when that is over"))
         if self._state != before:
             self._tell_state()
         return makes_safe
@@ -507,7 +513,7 @@ class Gate(Actor):
 
     def _refuse_resumes(self, refusal: Refused) -> None:
         for resume in (*self._resumes, *self._rearming):
-            resume.send(refusal)
+            resume.send(refusal.about(RESUME))
         self._resumes.clear()
         self._rearming.clear()
 
@@ -515,13 +521,13 @@ class Gate(Actor):
         """Return it while it says where the robot is: not what was read before the link was lost."""
         seen = self._observation
         if seen is None:
-            return Refused("no_observation", "observe: nothing was read yet", "wait for the first observation")
+            return Refused(Code.NO_OBSERVATION, "nothing was read yet", "wait for the first observation")
         old_s = (self.context.received_ns - seen.t_ns) / NS
         longest_s = max(self._driver.timing.state_ttl_s, OBSERVATION_S)
         if old_s <= longest_s:
             return seen
-        why = f"observe: the newest reading is {old_s:.1f} s old"
-        return Refused("stale", why, "check the robot's cable and power", f"{old_s:.1f} s", f"{longest_s:g} s")
+        why = f"the newest reading is {old_s:.1f} s old"
+        return Refused(Code.STALE, why, "check the robot's cable and power", f"{old_s:.1f} s", f"{longest_s:g} s")
 
     def _observed(self, message: Observed) -> None:
         self._observation = message.observation
@@ -584,15 +590,23 @@ class Gate(Actor):
             else:
                 stop.who.send(report)
 
+    def _answer_resume(self, message: Resume) -> Resumed | Refused | Deferred:
+        answer = self._resume(message)
+        if isinstance(answer, Refused):
+            answer = answer.about(RESUME)
+        how = "ordered" if isinstance(answer, Deferred) else "armed already"
+        self._tell_decided(message.by, RESUME, answer if isinstance(answer, Refused) else how)
+        return answer
+
     def _resume(self, message: Resume) -> Resumed | Refused | Deferred:
         if 0 < message.asked_ns < self._stopped_ns:
-            why = "resume: the robot was stopped after that was asked for"
-            return Refused("stopped", why, "resume again when that is over")
+            why = "the robot was stopped after that was asked for"
+            return Refused(Code.STOPPED, why, "resume again when that is over")
         if self._state.mode in failsafe.WRITABLE and self._observation is not None:
             return self._resume_armed()
         if self._state.locked_by and not message.lift:
-            why = f"resume: e-stopped by {self._state.locked_by}"
-            return Refused("locked_out", why, "an operator's resume() lifts the lockout")
+            why = f"e-stopped by {self._state.locked_by}"
+            return Refused(Code.LOCKED_OUT, why, "an operator's resume() lifts the lockout")
         refusal = self._begin_to_arm()
         if refusal is not None:
             return refusal
@@ -603,15 +617,15 @@ class Gate(Actor):
     def _begin_to_arm(self) -> Refused | None:
         mode = self._state.mode
         if self._no_standby and (mode, Event.RESUME) in failsafe.TRANSITIONS:
-            why = f"resume: a process that could stop the robot is missing: {self._no_standby}"
-            return Refused("no_standby", why, "try again in a moment: another one is being started")
+            why = f"a process that could stop the robot is missing: {self._no_standby}"
+            return Refused(Code.NO_STANDBY, why, "try again in a moment: another one is being started")
         action = self._advance(Event.RESUME)
         if action is not Action.ARM:
             if mode in failsafe.OVER:
-                return refuse_at_the_end("resume", self._cause.text)
+                return refuse_at_the_end(self._cause.text)
             if mode not in failsafe.LINKED:
-                return Refused("not_connected", f"resume: not connected: {self._connect_error}")
-            return Refused("busy", f"resume: the robot is {mode}", "try again when that is over")
+                return Refused(Code.NOT_CONNECTED, f"not connected: {self._connect_error}")
+            return Refused(Code.BUSY, f"the robot is {mode}", "try again when that is over")
         self._transport.tell(Arm(self._state.epoch))
         return None
 
@@ -620,16 +634,15 @@ class Gate(Actor):
         by a stop, as if a setpoint were live, and by arming."""
         seen = self._newest_observation()
         if isinstance(seen, Refused):
-            return about("resume", seen)
+            return seen
         broken = self._admission.broken_for_resume(seen, self.context.received_ns)
         if broken is None:
             return Resumed(self._state.epoch, seen)
         condition, refusal = broken
         if condition.on_resume is OnResume.REFUSE:
-            then = "" if "resume()" in refusal.remedy else ", then call resume()"
-            return about("resume", msgspec.structs.replace(refusal, remedy=refusal.remedy + then))
+            return refusal
         safe_state = condition.safe_state or self._driver.fallbacks[condition.reason]
-        cause, rank = refusal.reason.removeprefix("move: "), rank_of_condition(self._driver, condition)
+        cause, rank = refusal.reason, rank_of_condition(self._driver, condition)
         self._step(Event.STOP, safe_state, condition.reason, cause, rank=rank)
         deferred = self.context.defer()
         self._rearming.append(deferred)
@@ -641,8 +654,8 @@ class Gate(Actor):
             return
         if self._state.mode is not Mode.DISARMED:
             named = ", ".join(self._last_stop.unconfirmed if self._last_stop else ())
-            why = f"resume: the robot has to be stopped first, and that is not confirmed by {named or 'it'}"
-            self._refuse_resumes(Refused("unconfirmed", why, "look at the robot, then call resume()"))
+            why = f"the robot has to be stopped first, and that is not confirmed by {named or 'it'}"
+            self._refuse_resumes(Refused(Code.UNCONFIRMED, why, "look at the robot, then call resume()"))
             return
         refusal = self._begin_to_arm()
         if refusal is not None:
@@ -670,7 +683,7 @@ class Gate(Actor):
         self._observation = observation
         self._target = self._driver.first_target(observation)
         self._target_ns = self.context.received_ns
-        self._live_until_ns = 0
+        self._live = None
 
     def _aim_where_held(self, report: StopReport, observation: Observation) -> None:
         before = self._target
@@ -695,10 +708,10 @@ class Gate(Actor):
         self._connect_error = why
         if self._state.mode in failsafe.LINKED:
             self._blame(f"the link was lost: {why}", Reason.LINK, Rank.LINK)
-        self._live_until_ns = 0
+        self._live = None
         self._report_stands = False
         self._advance(Event.LINK_LOST)
-        self._refuse_resumes(Refused("not_connected", f"resume: {why}"))
+        self._refuse_resumes(Refused(Code.NOT_CONNECTED, why))
 
     def _advance(self, event: Event, lock: str = "") -> Action:
         before = self._state
@@ -733,10 +746,14 @@ class Gate(Actor):
             self._facts,
             self._lock.since if self._state.locked_by else "",
             self._no_standby,
-            self._admission.refuse_motion(self._known(), self.context.received_ns),
+            self._no_motion(),
             self._leases.rollout(self.context.received_ns),
             self._cause.lapse,
         )
+
+    def _no_motion(self) -> Refused | None:
+        refusal = self._admission.refuse_motion(self._known(), self.context.received_ns)
+        return None if refusal is None else refusal.about(MOVE)
 
     # -- for a recorder
 

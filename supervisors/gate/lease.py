@@ -12,6 +12,7 @@ import msgspec
 
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.gate.cause import Lapse
 from strands_actors.supervisors.gate.messages import LEASE_TTL_S, MAX_LIFETIME_S, Acquire, Beat, Writing
 
@@ -65,10 +66,10 @@ class Leases(msgspec.Struct):
         rollout may then have it back, though that rollout (cut off, perhaps) has not returned
         it."""
         if message.channel and not message.over:
-            why = f"acquire: {message.channel} may write under its caller's lease alone"
-            return Refused("channel", why, "name that lease")
+            why = f"{message.channel} may write under its caller's lease alone"
+            return Refused(Code.CHANNEL, why, "name that lease")
         if 0 < message.over >> _PROOF_BITS <= self.ended:
-            return Refused("stopped", "acquire: the robot was stopped since the rollout began", "start it again")
+            return Refused(Code.STOPPED, "the robot was stopped since the rollout began", "start it again")
         held = self.held
         under: Held | None = None
         if held is not None and held.owner.expires_ns > now_ns:
@@ -77,10 +78,10 @@ class Leases(msgspec.Struct):
             elif _is_asked_again(held, message):
                 under = held.under
             elif not _is_its_own(held.owner if holding else held, message):
-                why = f"acquire: {held.holder} holds the lease"
-                return Refused("lease", why, "wait until it is released, or stop it")
+                why = f"{held.holder} holds the lease"
+                return Refused(Code.LEASE, why, "wait until it is released, or stop it")
         elif message.over:
-            return Refused("lease", "acquire: the lease to write under has lapsed", "acquire it again")
+            return Refused(Code.LEASE, "the lease to write under has lapsed", "acquire it again")
         self.given += 1
         until_ns = now_ns + LEASE_TTL_NS
         lease = self.given << _PROOF_BITS | self._proof(self.given)
@@ -145,12 +146,12 @@ class Leases(msgspec.Struct):
             return None
         return Writing(held.instruction, held.steps, (now_ns - held.began_ns) / NS)
 
-    def refuse(self, what: str, lease: int, channel: str) -> Refused | None:
+    def refuse(self, lease: int, channel: str) -> Refused | None:
         held = self.held
         if held is None:
-            return Refused("no_lease", f"{what}: the lease is free", "acquire it first")
+            return Refused(Code.NO_LEASE, "the lease is free", "acquire it first")
         if self.find(lease, channel) is None:
-            return Refused("lease", f"{what}: {held.holder} holds the lease", "wait until it is released")
+            return Refused(Code.LEASE, f"{held.holder} holds the lease", "wait until it is released")
         return None
 
 
@@ -174,16 +175,15 @@ def _is_asked_again(held: Held, message: Acquire) -> bool:
     return held.channel != "" and (held.channel, over) == (message.channel, message.over)
 
 
-def refuse_by_deadline(deadline_ns: int, now_ns: int, prefix: str = "") -> Refused | None:
-    """None when that time has neither passed nor is far away. ``prefix``: of the reason, what was
-    asked for."""
+def refuse_by_deadline(deadline_ns: int, now_ns: int) -> Refused | None:
+    """Return None when that time has neither passed nor is far away."""
     late_ns = now_ns - deadline_ns
     if late_ns >= 0:
-        return Refused("expired", f"{prefix}the command is {late_ns / 1e6:.1f} ms past its deadline")
+        return Refused(Code.EXPIRED, f"the command is {late_ns / 1e6:.1f} ms past its deadline")
     if -late_ns > _MAX_LIFETIME_NS:
         return Refused(
-            "too_distant",
-            f"{prefix}the deadline is {-late_ns / NS:.1f} s away",
+            Code.TOO_DISTANT,
+            f"the deadline is {-late_ns / NS:.1f} s away",
             f"ask for at most {MAX_LIFETIME_S:g} s",
         )
     return None

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
+from strands_actors.contract.driver import Live
 from strands_actors.contract.wire import Observation
 from strands_actors.kernel.actor import Deferred
 from strands_actors.supervisors.gate.messages import Lease, LockKept, StopReport
@@ -34,7 +35,7 @@ class GateMemory(msgspec.Struct, frozen=True):
     observation: Observation | None
     target: tuple[float, ...]
     target_ns: int
-    live_until_ns: int
+    live: Live | None
     stops: list[Waiting]
     lock: LockKept
     resumes: list[Deferred]

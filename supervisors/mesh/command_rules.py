@@ -11,6 +11,7 @@ import msgspec
 
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.gate.lease import refuse_by_deadline
 
 from .schemas import ACTIONS, MAX_COMMAND_BYTES, Command, Dated, Envelope, Sender, command_key, plain
@@ -58,7 +59,7 @@ class Limit:
         """Return why a command comes too soon after others; None: it does not."""
         if self.admits(now_ns):
             return None
-        return Refused("rate", f"more than {self._rate} commands a second", "send fewer", limit=f"{self._rate}")
+        return Refused(Code.RATE, f"more than {self._rate} commands a second", "send fewer", limit=f"{self._rate}")
 
 
 class Limits:
@@ -102,7 +103,7 @@ class Clocks:
         name, expires_ns = self._read.get(sender, ("", 0))
         if clock != name or now_ns >= expires_ns:
             why = f"{plain(sender)} has not read this robot's clock in the last {CLOCK_TTL_S:g} s"
-            return Refused("clock", why, "send sync first")
+            return Refused(Code.CLOCK, why, "send sync first")
         return refuse_by_deadline(deadline_ns, now_ns)
 
 
@@ -140,10 +141,10 @@ def read_envelope(payload: bytes, limit: int = MAX_COMMAND_BYTES) -> Envelope | 
         envelope = _decode_envelope(payload)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         remedy = 'send {"sender_id", "turn_id", "command": {"action", ...}}'
-        return read_sender(payload), Refused("malformed", f"this is no command: {error}", remedy)
+        return read_sender(payload), Refused(Code.MALFORMED, f"this is no command: {error}", remedy)
     if len(payload) > limit:
         told = f"send at most {limit} bytes"
-        oversized = Refused("oversized", f"{len(payload)} bytes", told, str(len(payload)), str(limit))
+        oversized = Refused(Code.OVERSIZED, f"{len(payload)} bytes", told, str(len(payload)), str(limit))
         return Sender(envelope.sender_id, envelope.turn_id), oversized
     return envelope
 
@@ -178,21 +179,21 @@ def no_action(action: str, offered: Iterable[str] = tuple(ACTIONS)) -> Refused:
     action = action[:64]
     if action in NOT_HERE and action not in ACTIONS:
         why, remedy = NOT_HERE[action]
-        return Refused("not_here", f"{action!r} is not here: {why}", remedy, action)
-    return Refused("unknown_action", f"{action!r} is no action here", f"send {', '.join(offered)}", action)
+        return Refused(Code.NOT_HERE, f"{action!r} is not here: {why}", remedy, action)
+    return Refused(Code.UNKNOWN_ACTION, f"{action!r} is no action here", f"send {', '.join(offered)}", action)
 
 
 def read_command(envelope: Envelope, offered: tuple[str, ...] = tuple(ACTIONS)) -> Command | Refused:
     try:
         action = _decode_action(envelope.command).action
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        return Refused("malformed", f"the command cannot be read: {error}", 'send {"action": ...}')
+        return Refused(Code.MALFORMED, f"the command cannot be read: {error}", 'send {"action": ...}')
     if action not in offered:
         return no_action(action, offered)
     try:
         return _decoder(ACTIONS[action]).decode(envelope.command)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        return Refused("malformed", f"{action}: {error}")
+        return Refused(Code.MALFORMED, str(error), verb=action)
 
 
 def to_be_asked(robot: str) -> str:

@@ -27,6 +27,7 @@ from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Ref, Unreachable
 from strands_actors.kernel.processes.guard import not_approved, unapproved
+from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate import messages
@@ -137,14 +138,15 @@ class Commands(Actor):
         if isinstance(command, Command):
             if asked and not mesh_json.is_name(plain(envelope.sender_id)):
                 command = Refused(
-                    "malformed", "the key of the question ends with no name", to_be_asked(self._robot)
+                    Code.MALFORMED, "the key of the question ends with no name", to_be_asked(self._robot)
                 )
             elif not asked and not isinstance(command, mesh_json.PUT):
-                why = f"{command.action}: who puts a command is not known, and who listens hears its answer"
-                command = Refused("put", why, to_be_asked(self._robot), command.action)
+                why = "who puts a command is not known, and who listens hears its answer"
+                command = Refused(Code.PUT, why, to_be_asked(self._robot), command.action, verb=command.action)
             elif not said.means(self._robot):
-                why = f"{command.action}: it is for {said.target[:64]!r}, and this is {self._robot}"
-                command = Refused("target", why, "ask on the key of the robot that is meant", said.target[:64])
+                why = f"it is for {said.target[:64]!r}, and this is {self._robot}"
+                remedy = "ask on the key of the robot that is meant"
+                command = Refused(Code.TARGET, why, remedy, said.target[:64], verb=command.action)
         self._what = type(command).__name__.lower() if isinstance(command, Command) else "what is no command"
         refused_now = command if isinstance(command, Refused) else self._check(envelope.sender_id, command, asked)
         if refused_now is not None:
@@ -172,7 +174,7 @@ class Commands(Actor):
         if too_soon is not None:
             return too_soon
         if isinstance(command, mesh_json.Leased) and not holds:
-            return Refused("lease", f"{plain(sender)} holds no lease of this robot", "acquire it first")
+            return Refused(Code.LEASE, f"{plain(sender)} holds no lease of this robot", "acquire it first")
         return refuse_stale(self._shared.clocks, sender, command, now_ns)
 
     def _refuse(self, sender: str, turn: str, refused: Refused) -> None:
@@ -208,9 +210,9 @@ class Commands(Actor):
             answer = await self._answer(sender, command)
         except (AskTimeout, Unreachable) as failure:
             why = busy.explained(f"the wire does not answer: {failure}")
-            answer = Refused("unreachable", why, "resume when the robot is back")
+            answer = Refused(Code.UNREACHABLE, why, "resume when the robot is back")
         if isinstance(answer, Refused):
-            self._refuse(sender, turn, answer)
+            self._refuse(sender, turn, answer.about(command.action))
         else:
             self._answers.success(sender, turn, answer)
 
@@ -252,8 +254,9 @@ class Commands(Actor):
     def _begin(self, sender: str, turn: str, command: mesh_json.Motion) -> None:
         """Beside the commands that come next: it may take seconds."""
         if not self._shared.turns.is_new(sender, plain(turn)):
-            why = f"{command.action}: turn {plain(turn)} of {plain(sender)} was done already"
-            self._refuse(sender, turn, Refused("duplicate", why, "give each command a turn_id of its own"))
+            why = f"turn {plain(turn)} of {plain(sender)} was done already"
+            remedy = "give each command a turn_id of its own"
+            self._refuse(sender, turn, Refused(Code.DUPLICATE, why, remedy, verb=command.action))
             return
 
         def answer(told: dict[str, Any] | Refused, final: bool) -> None:
@@ -297,9 +300,9 @@ class Commands(Actor):
         if move.epoch != self._lease.epoch:
             # The gate compares with the present epoch, which anybody can read in the telemetry: on
             # the mesh it must also be the one that the lease came with.
-            return Refused("stale_epoch", f"move: the lease is of epoch {self._lease.epoch}", "acquire it again")
+            return Refused(Code.STALE_EPOCH, f"the lease is of epoch {self._lease.epoch}", "acquire it again")
         if names := unapproved(self._driver.GUARDED, self._driver.to_approve(move.targets), self._driver.TOPICS):
-            return not_approved("move", names, NOBODY_TO_ASK, can_ask=False)
+            return not_approved(names, NOBODY_TO_ASK, can_ask=False)
         setpoint = messages.Setpoint(
             move.lease, move.epoch, move.deadline_ns, move.targets, move.period_s, move.latched
         )

@@ -28,6 +28,7 @@ from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import PREFIX, AskTimeout, Ref, Unreachable
 from strands_actors.kernel.processes.guard import not_approved, unapproved
+from strands_actors.kernel.refusals import Code
 from strands_actors.kernel.router import Router
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors import permissions as channels
@@ -203,8 +204,8 @@ class Gateway(Actor):
         message, sessions = dated.message, self._shared.sessions
         if isinstance(message, Acquire | Resume) and not self.context.asked:
             # A lease that nobody hears of would keep all others out for a second.
-            what = type(message).__name__
-            return Refused("told", f"{what.lower()}: it was told, and nobody waits for the answer", "ask it")
+            verb = type(message).__name__.lower()
+            return Refused(Code.TOLD, "it was told, and nobody waits for the answer", "ask it", verb=verb)
         refusal = sessions.refuse(dated.session, dated.channel, dated.deadline_ns, now_ns)
         if refusal is not None:
             return refusal
@@ -224,7 +225,7 @@ class Gateway(Actor):
         names = unapproved(self._driver.GUARDED, asked, self._driver.TOPICS)
         if not names:
             return None
-        return not_approved(verb, names, "from another host there is nobody to ask", can_ask=False)
+        return not_approved(names, "from another host there is nobody to ask", can_ask=False).about(verb)
 
     def _obey(self, dated: Dated) -> Deferred | None:
         message = dated.message
@@ -251,7 +252,7 @@ class Gateway(Actor):
             return status
         refusal = None if message.over else refuse_by_mode(status, self._shared.resumed_epoch)
         if refusal is not None:
-            return refusal
+            return refusal.about("acquire")
         # One that was not given in this session is no proof of anything.
         again = 0 if self._shared.sessions.refuse_lease(session, message.again) else message.again
         holder = f"{message.holder} ({who})"
@@ -284,7 +285,7 @@ class Gateway(Actor):
                 deferred.send(await ask())
             except (AskTimeout, Unreachable) as failure:
                 why = busy.explained(f"the wire does not answer: {failure}")
-                deferred.send(Refused("unreachable", why, "resume it"))
+                deferred.send(Refused(Code.UNREACHABLE, why, "resume it"))
 
         self.context.start_soon(run)
         return deferred

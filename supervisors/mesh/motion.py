@@ -22,10 +22,10 @@ from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Ref, Unreachable
 from strands_actors.kernel.processes.guard import not_approved, unapproved
+from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate import messages
-from strands_actors.supervisors.gate.admission import about
 from strands_actors.supervisors.gate.cause import Lapse
 from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.gate.lease import refuse_by_deadline
@@ -90,12 +90,12 @@ class Motion:
                 told = self._refuse(command) or await self._do(sender, own, command)
         except (AskTimeout, Unreachable) as failure:
             told = Refused(
-                "unreachable",
+                Code.UNREACHABLE,
                 busy.explained(f"the wire does not answer: {failure}"),
                 "resume when the robot is back",
             )
         if isinstance(told, Refused):
-            answer(_named(command.action, told), True)
+            answer(told.about(command.action), True)
         elif isinstance(command, mesh_json.Execute):
             answer({"within_s": command.duration + START_S + self._stop_s, **told}, False)
             answer(await self._ended(), True)
@@ -117,36 +117,36 @@ class Motion:
     def _refuse(self, command: mesh_json.Motion) -> Refused | None:
         driver, action = self._driver, command.action
         # It may have waited for another's turn: what is late by now is not done.
-        late = refuse_by_deadline(command.deadline_ns, self._context.clock.now_ns(), f"{action}: ")
+        late = refuse_by_deadline(command.deadline_ns, self._context.clock.now_ns())
         if late is not None:
             return late
         keys: tuple[str, ...] = ()
         match command:
             case mesh_json.Start():
                 if why := driver.ROLLOUTS or driver.TASKS:
-                    return Refused("no_rollout", f"{action}: {driver.robot}: {why}", "")
+                    return Refused(Code.NO_ROLLOUT, f"{driver.robot}: {why}", "")
                 keys = driver.axes
             case mesh_json.SetJoints():
                 longest_s = driver.timing.oneshot_ttl_s
                 if longest_s is not None and command.duration > longest_s:
-                    why = f"{action}: {driver.robot} keeps no command on its own for {command.duration:g} s"
+                    why = f"{driver.robot} keeps no command on its own for {command.duration:g} s"
                     remedy = f"give a duration of at most {longest_s:g} s, or run a policy"
-                    return Refused("too_long", why, remedy, f"{command.duration:g}", f"{longest_s:g}")
+                    return Refused(Code.TOO_LONG, why, remedy, f"{command.duration:g}", f"{longest_s:g}")
                 keys = driver.to_approve(command.target_joints)
             case _ if action not in driver.SERVICES:
-                why = f"{action}: {driver.robot} is no simulation"
-                return Refused("no_simulation", why, "a robot is driven by start, set_joints and move")
+                why = f"{driver.robot} is no simulation"
+                return Refused(Code.NO_SIMULATION, why, "a robot is driven by start, set_joints and move")
         if driver.SIMULATED:
             return None
         names = unapproved({action, *driver.GUARDED}, (action, *keys), driver.TOPICS)
-        return not_approved(action, names, NOBODY_TO_ASK, can_ask=False) if names else None
+        return not_approved(names, NOBODY_TO_ASK, can_ask=False) if names else None
 
     async def _do(
         self, sender: str, own: messages.Lease | None, command: mesh_json.Motion
     ) -> dict[str, Any] | Refused:
         if isinstance(command, mesh_json.Start):
             return await self._start(sender, own, command)
-        lease = await self._lease(sender, own, command.action)
+        lease = await self._lease(sender, own)
         if isinstance(lease, Refused):
             return lease
         match command:
@@ -158,7 +158,7 @@ class Motion:
 
     # -- the lease
 
-    async def _lease(self, sender: str, own: messages.Lease | None, action: str) -> messages.Lease | Refused:
+    async def _lease(self, sender: str, own: messages.Lease | None) -> messages.Lease | Refused:
         """Return the lease to do it under: the sender's, one that is kept for it already, or a new
         one."""
         status = await self._gate.ask(messages.GetStatus(), ASK_S)
@@ -168,7 +168,7 @@ class Motion:
         if refused is not None:
             return refused
         if self._task().running:
-            return Refused("running", f"{action}: a task is already running", "stop it first")
+            return Refused(Code.RUNNING, "a task is already running", "stop it first")
         if own is not None and status.holder == holder_of(sender) and own.epoch == status.epoch:
             return own
         if self._kept is not None and self._keeper == sender and self._kept.epoch == status.epoch:
@@ -282,7 +282,7 @@ class Motion:
         if isinstance(chosen, Refused):
             return chosen
         where, options = chosen
-        lease = await self._lease(sender, own, command.action)
+        lease = await self._lease(sender, own)
         if isinstance(lease, Refused):
             return lease
         timing = self._driver.timing
@@ -302,7 +302,7 @@ class Motion:
             status = await self._tasks.ask(StartTask(where, options, rollout, command.deadline_ns), START_S)
         except (AskTimeout, Unreachable) as failure:
             self._tasks.tell(StopTask())  # what was not answered in time must not begin late
-            status = Refused("timeout", f"{failure}; nothing of it will begin", "try again")
+            status = Refused(Code.TIMEOUT, f"{failure}; nothing of it will begin", "try again")
         if not isinstance(status, TaskStatus):
             if lease != own:
                 await self._give_up(lease)
@@ -392,7 +392,7 @@ class _Beating:
             await trio.sleep(BEAT_S)
 
 
-_NOT_SAFE = Refused("unconfirmed", "the simulation does not confirm that it stands", "try again")
+_NOT_SAFE = Refused(Code.UNCONFIRMED, "the simulation does not confirm that it stands", "try again")
 
 
 def holder_of(sender: str) -> str:
@@ -401,7 +401,9 @@ def holder_of(sender: str) -> str:
 
 
 def no_answer(answer: Message | None) -> Refused:
-    return answer if isinstance(answer, Refused) else Refused("no_answer", "the gate gave no answer", "try again")
+    return (
+        answer if isinstance(answer, Refused) else Refused(Code.NO_ANSWER, "the gate gave no answer", "try again")
+    )
 
 
 def task_json(status: TaskStatus) -> dict[str, Any]:
@@ -411,14 +413,6 @@ def task_json(status: TaskStatus) -> dict[str, Any]:
 
 
 _COUNTED = ("running", "steps", "elapsed_s", "hz", "instruction")
-
-
-def _named(action: str, refused: Refused) -> Refused:
-    """Say what was asked for, where the gate speaks of a move."""
-    known = refused.reason.startswith((f"{action}: ", "start_task: "))
-    if known:
-        return refused
-    return about(action, msgspec.structs.replace(refused, reason=refused.reason.removeprefix("acquire: ")))
 
 
 __all__ = ["NOBODY_TO_ASK", "Motion", "holder_of", "no_answer", "task_json"]

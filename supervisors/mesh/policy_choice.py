@@ -14,6 +14,7 @@ from strands_actors.contract.driver import Driver
 from strands_actors.contract.loading import load
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.processes.guard import allowed
+from strands_actors.kernel.refusals import Code
 
 from .schemas import Start
 
@@ -27,16 +28,16 @@ OWN_HOST = frozenset({"localhost", "127.0.0.1", "::1"})
 async def choose(driver: Driver, command: Start, robot: str) -> tuple[str, dict[str, Any]] | Refused:
     """Return ``module:factory`` of the policy and its options, or why not. ``robot``: the name that
     it runs by."""
-    action, name, host = command.action, command.policy_provider, command.policy_host
+    name, host = command.policy_provider, command.policy_host
     if ":" in name:  # code of the sender's choice
-        why = f"{action}: policy_provider is {name[:40]!r}"
+        why = f"policy_provider is {name[:40]!r}"
         return Refused(
-            "bad_policy", why, "on the mesh it is the name of a policy that is installed here", name[:40]
+            Code.BAD_POLICY, why, "on the mesh it is the name of a policy that is installed here", name[:40]
         )
     if host not in OWN_HOST | allowed(ALLOW_HOSTS):
-        why = f"{action}: policy_host is {host[:40]!r}"
+        why = f"policy_host is {host[:40]!r}"
         return Refused(
-            "bad_policy", why, f"the robot's host allows {', '.join(sorted(OWN_HOST))}, and {ALLOW_HOSTS}"
+            Code.BAD_POLICY, why, f"the robot's host allows {', '.join(sorted(OWN_HOST))}, and {ALLOW_HOSTS}"
         )
 
     def run() -> tuple[str, dict[str, Any]]:  # it looks through what is installed: milliseconds
@@ -46,4 +47,4 @@ async def choose(driver: Driver, command: Start, robot: str) -> tuple[str, dict[
     try:
         return await trio.to_thread.run_sync(run)
     except ValueError as error:
-        return Refused("bad_policy", f"{action}: {error}", "")
+        return Refused(Code.BAD_POLICY, str(error))

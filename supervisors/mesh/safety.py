@@ -23,6 +23,7 @@ from strands_actors.kernel.channels.pubsub import PubSub, Received
 from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Ref, Sent, Unreachable
+from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate.gate import Gate
@@ -45,6 +46,7 @@ from .schemas import (
 )
 from .stop_rules import STOPS, read_loosely
 
+RESUME = "resume"
 STOPS_PER_S = 20
 INTERIM_S = ESTOP_ANSWER_S - 0.07
 """Then who asked is told that the robot has not confirmed yet; the final answer follows."""
@@ -175,7 +177,7 @@ class Safety(Actor):
     def _on_resume(self, payload: bytes) -> None:
         order = _order(payload)
         if self._is_meant(order):
-            refused = Refused("put", "resume: who puts it is not known", to_be_asked(self._robot))
+            refused = Refused(Code.PUT, "who puts it is not known", to_be_asked(self._robot), verb=RESUME)
             self._refuse(*_whom(order), refused)
 
     def _refuse(self, sender: str, turn: str, refused: Refused) -> None:
@@ -235,7 +237,7 @@ class Safety(Actor):
 
     def _resume(self, order: ResumeOrder) -> None:
         if self._resuming:
-            refused = Refused("busy", "resume: another resume is under way", "wait for its answer")
+            refused = Refused(Code.BUSY, "another resume is under way", "wait for its answer", verb=RESUME)
             self._refuse(order.sender, order.turn, refused)
             return
         self._resuming = True
@@ -246,7 +248,7 @@ class Safety(Actor):
             answer = await self._gate.ask(Resume(order.by), self._arm_s)
         except (AskTimeout, Unreachable) as failure:
             answer = Refused(
-                "unreachable", busy.explained(f"resume: the wire does not answer: {failure}"), "try again"
+                Code.UNREACHABLE, busy.explained(f"the wire does not answer: {failure}"), "try again", verb=RESUME
             )
         finally:
             self._resuming = False
@@ -255,7 +257,7 @@ class Safety(Actor):
             self._answers.event("resume", by=order.by, epoch=answer.epoch)
             self._answers.success(order.sender, order.turn, {"armed": True, "epoch": answer.epoch})
         else:
-            refused = answer if isinstance(answer, Refused) else Refused("no_answer", "resume: no answer")
+            refused = answer if isinstance(answer, Refused) else Refused(Code.NO_ANSWER, "no answer", verb=RESUME)
             self._answers.refuse(order.sender, order.turn, refused)
 
 

@@ -272,6 +272,8 @@ class Refusal(msgspec.Struct, frozen=True, omit_defaults=True):
     remedy: str = ""
     offered: str = ""
     limit: str = ""
+    verb: str = ""
+    because: str = ""
 
 
 class Response(msgspec.Struct, frozen=True, omit_defaults=True):

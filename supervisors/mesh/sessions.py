@@ -9,6 +9,7 @@ import msgspec
 
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.gate.lease import refuse_by_deadline
 
 CLOCK_TTL_S = 30.0
@@ -51,13 +52,13 @@ class Sessions:
         session = self._sessions.get(name)
         if session is None or session.who != who or session.expires_ns <= now_ns:
             why = f"you have not read this robot's clock in the last {CLOCK_TTL_S:g} s"
-            return Refused("clock", why, "send Sync first")
+            return Refused(Code.CLOCK, why, "send Sync first")
         return refuse_by_deadline(deadline_ns, now_ns)
 
     def refuse_lease(self, name: str, lease: int) -> Refused | None:
         session = self._sessions.get(name)
         if session is None or lease not in session.leases:
-            return Refused("lease", "you hold no lease of that number", "acquire it first")
+            return Refused(Code.LEASE, "you hold no lease of that number", "acquire it first")
         return None
 
     def grant(self, name: str, lease: int) -> None:

@@ -15,10 +15,11 @@ import trio
 
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.wire import StopChannel, WireDown
-from strands_actors.kernel.actor import Context, Deferred, describe
+from strands_actors.kernel.actor import Context, Deferred, first_of
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import Ref
 from strands_actors.kernel.processes.reserve import RESERVE
+from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.gate.messages import StandbyIs
 from strands_actors.supervisors.root.messages import HandedOver, Handover
 from strands_actors.supervisors.wire.messages import HandOverAgain
@@ -61,13 +62,13 @@ class ChannelKeeper:
         if missing := RESERVE.check():
             for fd in message.descriptors:
                 os.close(fd)
-            return Refused("no_reserve", f"the root could not stop the robot: {missing}", "close other programs")
+            return Refused(Code.NO_RESERVE, f"the root could not stop the robot: {missing}", "close other programs")
         try:
             spare = () if self.standby is None else _duplicates(message.descriptors)
         except OSError as error:
             for fd in message.descriptors:
                 os.close(fd)
-            return Refused("no_descriptor", f"the standby cannot be given the port: {error}", "ulimit -n 1024")
+            return Refused(Code.NO_DESCRIPTOR, f"the standby cannot be given the port: {error}", "ulimit -n 1024")
         self._drop()
         if self.standby is not None:
             self._standby_problem = "the standby process has no way to the hardware yet"
@@ -120,11 +121,11 @@ class ChannelKeeper:
                     await guarded.wait()
                     deferred.send(refusal or HandedOver())
             except* WireDown as down:
-                why = describe(down).partition(": ")[2]
+                why = str(first_of(down))
                 if ready:
                     self._broken(f"the root has lost its way to the hardware: {why}")
                 else:
-                    deferred.send(Refused("no_stop_channel", why))  # the wire tries again by itself
+                    deferred.send(Refused(Code.NO_STOP_CHANNEL, why))  # the wire tries again by itself
 
     async def _answer_guarded(
         self, scope: trio.CancelScope, deferred: Deferred, descriptors: tuple[int, ...]
@@ -139,7 +140,7 @@ class ChannelKeeper:
                 await trio.sleep(AGAIN_S)
                 self._transport.tell(HandOverAgain())
         if answer is None:
-            deferred.send(Refused("no_stop_channel", "the wire has closed its link"))
+            deferred.send(Refused(Code.NO_STOP_CHANNEL, "the wire has closed its link"))
 
     async def _guard(self, descriptors: tuple[int, ...]) -> Refused | None:
         """Have the standby guard the hardware, and tell the gate. Closes the descriptors."""

@@ -27,6 +27,7 @@ from strands_actors.kernel.processes.fork import ForkedAhead
 from strands_actors.kernel.processes.process import ChildProcess
 from strands_actors.kernel.processes.reserve import how_ended
 from strands_actors.kernel.processes.spawner import Spawner
+from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors import permissions as channels
 from strands_actors.supervisors.page import Owed
@@ -197,7 +198,7 @@ class StandbyKeeper:
     async def guard(self, descriptors: Sequence[int]) -> Refused | None:
         """Give it a way to the hardware; None when it could use that at once. Waits for one that
         begins."""
-        refusal = Refused("no_standby", "there is no standby process", "wait until another has been started")
+        refusal = Refused(Code.NO_STANDBY, "there is no standby process", "wait until another has been started")
         with trio.move_on_after(self._timing.handover_s - MARGIN_S):
             while True:
                 if self._watching:

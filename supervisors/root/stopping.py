@@ -7,6 +7,7 @@ import trio
 from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Ref, Sent, Unreachable
+from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate.messages import GetStatus, Stop, StopReport
 from strands_actors.supervisors.root.messages import Fence
@@ -34,10 +35,10 @@ async def make_safe(
         answer = await guardian.ask(Fence(stop.reason, stop.by, stop.lock), deadlines.root_s)
     except (AskTimeout, Unreachable) as failure:
         why = busy.explained(f"neither wire nor guardian answers: {failure}")
-        return Refused("unconfirmed", why, "look at the robot")
+        return Refused(Code.UNCONFIRMED, why, "look at the robot")
     if isinstance(answer, StopReport | Refused):
         return answer
-    return Refused("unconfirmed", "nobody reported", "look at the robot")
+    return Refused(Code.UNCONFIRMED, "nobody reported", "look at the robot")
 
 
 async def _cancel_when_silent(gate: Ref, asked: trio.CancelScope) -> None:

@@ -22,6 +22,7 @@ from strands_actors.kernel.node import AskTimeout, Node, Ref, Unreachable
 from strands_actors.kernel.processes.identity import take_name
 from strands_actors.kernel.processes.limits import PolicyLimits
 from strands_actors.kernel.processes.process import ChildProcess
+from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors import permissions as channels
 from strands_actors.supervisors.deadlines import USUAL_SAFE_S, StopDeadlines
@@ -109,6 +110,8 @@ class Tasks(Actor):
                 return self.status
             case StartTask():
                 started = await self._start(message)
+                if isinstance(started, Refused):
+                    started = started.about("start_task")
                 how = f"refused: {started.text}" if isinstance(started, Refused) else "started"
                 self._audit("the holder of the lease", f"start_task {message.provider}", how, "")
                 return started
@@ -120,9 +123,9 @@ class Tasks(Actor):
     async def _start(self, message: StartTask) -> TaskStatus | Refused:
         if self.process is not None:
             if self.status.running:
-                return Refused("running", "start_task: a task is already running", "stop it first")
+                return Refused(Code.RUNNING, "a task is already running", "stop it first")
             if not await self._dismiss(self.process):
-                return Refused("busy", "start_task: the process of the last task does not end", "try again")
+                return Refused(Code.BUSY, "the process of the last task does not end", "try again")
         args = {
             "robot": self._robot,
             "label": self._label,
@@ -140,7 +143,7 @@ class Tasks(Actor):
         try:
             process = await self._start_process("strands_actors.supervisors.root.tasks:main", args)
         except OSError as error:
-            return Refused("no_process", f"start_task: no process can be started: {error}", "try again")
+            return Refused(Code.NO_PROCESS, f"no process can be started: {error}", "try again")
         self.process = process
         self._is_actor = message.is_actor
         self.starts += 1
@@ -166,7 +169,7 @@ class Tasks(Actor):
         """Who asked has been told that nothing was started, and means it."""
         if not message.deadline_ns:
             return None
-        return refuse_by_deadline(message.deadline_ns, self.context.clock.now_ns(), "start_task: ")
+        return refuse_by_deadline(message.deadline_ns, self.context.clock.now_ns())
 
     async def _dismiss(self, process: ChildProcess) -> bool:
         """Its task has ended, and itself not quite. Whether it has now."""

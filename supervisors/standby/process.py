@@ -27,7 +27,7 @@ import trio
 from strands_actors.contract.driver import Driver, Reason
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, StopChannel, WireDown
-from strands_actors.kernel.actor import Actor, Deferred, describe
+from strands_actors.kernel.actor import Actor, Deferred, first_of
 from strands_actors.kernel.channels.link import Link
 from strands_actors.kernel.clock import NS, MonotonicClock
 from strands_actors.kernel.health.heartbeat import Heartbeat, words_of
@@ -40,6 +40,7 @@ from strands_actors.kernel.processes.identity import be_taken_last, take_name
 from strands_actors.kernel.processes.peer import Peer
 from strands_actors.kernel.processes.process import FENCE_S
 from strands_actors.kernel.processes.reserve import EXIT_SHORT, RESERVE
+from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors import permissions as channels
 from strands_actors.supervisors.introspection import Introspector
@@ -316,7 +317,7 @@ class Standby(Actor):
                 if not ready:
                     if self._channel is channel:  # who acts later connects anew
                         self._drop_channel()
-                    deferred.send(Refused("no_stop_channel", describe(down).partition(": ")[2]))
+                    deferred.send(Refused(Code.NO_STOP_CHANNEL, str(first_of(down))))
                 elif not self._acts:
                     self._leave(NO_CHANNEL)
 

@@ -32,6 +32,7 @@ from strands_actors.kernel.health.realtime import memory, scheduling
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Ref, Unreachable
 from strands_actors.kernel.processes.reserve import RESERVE
+from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.deadlines import settle_s
 from strands_actors.supervisors.gate.messages import (
     ArmDone,
@@ -383,19 +384,18 @@ class Transport(Actor):
         wire = self._wire
         if wire is None or self._performing is not None:
             busy = "the link was lost" if wire is None else "another service is being carried out"
-            why = f"{message.service}: {busy}"
-            self._gate.tell(CarriedOut(message.number, {}, Refused("busy", why, "try again when that is over")))
+            refusal = Refused(Code.BUSY, busy, "try again when that is over", verb=message.service)
+            self._gate.tell(CarriedOut(message.number, {}, refusal))
             return
-        if self._driver.SERVICES[message.service].moves:
+        service = self._driver.SERVICES[message.service]
+        if service.moves or service.ends_motion:
             self._last = None
         self._performing = trio.CancelScope()
         self.context.start_soon(self._perform, wire, message, self._performing)
 
     async def _perform(self, wire: Wire, message: CarryOut, scope: trio.CancelScope) -> None:
         service = message.service
-        answer: dict[str, Any] | Refused = Refused(
-            "stopped", f"{service}: stopped meanwhile", "ask again after that"
-        )
+        answer: dict[str, Any] | Refused = Refused(Code.STOPPED, "stopped meanwhile", "ask again after that")
         known = self._driver.SERVICES[service]
         within_s = known.within_s
         scope.deadline = trio.current_time() + within_s
@@ -407,12 +407,12 @@ class Transport(Actor):
         except PermitDenied:
             pass
         except WireDown as down:
-            answer = Refused("not_connected", f"{service}: {down}")
+            answer = Refused(Code.NOT_CONNECTED, str(down))
         if scope.cancelled_caught and trio.current_time() >= scope.deadline:
-            why = busy.explained(f"{service}: the robot did not do so within {within_s:g} s")
-            answer = Refused("timeout", why, "look at the robot")
+            why = busy.explained(f"the robot did not do so within {within_s:g} s")
+            answer = Refused(Code.TIMEOUT, why, "look at the robot")
         self._performing = None
-        result, refusal = ({}, answer) if isinstance(answer, Refused) else (answer, None)
+        result, refusal = ({}, answer.about(service)) if isinstance(answer, Refused) else (answer, None)
         moved = known.moves
         self._gate.tell(CarriedOut(message.number, result, refusal, moved))
 

@@ -104,7 +104,14 @@ def test_a_refusal_reaches_the_model_as_a_typed_result_and_the_next_call_moves(a
     assert (refused["toolUseId"], refused["status"]) == ("use-0", "error")
     text, details = refused["content"]
     assert text == {"text": "move_to: shoulder_pan 400.0 deg is past 110.1. stay within -110.0..110.1"}
-    assert details["json"]["refused"] == {"code": "past_travel", "offered": "400.0", "limit": "-110.0..110.1"}
+    assert details["json"]["refused"] == {
+        "verb": "move_to",
+        "code": "past_travel",
+        "reason": "shoulder_pan 400.0 deg is past 110.1",
+        "remedy": "stay within -110.0..110.1",
+        "offered": "400.0",
+        "limit": "-110.0..110.1",
+    }
 
     assert (moved["toolUseId"], moved["status"]) == ("use-1", "success")
     assert moved["content"][0]["json"]["commanded"] == {"shoulder_pan": 10.0}
@@ -160,7 +167,7 @@ def test_an_agent_does_not_lift_an_operators_lockout(arm: RealRobot, twin: Twin)
     locked_ns = time.monotonic_ns()
     refusal = call(arm, {"action": "set_torque", "enabled": True})
     assert "e-stopped by so101" in why(refusal)
-    assert "operator" in why(refusal)
+    assert "a person has to resume it" in why(refusal)
     refused = why(call(arm, moves(gripper=40.0)[1]))
     assert "e-stopped" in refused and "a person has to resume it" in refused
     assert not twin.log.host("enable", locked_ns)

@@ -221,6 +221,6 @@ def test_without_a_terminal_it_is_a_no(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_tool_without_a_verb_for_it_says_that_a_person_has_to_resume() -> None:
-    refused = answers.refused(Refused("disarmed", "move: the robot is disarmed", "call resume() first"))
+    refused = answers.refused(Refused("disarmed", "the robot is disarmed", "call resume() first", verb="move"))
     gripper = Robotiq("robotiq_2f85", "", Robotiq.resolve("robotiq_2f85", {}))
     assert why(_in_its_verbs(refused, gripper)).endswith("a person has to resume it: no verb of this tool does")

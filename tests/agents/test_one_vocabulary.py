@@ -139,7 +139,7 @@ def test_nobody_is_asked_before_a_twist_of_zero() -> None:
 
         async def send_action(action: dict[str, Any]) -> Refused:
             done.append("sent")
-            return Refused("test", "move: a test")
+            return Refused("test", "a test")
 
         driver = DRIVERS["crazyflie"]
         tree: Any = SimpleNamespace(robot="crazyflie", driver=driver, send_action=send_action)

@@ -183,7 +183,7 @@ def the_root_has_not_found_the_legs(patch: pytest.MonkeyPatch) -> None:
 
 async def _no_answer(self: Rollouts, tasks: Any, failure: Exception) -> Refused:
     await trio.lowlevel.checkpoint()
-    return Refused("no_answer", f"start_task: {failure}", "try again")
+    return Refused("no_answer", str(failure), "try again", verb="start_task")
 
 
 def a_permit_forgets_deadlines(patch: pytest.MonkeyPatch) -> None:

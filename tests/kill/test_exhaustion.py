@@ -30,7 +30,6 @@ from .exhausted import SETTLE_S, Lacks, Roles, Row, can_group, can_lack_table, r
 
 Start = Callable[..., tuple[RealRobot, Twin]]
 
-SLACK_MS = 400.0
 FIRST = {"feetech": "so101"}  # the policy of the bench moves an SO-100 past its travel
 ROBOTS = [FIRST.get(wire, load(where).SUPPORTED_ROBOTS[0]) for wire, where in WIRES.items()]
 GROUPED = [lacks for lacks, at in ((Lacks.GROUP_MEMORY, "memory"), (Lacks.GROUP_CPU, "cpu")) if can_group(at)]
@@ -88,7 +87,7 @@ def test_saf_024_one_is_exhausted_and_the_wire_is_safe(robot: str, row: Row, ben
     outcome = run_exhausted(bench_of(robot, benches), row)
     assert outcome.all_motors, f"no {outcome.safe_state} frame for all motors, but {outcome.story}"
     assert outcome.setpoints_after == 0, outcome.story
-    assert outcome.safe_ms <= outcome.bound_ms + SLACK_MS, outcome.story
+    assert outcome.on_time, outcome.story
 
 
 def test_every_wire_has_a_row_of_every_process_and_resource() -> None:

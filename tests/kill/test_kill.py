@@ -2,8 +2,8 @@
 itself, breaks in any way, and the wire shows the safe state. The short form of the kill matrix:
 each cell once.
 
-Real processes, real wires. The bounds here leave room for a busy machine; the published ones are
-held by ``strands-actors matrix --repeats 50``.
+Real processes, real wires. The bounds are the published ones, but for the time for which processes
+stood in line for a processor. ``strands-actors matrix --repeats 50`` measures them.
 """
 
 from __future__ import annotations
@@ -14,8 +14,10 @@ import pytest
 
 from strands_actors.testing import Bench, Cell, Faults, Victims, cells_of, run_cell
 from strands_actors.testing.bench import driver_of
+from strands_actors.testing.faults import spoils
 
-SLACK_MS = 400.0
+GONE_MS = 500.0
+"""For a caller to end, with the interpreter's own end."""
 SETTLE_S = 0.2
 WHOLE = ("so101", "unitree_g1")
 """A serial bus, and a wire of 500 Hz. Of the other drivers the seven hardest cells are run with their
@@ -54,9 +56,26 @@ def test_saf_003_one_breaks_and_the_wire_is_safe(robot: str, cell: Cell, benches
     outcome = run_cell(cell, benches[robot], SETTLE_S)
     assert outcome.all_motors, f"no {outcome.safe_state} frame for all motors, but {outcome.story}"
     assert outcome.setpoints_after == 0, outcome.story
-    assert outcome.safe_ms <= outcome.bound_ms + SLACK_MS, outcome.story
+    assert outcome.on_time, outcome.story
     # SAF-015: nothing of ours keeps a caller that ends.
-    assert outcome.gone_ms <= 100.0 + SLACK_MS
+    assert outcome.gone_ms <= GONE_MS
+
+
+@pytest.mark.parametrize(
+    ("victim", "fault", "spoilt"),
+    [
+        (Victims.CALLER, Faults.FREEZE, True),
+        (Victims.WIRE, Faults.KILL, False),  # the root starts another
+        ("standby", Faults.KILL, False),
+        ("recorder", Faults.KILL, False),
+        ("camera/eye", Faults.KILL, True),  # it is waited for longer each time
+        ("camera/eye", Faults.FREEZE, False),  # it is let go afterwards
+        ("spawner", Faults.KILL, True),
+        ("standby/stop", Faults.KILL, True),
+    ],
+)
+def test_a_tree_is_broken_again_only_when_it_is_whole_again(victim: str, fault: Faults, spoilt: bool) -> None:
+    assert spoils(victim, fault) is spoilt
 
 
 def test_every_victim_and_every_fault_is_a_cell_or_says_why_not() -> None:

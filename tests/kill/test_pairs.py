@@ -1,8 +1,8 @@
 """SAF-016: two processes break within 50 ms of each other. The tables of the matrix of pairs, and
 its short form.
 
-Real processes, real wires. Bounds leave room for a busy machine; the published ones are held by
-``strands-actors matrix --pairs``.
+Real processes, real wires. The bounds are the published ones, but for the time for which processes
+stood in line for a processor. ``strands-actors matrix --pairs`` measures them.
 """
 
 from __future__ import annotations
@@ -27,7 +27,6 @@ from strands_actors.testing.pairs import (
 )
 from strands_actors.testing.trials import cell_named
 
-SLACK_MS = 400.0
 SETTLE_S = 0.2
 ROBOTS = ("so101", "robotiq_2f85")
 """A serial bus, and a connection made when it is needed."""
@@ -60,7 +59,7 @@ def test_saf_016_two_break_and_the_wire_is_safe(robot: str, pair: Pair, benches:
     outcome = run_pair(pair, benches[robot], SETTLE_S)
     assert outcome.all_motors, f"no {outcome.safe_state} frame for all motors, but {outcome.story}"
     assert outcome.setpoints_after == 0, outcome.story
-    assert outcome.safe_ms <= outcome.bound_ms + SLACK_MS, outcome.story
+    assert outcome.on_time, outcome.story
 
 
 def test_every_two_in_every_way_are_a_pair_or_say_why_not() -> None:

@@ -286,7 +286,7 @@ def test_a_lease_that_is_given_after_a_hold_is_an_accepted_acquire() -> None:
         (Kind.TOOK, "gate", 6, 1, "", Resume("op")),
         (Kind.DEFERRED, "gate", 0, 4, "", None),
         (Kind.TOOK, "gate", 9, 0, "", LinkLost("of what follows")),
-        (Kind.SETTLED, "gate", 0, 4, "", Refused("late", "resume: too late")),
+        (Kind.SETTLED, "gate", 0, 4, "", Refused("late", "too late", verb="resume")),
         (Kind.SETTLED, "transport", 0, 3, "", Lease(1, 1)),
         (Kind.SETTLED, "gate", 0, 3, "", Lease(7, 2)),
     )

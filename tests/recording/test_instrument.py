@@ -20,6 +20,7 @@ from strands_actors.supervisors.instrument import (
     Entry,
     Journal,
     Kind,
+    Taken,
 )
 from strands_actors.testing import run_virtual
 from tests.tree.writer import armed
@@ -197,7 +198,7 @@ def test_a_second_recorder_is_refused_by_the_name_of_the_first() -> None:
         async with open_tape() as tape:
             await tape.attach()
             refused = await tape.ask(Attach("strands/other/actor/wire", 1, "another"))
-            assert isinstance(refused, Refused) and refused.code == "recorded" and "a test" in refused.reason
+            assert isinstance(refused, Taken) and refused.by == "a test"
             before = tape.tree.node.instrument
             await tape.attach(session=2)  # the same one may begin anew
             assert tape.tree.node.instrument is not before

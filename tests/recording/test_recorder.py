@@ -15,7 +15,6 @@ import trio
 from strands_actors.kernel.actor import Actor
 from strands_actors.kernel.channels.local_mesh import LocalNetwork
 from strands_actors.kernel.clock import MonotonicClock, VirtualClock
-from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import Node
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.instrument import (
@@ -26,6 +25,7 @@ from strands_actors.supervisors.instrument import (
     Detach,
     Detached,
     InstrumentKeeper,
+    Taken,
 )
 from strands_actors.surfaces.recording.errors import RecordingError
 from strands_actors.surfaces.recording.recorder import FIRST_S, SOURCES, Recorder
@@ -140,18 +140,16 @@ def test_one_that_fails_leaves_its_place_to_the_next(monkeypatch: pytest.MonkeyP
 def test_a_second_recorder_is_told_once_who_records() -> None:
     by = f"process {os.getppid()}"  # lives
 
-    class Taken(Keeper):
+    class Busy(Keeper):
         def receive(self, message: Attach | Detach | Acknowledge) -> Any:
-            return Refused(
-                "recorded", f"record: process {os.getppid()} records this robot already", "end that one first"
-            )
+            return Taken(by, os.getppid())
 
     async def run() -> None:
         node = Node("here", VirtualClock())
         async with trio.open_nursery() as nursery:
             await nursery.start(node.run)
             for name in SOURCES:
-                await nursery.start(node.cell(addresses.of(ROBOT).instrument(name), Taken).run)
+                await nursery.start(node.cell(addresses.of(ROBOT).instrument(name), Busy).run)
             with pytest.raises(RecordingError) as refused:
                 await Recorder(ROBOT, lambda attached: Sink()).run(node)
             assert str(refused.value) == f"{ROBOT}: {by} records this robot already. end that one first"
@@ -176,7 +174,7 @@ def test_a_recorder_that_was_killed_keeps_no_other_away_for_long(reaped: bool, p
 
             def receive(self, message: Attach | Detach | Acknowledge) -> Any:
                 if isinstance(message, Attach) and trio.current_time() < self.began + patience_s:
-                    return Refused("recorded", f"record: process {dead.pid} records this robot already", "end it")
+                    return Taken(f"process {dead.pid}", dead.pid)
                 return super().receive(message)
 
         async def run() -> None:
@@ -187,7 +185,7 @@ def test_a_recorder_that_was_killed_keeps_no_other_away_for_long(reaped: bool, p
                     await nursery.start(node.cell(addresses.of(ROBOT).instrument(name), Keeps).run)
                 if patience_s > FIRST_S:
                     with pytest.raises(
-                        RecordingError, match=f"process {dead.pid} records this robot already. end it"
+                        RecordingError, match=f"process {dead.pid} records this robot already. end that one"
                     ):
                         await Recorder(ROBOT, sinks.open).run(node)
                     assert not sinks

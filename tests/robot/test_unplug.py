@@ -174,7 +174,7 @@ def test_a_robot_that_is_not_there_yet(twin: Twin, new_arm: NewArm) -> None:
     assert reason.startswith(f"connect: {twin.port}: cannot open"), reason
     assert not arm.is_connected
     assert arm.get_observation() == {}
-    assert (status(arm)["connected"], status(arm)["connect_error"]) == (False, reason)
+    assert (status(arm)["connected"], f"connect: {status(arm)['connect_error']}") == (False, reason)
     assert "connect_eagerly()" in why(arm.send_action({"shoulder_pan": 0.0}))
     twin.plug()
     assert arm.connect_eagerly() is None

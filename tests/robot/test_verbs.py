@@ -141,7 +141,14 @@ def test_saf_014_a_robot_with_a_name_of_its_own_is_not_called_by_its_kind(new_ar
 
 def test_a_refusal_says_what_was_offered_and_what_would_do(arm: RealRobot) -> None:
     details = arm.send_action({"gripper": 101.0})["content"][1]["json"]["refused"]
-    assert details == {"code": "past_travel", "offered": "101.0", "limit": "0.0..100.0"}
+    assert details == {
+        "verb": "move",
+        "code": "past_travel",
+        "reason": "gripper 101.0 % is past 100.0",
+        "remedy": "stay within 0.0..100.0",
+        "offered": "101.0",
+        "limit": "0.0..100.0",
+    }
 
 
 # -- without a connection

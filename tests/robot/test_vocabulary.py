@@ -48,7 +48,7 @@ def test_saf_009_a_stop_while_the_first_command_connects_stands(
 
     async def stopped(tree: RobotTree, arm: bool = True) -> str:
         connected.append(arm)
-        return "connect: stopped meanwhile"
+        return "stopped meanwhile"
 
     monkeypatch.setattr(RobotTree, "connect", stopped)
     assert why(arm.send_action({"shoulder_pan": 10.0})) == "move: not connected: stopped meanwhile"

@@ -27,7 +27,7 @@ LIMIT = 100.0
 
 def fresh(candidate: Candidate, state: GateState) -> Refused | None:
     age_ms = (state.now_ns - state.observation.t_ns) / 1e6
-    return Refused("stale", f"move: nothing was read for {age_ms:.0f} ms") if age_ms > 300 else None
+    return Refused("stale", f"nothing was read for {age_ms:.0f} ms") if age_ms > 300 else None
 
 
 class Blinky(Driver):
@@ -52,9 +52,9 @@ class Blinky(Driver):
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         value = action.get("joint")
         if set(action) != {"joint"} or isinstance(value, bool) or not isinstance(value, int | float):
-            return Refused("unknown_joint", f"move: {', '.join(map(str, action))} is not joint", "send joint alone")
+            return Refused("unknown_joint", f"{', '.join(map(str, action))} is not joint", "send joint alone")
         if not math.isfinite(value) or abs(value) > LIMIT:
-            return Refused("past_travel", f"move: joint is {value}", f"stay within {LIMIT}")
+            return Refused("past_travel", f"joint is {value}", f"stay within {LIMIT}")
         return Candidate((float(value),), (0,))
 
     def open_wire(self, clock: Clock) -> Wire:

@@ -6,6 +6,7 @@ import pytest
 import trio
 
 from strands_actors.caller import envelopes
+from strands_actors.contract.driver import Reason
 from strands_actors.kernel.health.busy import Machine, assumed
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.gate.messages import Accepted, Resume
@@ -63,11 +64,11 @@ def test_a_wire_that_is_silent_names_it() -> None:
 @pytest.mark.parametrize(
     ("refusal", "named"),
     [
-        (Refused("expired", "move: the command is 3.0 ms past its deadline"), True),
-        (Refused("stale_epoch", "move: prepared in epoch 2, now it is 3 (the setpoint expired)"), True),
-        (Refused("stale_epoch", "move: prepared in epoch 2, now it is 3 (stop by a person)"), False),
-        (Refused("no_answer", "state: the wire has not answered for 500 ms", "try again"), True),
-        (Refused("range", "move: a is 200", "stay within 100"), False),
+        (Refused("expired", "the command is 3.0 ms past its deadline", verb="move"), True),
+        (Refused("stale_epoch", "prepared in epoch 2, now it is 3", because=Reason.EXPIRED), True),
+        (Refused("stale_epoch", "prepared in epoch 2, now it is 3", because=Reason.STOP), False),
+        (Refused("no_answer", "the wire has not answered for 500 ms", "try again", verb="state"), True),
+        (Refused("range", "a is 200", "stay within 100"), False),
     ],
 )
 def test_a_caller_is_told_only_where_a_deadline_was_missed(refusal: Refused, named: bool) -> None:

@@ -81,7 +81,7 @@ class LateWire(FakeWire):
         with trio.move_on_after(LATE_S / 2 if arguments.get("gives_up") else LATE_S * 2):
             await self._late().carry_out(self._clock)
             return {}
-        return Refused("timeout", "power: no answer", "try again")
+        return Refused("timeout", "no answer", "try again")
 
 
 class LateDriver(FakeDriver):

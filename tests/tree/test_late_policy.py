@@ -38,7 +38,7 @@ def test_an_operators_lockout_is_lifted_by_an_operator_only() -> None:
             await tree.gate.ask(Stop(Reason.ESTOP, "bob", lock=True), 1.0)
             refusal = await tree.gate.ask(Resume("agent", lift=False), 1.0)
             assert isinstance(refusal, Refused)
-            assert (refusal.code, refusal.reason) == ("locked_out", "resume: e-stopped by bob")
+            assert (refusal.code, refusal.reason) == ("locked_out", "e-stopped by bob")
             assert (await tree.status()).mode == "disarmed"
             assert isinstance(await tree.gate.ask(Resume("bob"), 1.0), Resumed)
 

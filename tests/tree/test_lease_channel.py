@@ -35,13 +35,13 @@ def test_saf_017_a_policy_process_gets_no_lease_of_its_own(after_s: int) -> None
 
 def test_saf_017_a_lease_is_good_over_its_own_channel_alone() -> None:
     leases, over, own = begun()
-    assert leases.refuse("move", own, POLICY) is None
-    assert leases.refuse("move", own, "") is not None
-    assert leases.refuse("move", own, "policy process 8") is not None
+    assert leases.refuse(own, POLICY) is None
+    assert leases.refuse(own, "") is not None
+    assert leases.refuse(own, "policy process 8") is not None
     assert leases.release(own, "") is None
     assert leases.release(own, POLICY) is not None
-    assert leases.refuse("move", over, "") is None
-    assert leases.refuse("move", over, POLICY) is not None, "its caller's"
+    assert leases.refuse(over, "") is None
+    assert leases.refuse(over, POLICY) is not None, "its caller's"
     assert leases.release(over, POLICY) is None
 
 
@@ -65,8 +65,8 @@ def test_saf_017_a_policy_process_whose_answer_was_lost_asks_again_and_the_first
     leases, over, first = begun()
     again = leases.acquire(Acquire("policy of so101", over, 7, POLICY), 0)
     assert isinstance(again, int) and again != first
-    assert leases.refuse("move", again, POLICY) is None
-    assert leases.refuse("move", first, POLICY) is not None
+    assert leases.refuse(again, POLICY) is None
+    assert leases.refuse(first, POLICY) is not None
     assert leases.release(again, POLICY) is not None
     assert leases.held is not None and leases.held.id == over, "one step down: its caller's"
 
@@ -86,7 +86,7 @@ def test_saf_017_a_holders_name_is_no_proof_and_a_number_can_not_be_guessed(agai
     refused = leases.acquire(Acquire(CALLER, again=again), 0)
     assert isinstance(refused, Refused)
     assert refused.code == "lease"
-    assert leases.refuse("move", lease, "") is None, "it is its holder's still"
+    assert leases.refuse(lease, "") is None, "it is its holder's still"
     assert isinstance(leases.acquire(Acquire(CALLER, again=lease), 0), int)
 
 
@@ -98,4 +98,4 @@ def test_who_lent_its_lease_to_a_rollout_has_it_back_when_the_robot_holds(
     leases, over, own = begun()
     taken = leases.acquire(Acquire(CALLER, again=over if has_it else 0), SECOND_NS // 2, holding)
     assert isinstance(taken, int) is granted
-    assert (leases.refuse("move", own, POLICY) is None) is not granted
+    assert (leases.refuse(own, POLICY) is None) is not granted

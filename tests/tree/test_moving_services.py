@@ -38,12 +38,13 @@ def nods(monkeypatch: pytest.MonkeyPatch) -> None:
         return {}
 
     nod = Service("nod", within_s=5.0, in_motion=True, moves=True)
-    monkeypatch.setattr(FakeDriver, "SERVICES", {"nod": nod})
+    lie = Service("lie down", within_s=5.0, ends_motion=True)
+    monkeypatch.setattr(FakeDriver, "SERVICES", {"nod": nod, "lie": lie})
     monkeypatch.setattr(FakeWire, "perform", perform)
 
 
-async def ask(writer: Writer) -> Message | None:
-    return await writer.ref.ask(Perform(writer.lease.id, writer.lease.epoch, "nod", {}), 9.0)
+async def ask(writer: Writer, service: str = "nod") -> Message | None:
+    return await writer.ref.ask(Perform(writer.lease.id, writer.lease.epoch, service, {}), 9.0)
 
 
 async def beat(writer: Writer) -> None:
@@ -60,7 +61,7 @@ def test_saf_002_after_a_stop_nothing_moves_before_a_resume() -> None:
             await writer.acquire()
             answer = await ask(writer)
             assert isinstance(answer, Refused) and answer.code == "disarmed"
-            assert answer.reason.startswith("nod: the robot is disarmed")
+            assert answer.reason.startswith("the robot is disarmed")
             assert BEGUN == []
 
     run_virtual(run)
@@ -70,7 +71,7 @@ def test_saf_014_a_condition_refuses_it_and_ends_it(monkeypatch: pytest.MonkeyPa
     fits = True
 
     def fit(observation: Observation, now_ns: int) -> Refused | None:
-        return None if fits else Refused("unfit", "move: the robot is unfit")
+        return None if fits else Refused("unfit", "the robot is unfit")
 
     monkeypatch.setattr(FakeDriver, "conditions", (Condition(fit),))
 
@@ -121,6 +122,36 @@ def test_saf_011_the_next_command_goes_on_from_where_it_has_ended() -> None:
             assert isinstance(await writer.send(latched=True, a=2.0), Accepted)
             await trio.sleep(0.1)
             assert setpoints(tree)[-1] == (2.0, 8.0)
+            nursery.cancel_scope.cancel()
+
+    run_virtual(run)
+
+
+def test_saf_001_what_ends_a_motion_is_asked_for_in_its_middle_and_no_setpoint_follows() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree, trio.open_nursery() as nursery:
+            writer = await armed(tree)
+            nursery.start_soon(beat, writer)
+            assert isinstance(await writer.send(ttl_s=0.3, a=1.0), Accepted)
+            await trio.sleep(0.05)
+            assert await ask(writer, "lie") == Performed({})
+            assert not setpoints(tree, BEGUN[0]), "the older target is not sent again"
+            assert not tree.hardware.of("safe", BEGUN[0]), "nor does it expire: it has ended"
+            assert isinstance(await writer.send(latched=True, a=2.0), Accepted)
+            nursery.cancel_scope.cancel()
+
+    run_virtual(run)
+
+
+def test_saf_009_what_ends_a_motion_waits_for_another_service() -> None:
+    async def run() -> None:
+        async with open_inline_tree() as tree, trio.open_nursery() as nursery:
+            writer = await armed(tree)
+            nursery.start_soon(beat, writer)
+            nursery.start_soon(ask, writer)
+            await trio.sleep(0.2)
+            answer = await ask(writer, "lie")
+            assert isinstance(answer, Refused) and answer.code == "busy"
             nursery.cancel_scope.cancel()
 
     run_virtual(run)

@@ -118,7 +118,7 @@ def test_a_condition_that_no_longer_holds_ends_a_quick_stream_before_its_next_bu
     broken = False
 
     def condition(observation: Observation, now_ns: int) -> Refused | None:
-        return Refused("fault", "move: it broke") if broken else None
+        return Refused("fault", "it broke") if broken else None
 
     monkeypatch.setattr(FakeDriver, "conditions", (Condition(condition),))
 

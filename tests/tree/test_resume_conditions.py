@@ -60,7 +60,7 @@ class WordyWire(FakeWire):
 def _condition(name: str, on_resume: OnResume, always: bool = False) -> Condition:
     def check(observation: Observation, now_ns: int) -> Refused | None:
         word = observation.faults.get(name)
-        return None if word is None else Refused(name, f"move: {word}", "mend it")
+        return None if word is None else Refused(name, word, "mend it")
 
     return Condition(check, always=always, on_resume=on_resume)
 
@@ -105,7 +105,7 @@ def test_saf_023_an_armed_robot_with_a_broken_condition_is_not_answered_armed() 
             await next_reading()
             answer = await resume(tree)
             assert isinstance(answer, Refused) and answer.code == "error"
-            assert answer.text == "resume: protective stop. mend it, then call resume()"
+            assert answer.text == "resume: protective stop. mend it"
             words.clear()
             await next_reading()
             assert isinstance(await resume(tree), Resumed), "the remedy works, without a stop before"

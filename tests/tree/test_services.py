@@ -36,7 +36,7 @@ def waves(monkeypatch: pytest.MonkeyPatch) -> None:
         if times > 50:
             raise WireDown("the hand is not there")
         if times > 20:
-            return Refused("tired", "wave: the hand is tired")
+            return Refused("tired", "the hand is tired")
         for _ in range(times):
             permit.check()
             DONE.append((service, self._clock.now_ns()))
@@ -96,7 +96,7 @@ def test_saf_002_what_needs_an_armed_robot_waits_for_a_resume_after_a_stop(monke
             await writer.acquire()
             answer = await ask(writer)
             assert isinstance(answer, Refused) and answer.code == "disarmed"
-            assert answer.reason.startswith("wave: the robot is disarmed")
+            assert answer.reason.startswith("the robot is disarmed")
             assert len(DONE) == 1
             await tree.gate.ask(Resume(), 1.0)
             await writer.acquire()
@@ -236,7 +236,7 @@ class Weather:
         self.storm = False
 
     def __call__(self, observation: Observation, now_ns: int) -> Refused | None:
-        return Refused("storm", "move: it storms", "wait") if self.storm else None
+        return Refused("storm", "it storms", "wait") if self.storm else None
 
 
 def test_a_condition_has_a_reason_and_a_safe_state_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:

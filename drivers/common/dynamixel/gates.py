@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
+from strands_actors.drivers.common.refusals import MotorCode
+
 from .table import HARDWARE_BITS
 from .watchdog import TRIPPED, UNARMED
 
 UNNAMED = "hardware alert"
 """The alert bit was seen, and which alert it is not yet read."""
 
-FAULT_CODES = {
-    **dict.fromkeys((*HARDWARE_BITS.values(), UNNAMED), "alert"),
-    TRIPPED: "watchdog",
-    UNARMED: "watchdog_off",
-    "limp": "limp",
+FAULT_CODES: Mapping[str, str] = {
+    **dict.fromkeys((*HARDWARE_BITS.values(), UNNAMED), MotorCode.ALERT),
+    TRIPPED: MotorCode.WATCHDOG,
+    UNARMED: MotorCode.WATCHDOG_OFF,
+    "limp": MotorCode.LIMP,
 }
-REMEDIES = {
-    "alert": "clear the cause, reboot the servo with the arm supported, then stop and resume",
-    "watchdog": "stop and resume to clear it",
-    "watchdog_off": "end the program that has switched it off, then stop and resume",
-    "limp": "take the load off, then stop and resume to energise it again",
+REMEDIES: Mapping[str, str] = {
+    MotorCode.ALERT: "clear the cause, reboot the servo with the arm supported, then stop and resume",
+    MotorCode.WATCHDOG: "stop and resume to clear it",
+    MotorCode.WATCHDOG_OFF: "end the program that has switched it off, then stop and resume",
+    MotorCode.LIMP: "take the load off, then stop and resume to energise it again",
 }

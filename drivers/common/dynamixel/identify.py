@@ -94,7 +94,7 @@ def check(axis: Axis, servo: Identity, motor: MotorCalibration | None) -> None:
     if servo.mode not in POSITION_MODES:
         name = table.MODE_NAMES.get(servo.mode, "unknown")
         raise WireDown(
-            f"connect: {axis.label} is in mode {servo.mode} ({name}), must be 3, 4 or 5 (a position mode). "
+            f"{axis.label} is in mode {servo.mode} ({name}), must be 3, 4 or 5 (a position mode). "
             "Calibrate it again"
         )
     if motor is not None:

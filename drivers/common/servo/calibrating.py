@@ -67,7 +67,7 @@ async def _calibrate(
     await _record(setup, person, ranges, f"move every joint{others} from one end of its range to the other")
     if problems := ranges.problems():
         told = "; ".join(f"{key} {why}" for key, why in problems.items())
-        raise ValueError(f"calibrate: {told}. Nothing was changed: do it again")
+        raise ValueError(f"{told}. Nothing was changed: do it again")
     for axis in setup.axes:
         low, high = ranges.of(axis.key)
         found[axis.key] = MotorCalibration(axis.id, modes[axis.key], found[axis.key].homing_offset, low, high)
@@ -119,6 +119,4 @@ async def _write(setup: Setup[Any], wanted: dict[str, MotorCalibration]) -> None
         await _patiently(partial(setup.lock, axis))
         kept = await _patiently(partial(setup.read_calibration, axis))
         if kept != wanted[axis.key]:
-            raise WireDown(
-                f"calibrate: {axis.label} did not keep what was written to it. Check its cable, try again"
-            )
+            raise WireDown(f"{axis.label} did not keep what was written to it. Check its cable, try again")

@@ -8,7 +8,9 @@ from collections.abc import Iterator, Mapping
 from strands_actors.contract.axis_gates import Axes, past_range, past_told_range, stale, too_fast
 from strands_actors.contract.driver import Candidate, GateCheck, GateState
 from strands_actors.contract.wire import Observation
+from strands_actors.drivers.common.refusals import MotorCode
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 _CLEAR_IT = "clear the cause, then try again"
 
@@ -55,10 +57,10 @@ def jumps(axes: Axes, most_deg: float) -> GateCheck:
             way = abs(candidate.values[at] - state.observation.position[at])
             if axes[at].unit == "deg" and not way <= most_deg:
                 key, limit = axes[at].key, f"{most_deg:g}"
-                why = f"move: {key} would go {way:.1f} deg at full speed, limit {limit} deg"
+                why = f"{key} would go {way:.1f} deg at full speed, limit {limit} deg"
                 there = f'move_to({{"{key}": {candidate.values[at]:.4g}}}, seconds=2)'
                 remedy = f"use {there}, or make the robot with a larger max_jump"
-                return Refused("jump", why, remedy, f"{way:.1f}", limit)
+                return Refused(Code.JUMP, why, remedy, f"{way:.1f}", limit)
         return None
 
     return jumps
@@ -73,8 +75,8 @@ def voltage(axes: Axes) -> GateCheck:
         ):
             if volt < low or volt > high:
                 return Refused(
-                    "voltage",
-                    f"move: {axes[at].label} has {volt:.1f} V",
+                    MotorCode.VOLTAGE,
+                    f"{axes[at].label} has {volt:.1f} V",
                     f"supply {low:.1f}..{high:.1f} V",
                     offered=f"{volt:.1f}",
                     limit=f"{low:.1f}..{high:.1f}",
@@ -91,8 +93,8 @@ def temperature(axes: Axes) -> GateCheck:
         for at, (celsius, high) in _readings(candidate, state.observation, "temperature_c", "temperature_max_c"):
             if celsius >= high:
                 return Refused(
-                    "temperature",
-                    f"move: {axes[at].label} is at {celsius:.0f} deg C",
+                    MotorCode.TEMPERATURE,
+                    f"{axes[at].label} is at {celsius:.0f} deg C",
                     f"let it cool below {high:.0f} deg C",
                     offered=f"{celsius:.0f}",
                     limit=f"{high:.0f}",
@@ -116,14 +118,14 @@ def motor_fault(axes: Axes, codes: Mapping[str, str], remedies: Mapping[str, str
             words = [word for word in words if word and word != "silent"]
             if not words:
                 continue
-            code = next((codes[word] for word in words if word in codes), "fault")
+            code = next((codes[word] for word in words if word in codes), Code.FAULT)
             why = ", ".join(word for word in words if word != "limp")
-            if code == "limp" or "limp" in words:
+            if code == MotorCode.LIMP or "limp" in words:
                 said = f"is limp ({why})" if why else "is limp"
             else:
                 said = f"reports {why}"
             remedy = remedies.get(code, _CLEAR_IT)
-            return Refused(code, f"move: {axes[at].key} {said}", remedy, ", ".join(words), "no fault")
+            return Refused(code, f"{axes[at].key} {said}", remedy, ", ".join(words), "no fault")
         return None
 
     return motor_fault

@@ -63,11 +63,9 @@ async def roll_call(
     missing = [axis.label for motor, axis in expected.items() if not heard[motor] and motor not in garbled]
     foreign = sorted(motor for motor in present if motor not in expected and motor not in others)
     if late_s > BUSY_S and (missing or twice or foreign):
-        raise WireDown(f"connect: {too_busy(late_s, 'the answers of the servos')}")
+        raise WireDown(f"{too_busy(late_s, 'the answers of the servos')}")
     if len(missing) == len(axes):
-        raise WireDown(
-            f"connect: no servo of {robot} answers on {where}. Check power, the bus cable, port= and baud="
-        )
+        raise WireDown(f"no servo of {robot} answers on {where}. Check power, the bus cable, port= and baud=")
     wrong = []
     if missing:
         wrong.append(f"{', '.join(missing)} does not answer")
@@ -77,7 +75,7 @@ async def roll_call(
         wrong.append(f"{', '.join(f'id {motor}' for motor in foreign)} is not of {robot}")
     if wrong:
         ids = ", ".join(str(axis.id) for axis in axes)
-        raise WireDown(f"connect: {'; '.join(wrong)}. Check cables and ids; {robot} has ids {ids}")
+        raise WireDown(f"{'; '.join(wrong)}. Check cables and ids; {robot} has ids {ids}")
 
 
 async def _ping(
@@ -106,11 +104,9 @@ def check_model(axis: Axis, servo_id: int, model: int, codec: Codec[Packet]) -> 
     number = next((number for number, name in codec.MODEL_NUMBERS.items() if name == axis.model), None)
     if number is not None and model != number:
         name = codec.MODEL_NUMBERS.get(model, f"model {model}")
-        raise WireDown(
-            f"connect: {axis.label} is a {name}, must be {axis.model}. Check which robot is on this port"
-        )
+        raise WireDown(f"{axis.label} is a {name}, must be {axis.model}. Check which robot is on this port")
     if servo_id != axis.id:
-        raise WireDown(f"connect: {axis.label} says its id is {servo_id}. Set its id again")
+        raise WireDown(f"{axis.label} says its id is {servo_id}. Set its id again")
 
 
 def check_calibration(axis: Axis, motor: MotorCalibration, found: dict[str, int]) -> None:
@@ -119,7 +115,7 @@ def check_calibration(axis: Axis, motor: MotorCalibration, found: dict[str, int]
         filed = getattr(motor, field)
         if filed != value:
             raise WireDown(
-                f"connect: calibration says {field} {filed} for {axis.key}, servo {axis.id} has {value}. "
+                f"calibration says {field} {filed} for {axis.key}, servo {axis.id} has {value}. "
                 "Use the file of this robot, or calibrate it again"
             )
 
@@ -158,9 +154,9 @@ def untold(bus: HalfDuplexBus[Any], who: str, what: str) -> str:
 
 def _unanswered(bus: HalfDuplexBus[Any], axis: Axis, what: str) -> str:
     if axis.id in bus.refusals:
-        return f"connect: {axis.label} refuses {what}: {bus.refusals[axis.id]}. Power-cycle it and try again"
+        return f"{axis.label} refuses {what}: {bus.refusals[axis.id]}. Power-cycle it and try again"
     if bus.starved:
-        return f"connect: {too_busy(bus.late_s, f'the answer of {axis.label} to {what}')}"
+        return f"{too_busy(bus.late_s, f'the answer of {axis.label} to {what}')}"
     if bus.stray_bytes:
-        return f"connect: {axis.label} garbles its answer to {what}. Two servos with one id, or a bad cable?"
-    return f"connect: {axis.label} does not answer {what}. Check its cable and power"
+        return f"{axis.label} garbles its answer to {what}. Two servos with one id, or a bad cable?"
+    return f"{axis.label} does not answer {what}. Check its cable and power"

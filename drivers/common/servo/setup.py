@@ -81,7 +81,7 @@ class Setup(ABC, Generic[PacketT]):
     @property
     def bus(self) -> HalfDuplexBus[PacketT]:
         if self._bus is None:
-            raise WireDown("setup: the port is not open")
+            raise WireDown("the port is not open")
         return self._bus
 
     async def open(self) -> None:
@@ -94,7 +94,7 @@ class Setup(ABC, Generic[PacketT]):
         assert self._port is not None
         reports = await safing_on(self._port, config, self.CODEC, self.SAFING, self.clock).limp()
         if stiff := [report.axis for report in reports if not report.safe]:
-            raise WireDown(f"setup: {', '.join(stiff)} may have torque. Check cables and power")
+            raise WireDown(f"{', '.join(stiff)} may have torque. Check cables and power")
 
     async def positions(self) -> dict[str, int]:
         """Counts by joint, as the servos tell them."""
@@ -102,7 +102,7 @@ class Setup(ABC, Generic[PacketT]):
         request = self.CODEC.sync_read(ids, register.address, register.size)
         replies = await self.bus.transact(request, dict.fromkeys(ids, register.size), ANSWER_S, wait=True)
         if mute := [axis.label for axis in self.axes if axis.id not in replies]:
-            raise WireDown(f"setup: {', '.join(mute)} does not answer. Check cables and power")
+            raise WireDown(f"{', '.join(mute)} does not answer. Check cables and power")
         return {axis.key: register.decode(replies[axis.id].params) for axis in self.axes}
 
     async def seek(self, bauds: Sequence[int] = ()) -> list[Found]:
@@ -128,9 +128,7 @@ class Setup(ABC, Generic[PacketT]):
         self._open(self.config.baud)
         heard = await self.bus.listen(codec.ping(axis.id), ANSWER_S, SEEK_S)
         if [packet.id for packet in heard] != [axis.id]:
-            raise WireDown(
-                f"setup: {axis.label} does not answer after it was given its id. Power-cycle it, try again"
-            )
+            raise WireDown(f"{axis.label} does not answer after it was given its id. Power-cycle it, try again")
 
     @property
     @abstractmethod

@@ -27,6 +27,7 @@ from strands_actors.drivers.unitree.config import UnitreeConfig
 from strands_actors.drivers.unitree.options import IMU, OF_JOINTS, LegsOptions
 from strands_actors.drivers.unitree.robots import model_of
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from .dialect import MOVE_S
 from .gates import JOINTS_ELSEWHERE, conditions, refuse_joints
@@ -116,8 +117,8 @@ class _Walking(Driver):
 
     def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
         if service in self.JOINTS_SERVICES:
-            why = f"{service}: this robot walks by its sport mode (level='sport'), which keeps the joints"
-            return Refused("level", why, JOINTS_ELSEWHERE, "sport", "low")
+            why = "this robot walks by its sport mode (level='sport'), which keeps the joints"
+            return Refused(Code.LEVEL, why, JOINTS_ELSEWHERE, "sport", "low")
         return super().check_service(service, arguments)
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:

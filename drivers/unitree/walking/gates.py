@@ -7,9 +7,11 @@ from collections.abc import Mapping
 from strands_actors.contract.driver import Condition, OnResume
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.unitree.gates import MODE_TTL_S, battery_above, battery_known
+from strands_actors.drivers.unitree.refusals import UnitreeCode
 from strands_actors.drivers.unitree.robots import Model
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from .dialect import Dialect
 from .robots import BASE
@@ -41,8 +43,10 @@ def released(observation: Observation, now_ns: int) -> Refused | None:
     known = observation.sensors.get("sport_mode_released")
     if known is None or not known[0] or now_ns / NS - known[1] > MODE_TTL_S:
         return None
-    why = "move: the sport mode is released: the joints are commanded one by one, and the robot does not balance"
-    return Refused("sport_mode_released", why, "end what commands them, then call select_sport_mode()", "released")
+    why = "the sport mode is released: the joints are commanded one by one, and the robot does not balance"
+    return Refused(
+        UnitreeCode.SPORT_MODE_RELEASED, why, "end what commands them, then call select_sport_mode()", "released"
+    )
 
 
 class Walks:
@@ -54,14 +58,14 @@ class Walks:
     def mode_known(self, observation: Observation, now_ns: int) -> Refused | None:
         known = observation.sensors.get("sport_mode")
         if known is None:
-            why = f"move: no {self._dialect.mode_source} yet"
-            return Refused("mode_unknown", why, "check that its sport service runs")
+            why = f"no {self._dialect.mode_source} yet"
+            return Refused(Code.MODE_UNKNOWN, why, "check that its sport service runs")
         age_s = now_ns / NS - known[1]
         if age_s <= GAIT_TTL_S:
             return None
         age, limit = f"{age_s:.1f} s", f"{GAIT_TTL_S:g} s"
-        why = f"move: the last {self._dialect.mode_source} is {age} old (limit {limit})"
-        return Refused("mode_stale", why, "check the robot and the network", age, limit)
+        why = f"the last {self._dialect.mode_source} is {age} old (limit {limit})"
+        return Refused(Code.MODE_STALE, why, "check the robot and the network", age, limit)
 
     def posture(self, observation: Observation, now_ns: int) -> Refused | None:
         """Refuse a robot that would ignore a velocity: its service answers success all the same."""
@@ -71,14 +75,14 @@ class Walks:
         name, wanted = self._dialect.name(mode), ", ".join(map(self._dialect.name, sorted(self._dialect.walks)))
         service = next((call for call, one in self._dialect.postures.items() if mode in one.after), "")
         remedy = f"call {service}() first" if service else "wait until that is over"
-        return Refused("posture", f"move: the robot is {name}", remedy, name, wanted)
+        return Refused(UnitreeCode.POSTURE, f"the robot is {name}", remedy, name, wanted)
 
 
 def refused_by_robot(observation: Observation, now_ns: int) -> Refused | None:
     why = observation.faults.get("move")
     if why is None:
         return None
-    return Refused("refused_by_robot", f"move: the robot refuses: {why}", "look at the robot, then try again", why)
+    return Refused(Code.REFUSED_BY_ROBOT, f"the robot refuses: {why}", "look at the robot, then try again", why)
 
 
 def refuse_joints(model: Model, action: Mapping[str, object]) -> Refused | None:
@@ -86,6 +90,6 @@ def refuse_joints(model: Model, action: Mapping[str, object]) -> Refused | None:
     for key in action:
         name = str(key).removesuffix(".pos")
         if name in model.axes or name.removesuffix("_joint") in model.axes:
-            why = f"move: {name} belongs to the sport mode"
-            return Refused("level", why, JOINTS_ELSEWHERE, name, ", ".join(BASE))
+            why = f"{name} belongs to the sport mode"
+            return Refused(Code.LEVEL, why, JOINTS_ELSEWHERE, name, ", ".join(BASE))
     return None

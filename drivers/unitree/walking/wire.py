@@ -20,9 +20,11 @@ from strands_actors.drivers.common.session_wire import PromptSessionWire
 from strands_actors.drivers.unitree import rpc
 from strands_actors.drivers.unitree.config import UnitreeConfig
 from strands_actors.drivers.unitree.link import FIND_S
+from strands_actors.drivers.unitree.refusals import UnitreeCode
 from strands_actors.drivers.unitree.session import ASK_EVERY_NS, RobotSession
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from .dialect import Order, Posture
 from .link import WalkingLink
@@ -201,16 +203,16 @@ class WalkingWire(PromptSessionWire[WalkingSession]):
         that it was heard."""
         link = self.session.link
         if link.gait is None:
-            why = f"{service}: no {link.dialect.mode_source} yet"
-            return Refused("mode_unknown", why, "check that its sport service runs")
+            why = f"no {link.dialect.mode_source} yet"
+            return Refused(Code.MODE_UNKNOWN, why, "check that its sport service runs")
         mode = link.gait.mode
         name = link.dialect.name(mode)
         if mode in posture.done:
             return {"mode": name, "already": True}
         if mode not in posture.after:
             wanted = ", ".join(map(link.dialect.name, sorted(posture.after)))
-            why = f"{service}: the robot is {name}"
-            return Refused("posture", why, f"it can when it is {wanted}", name, wanted)
+            why = f"the robot is {name}"
+            return Refused(UnitreeCode.POSTURE, why, f"it can when it is {wanted}", name, wanted)
         for order, modes in posture.steps:
             while not link.is_in(modes):
                 permit.check()
@@ -219,8 +221,8 @@ class WalkingWire(PromptSessionWire[WalkingSession]):
                     raise WireDown("the sport service no longer hears us")
                 await link.until(lambda: order in link.refused or link.is_in(modes), AGAIN_S)  # noqa: B023
                 if order in link.refused:
-                    why = f"{service}: the robot refuses: {link.refused[order]}"
-                    return Refused("refused_by_robot", why, "look at the robot, then try again")
+                    why = f"the robot refuses: {link.refused[order]}"
+                    return Refused(Code.REFUSED_BY_ROBOT, why, "look at the robot, then try again")
             if modes & link.dialect.settles:
                 await self._until_joints_rest(permit)
         return {"mode": link.dialect.name(link.gait.mode), "already": False}
@@ -256,5 +258,5 @@ class WalkingWire(PromptSessionWire[WalkingSession]):
             if session.mode is not None and session.mode[0]:
                 return {"onboard_mode": session.mode[0], "already": False}
             if heard and heard[0].why and heard[0].code != rpc.SELECTED_TOO_SOON:
-                why = f"select_sport_mode: the robot refuses: {heard[0].why}"
-                return Refused("refused_by_robot", why, "look at the robot, then try again")
+                why = f"the robot refuses: {heard[0].why}"
+                return Refused(Code.REFUSED_BY_ROBOT, why, "look at the robot, then try again")

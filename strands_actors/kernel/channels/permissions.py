@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from strands_actors.kernel.messages import Message, Refused
+from strands_actors.kernel.refusals import Code
 
 Told = frozenset[type[Message]] | None
 """Which messages; None: every one that the actor takes."""
@@ -38,4 +39,4 @@ class Channel(NamedTuple):
         if kinds is None or type(message) in kinds:
             return None
         kind = type(message).__name__
-        return Refused("channel", f"{to} takes no {kind} over this channel", "speak for yourself alone", kind)
+        return Refused(Code.CHANNEL, f"{to} takes no {kind} over this channel", "speak for yourself alone", kind)

@@ -11,6 +11,7 @@ import os
 from collections.abc import Collection, Iterable, Mapping
 
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 ALLOW = "STRANDS_ACTORS_ALLOW"
 """Environment: guarded names that are allowed without asking, separated by commas."""
@@ -36,10 +37,10 @@ def unapproved(
     return tuple(sorted(name for name in wanted if of.get(name) not in by_topic))
 
 
-def not_approved(verb: str, names: Iterable[str], why: str, can_ask: bool = True) -> Refused:
+def not_approved(names: Iterable[str], why: str, can_ask: bool = True) -> Refused:
     """``can_ask``: a program with ``approve=`` would be asked; on the mesh none is."""
     shown = ", ".join(names)
-    reason = f"{verb}: {shown} needs an operator's approval: {why}"
+    reason = f"{shown} needs an operator's approval: {why}"
     allow = f"name it in {ALLOW}"
     remedy = f"pass approve= to the robot, or {allow}" if can_ask else f"{allow} on the robot's host"
-    return Refused("not_approved", reason, remedy, shown, ALLOW)
+    return Refused(Code.NOT_APPROVED, reason, remedy, shown, ALLOW)

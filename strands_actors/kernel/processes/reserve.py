@@ -105,9 +105,9 @@ class Reserve:
     @contextlib.contextmanager
     def freed(self) -> Iterator[None]:
         """Free the reserve for a stop, and take it again afterwards."""
-        self._release()
-        self._stops += 1
+        self._stops += 1  # first: another thread may ask whether what is free now is a stop's
         try:
+            self._release()
             yield
         finally:
             self._stops -= 1

@@ -157,7 +157,7 @@ class Approval:
         guarded = self.guarded | {request.verb} if asks else self.guarded
         names = unapproved(guarded, (request.verb, *keys), self._topics)
         why = await self._ask(request) if names else None
-        return None if why is None else not_approved(request.verb, names, why)
+        return None if why is None else not_approved(names, why).about(request.verb)
 
     async def _ask(self, request: Request) -> str | None:
         """None: approved."""

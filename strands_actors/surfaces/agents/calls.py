@@ -15,9 +15,12 @@ from strands_actors.contract.stop_words import asks_for_stop
 from strands_actors.contract.tool_spec import tool_spec
 from strands_actors.contract.tool_verbs import ToolVerb
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 Kind = Literal["read", "motion", "stop"]
 
+TOOL = "tool"
+"""What is refused when no verb is known."""
 MAX_INPUTS = 64
 """No verb takes so many."""
 
@@ -80,22 +83,24 @@ def read(driver: Driver, given: object) -> Call | Refused:
     if verb is not None and verb.does == "stop":
         return Call(verb)
     if not isinstance(given, Mapping):
-        return Refused("bad_input", f"tool: the input is {shown(given)}", f"give an object with action: {names}")
+        return Refused(
+            Code.BAD_INPUT, f"the input is {shown(given)}", f"give an object with action: {names}", verb=TOOL
+        )
     if len(given) > MAX_INPUTS:
-        return Refused("bad_input", f"tool: it has {len(given)} inputs", f"give at most {MAX_INPUTS}")
+        return Refused(Code.BAD_INPUT, f"it has {len(given)} inputs", f"give at most {MAX_INPUTS}", verb=TOOL)
     if all(value is None for value in given.values()):  # an empty input asks how the robot is
         verb = next((verb for verb in verbs if verb.name == "status"), None)
     if verb is None:
         if isinstance(wanted, str) and (refused := _refuse_elsewhere(driver, wanted)):
             return refused
         what = "no action is given" if said is None else f"{shown(said)} is not a verb of {driver.robot}"
-        return Refused("unknown_verb", f"tool: {what}", f"use {names}", shown(said), names)
+        return Refused(Code.UNKNOWN_VERB, what, f"use {names}", shown(said), names, verb=TOOL)
     inputs = {name: as_python(value) for name, value in given.items() if name != "action" and value is not None}
     if refused := _refuse_inputs(verb, inputs):
         return refused
     if verb.does == "action":
         action = driver.action_of(verb, inputs)
-        return action if isinstance(action, Refused) else Call(verb, inputs, means=action)
+        return action.about(verb.name) if isinstance(action, Refused) else Call(verb, inputs, means=action)
     asks = verb.does == "service" and verb.name in undeclared(driver)
     moves = verb.does == "service" and (asks or is_motion(driver.SERVICES[verb.name]))
     return Call(verb, inputs, moves, asks and not driver.SIMULATED)
@@ -105,7 +110,7 @@ def _refuse_elsewhere(driver: Driver, name: str) -> Refused | None:
     """Return why a service that the robot has in another mode is none here; None: it has none of that
     name."""
     refused = driver.check_service(name, {})
-    return refused if refused is not None and refused.code != "unknown_service" else None
+    return refused.about(name) if refused is not None and refused.code != Code.UNKNOWN_SERVICE else None
 
 
 def _stop_of(driver: Driver) -> ToolVerb:
@@ -124,16 +129,15 @@ def _refuse_inputs(verb: ToolVerb, inputs: Mapping[str, Any]) -> Refused | None:
         if name not in verb.inputs:
             close = closest(name, verb.inputs)
             hint = f" ({close[0]!r}?)" if close else ""
-            what = f"{verb.name}: it takes no {shown(name)}{hint}"
-            return Refused("unknown_input", what, f"it takes {takes}", shown(name), takes)
+            what = f"it takes no {shown(name)}{hint}"
+            return Refused(Code.UNKNOWN_INPUT, what, f"it takes {takes}", shown(name), takes, verb=verb.name)
         kind = verb.inputs[name]["type"]
         if not isinstance(value, _TYPES[kind]) or (isinstance(value, bool) and kind != "boolean"):
-            what = f"{verb.name}: {name} is {shown(value)}"
-            return Refused("bad_input", what, f"give it as {kind}", shown(value), kind)
+            what = f"{name} is {shown(value)}"
+            return Refused(Code.BAD_INPUT, what, f"give it as {kind}", shown(value), kind, verb=verb.name)
     for name in verb.required:
         if name not in inputs:
-            what = f"{verb.name}: {name} is missing"
-            return Refused("bad_input", what, f"it takes {takes}", "", takes)
+            return Refused(Code.BAD_INPUT, f"{name} is missing", f"it takes {takes}", "", takes, verb=verb.name)
     return None
 
 

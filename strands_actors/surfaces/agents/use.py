@@ -11,13 +11,13 @@ from strands_actors.caller.envelopes import Answer
 from strands_actors.caller.tree import RobotTree
 from strands_actors.contract.driver import Driver
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from .approval import Approval, Request
 from .calls import Call
 
-RESUME = "call resume() first"
-LIFT = "resume() lifts the lockout"
-"""Remedies that the gate has for the robot's own program."""
+LIFT = "a person has to resume it: no verb of this tool lifts that"
+NOBODY = "a person has to resume it: no verb of this tool does"
 
 
 async def use(tree: RobotTree, call: Call, approval: Approval, by: str, motion: str = "") -> Answer:
@@ -55,19 +55,10 @@ async def _command(tree: RobotTree, call: Call, wait: bool) -> Answer:
 
 
 def _in_its_verbs(answer: Answer, driver: Driver) -> Answer:
-    if answer["status"] != "error":
-        return answer
-    block = answer["content"][0]
-    why, to_resume, _ = block["text"].partition(RESUME)
-    if to_resume:
-        torque = next((verb.name for verb in driver.TOOL_VERBS if verb.does == "torque"), "")
-        nobody = "a person has to resume it: no verb of this tool does"
-        block["text"] = why + (f"{torque} with enabled=true energises it" if torque else nobody)
-    elif block["text"].endswith(LIFT):
-        block["text"] = (
-            f"{block['text'].removesuffix(LIFT)}a person has to resume it: no verb of this tool lifts that"
-        )
-    return answer
+    """Return it with remedies that the tool has, in place of those of the robot's own program."""
+    torque = next((verb.name for verb in driver.TOOL_VERBS if verb.does == "torque"), "")
+    resume = f"{torque} with enabled=true energises it" if torque else NOBODY
+    return answers.with_remedy(answer, {Code.DISARMED: resume, Code.FAULTED: resume, Code.LOCKED_OUT: LIFT})
 
 
 def _action_of(driver: Driver, call: Call) -> dict[str, Any] | None:
@@ -82,9 +73,9 @@ async def _use(tree: RobotTree, call: Call, approval: Approval, by: str, motion:
     verb = call.verb
     if call.kind == "motion":
         if motion:
-            return answers.refused(Refused("no_motion", f"{verb.name}: motion is not allowed here", motion))
+            return answers.refused(Refused(Code.NO_MOTION, "motion is not allowed here", motion, verb=verb.name))
         if wrong := approval.guards_nothing(tree.driver):  # an operator believes to be asked
-            return answers.refused(Refused("guard", f"{verb.name}: {wrong}", "mend guarded= of the robot"))
+            return answers.refused(Refused(Code.GUARD, wrong, "mend guarded= of the robot", verb=verb.name))
         request = Request(tree.robot, verb.name, call.inputs, by)
         action = _action_of(tree.driver, call)
         keys = () if action is None else tree.driver.to_approve(action)

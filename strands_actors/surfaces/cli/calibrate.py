@@ -160,8 +160,7 @@ def _run(work: Callable[[], Any], verb: str) -> Any:
     try:
         return trio.run(work)
     except (WireDown, ValueError) as failure:
-        text = str(failure).removeprefix("setup: ").removeprefix("connect: ").removeprefix(f"{verb}: ")
-        raise Problem(f"{verb}: {text}") from failure
+        raise Problem(f"{verb}: {failure}") from failure
 
 
 class Terminal:

@@ -150,4 +150,4 @@ def clause(
         left_s = (ends - datetime.now(UTC)).total_seconds()
         reason = f"the drill of {certificate.date[:10]} is older than {max_age_s / 86400:g} days"
         until_ns = time.monotonic_ns() + round(left_s * NS) if left_s > 0 else 0
-    return {"until_ns": until_ns, "reason": f"move: {reason}", "remedy": f"run `{how}`, then connect again"}
+    return {"until_ns": until_ns, "reason": reason, "remedy": f"run `{how}`, then connect again"}

@@ -25,6 +25,7 @@ from strands_actors.contract.driver import Driver, Reason
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.processes.process import wait_for_end_of
+from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.gate.failsafe import Mode
 from strands_actors.supervisors.gate.messages import Resumed, StopReport
 from strands_actors.supervisors.stop_result import Confirmed, NothingRan, StopResult, Unconfirmed, Unreachable
@@ -184,13 +185,13 @@ class Drill:
 
     async def _resume(self) -> Resumed | Refused:
         """A wire that was just started again may need a moment."""
-        answer: Resumed | Refused = Refused("no_answer", f"no answer within {PATIENCE_S:g} s")
+        answer: Resumed | Refused = Refused(Code.NO_ANSWER, f"no answer within {PATIENCE_S:g} s")
         with trio.move_on_after(PATIENCE_S):
             while True:
                 try:
                     answer = await self._tree.resume()
                 except NotConnected as why:
-                    answer = Refused("not_connected", str(why))
+                    answer = Refused(Code.NOT_CONNECTED, str(why))
                 if isinstance(answer, Resumed):
                     break
                 await trio.sleep(0.1)
@@ -342,7 +343,7 @@ def _report_in(result: StopResult) -> StopReport | Refused:
     """Return the report that a stop has led to, or why there is none."""
     match result:
         case Confirmed(NothingRan(why)):
-            return Refused("nothing_ran", f"stop: {why}")
+            return Refused(Code.NOTHING_RAN, why, verb="stop")
         case Confirmed(StopReport() as report) | Unconfirmed(report):
             return report
         case Unreachable(refusal):

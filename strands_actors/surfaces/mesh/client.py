@@ -27,6 +27,7 @@ from strands_actors.kernel.channels.pubsub import PubSub, Received
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.mesh import schemas as mesh_json
 from strands_actors.supervisors.mesh.schemas import ESTOP_ANSWER_S, Command, Response, encode, schema
 
@@ -160,14 +161,14 @@ class MeshClient:
     ) -> dict[str, Any] | Refused:
         """Send a command that must not be obeyed later than in ``ttl_s``; its result. ``make`` gets
         the name of the robot's clock, and the deadline in its time."""
-        answer: dict[str, Any] | Refused = Refused("clock", "the robot's clock is not known")
+        answer: dict[str, Any] | Refused = Refused(Code.CLOCK, "the robot's clock is not known")
         for _ in range(2):
             clock = await self.clock(robot)
             if isinstance(clock, Refused):
                 return clock
             deadline_ns = clock.deadline(self.now_ns() + round(ttl_s * NS))
             answer = await self.request(robot, make(clock.name, deadline_ns), within_s)
-            if not isinstance(answer, Refused) or answer.code != "clock":
+            if not isinstance(answer, Refused) or answer.code != Code.CLOCK:
                 break
             self.forget_clock(robot)  # it was started anew
         return answer
@@ -197,7 +198,7 @@ class MeshClient:
         via = await self.sessions.until_there(robot)
         if via is None:
             names = ", ".join(self.sessions.via) or "none"
-            return Refused("unreachable", f"{robot} is not on the mesh", f"these are: {names}")
+            return Refused(Code.UNREACHABLE, f"{robot} is not on the mesh", f"these are: {names}")
         with self._turn() as (turn, answers):
             self._send(via, key, robot, turn, body)
             with trio.move_on_after(within_s) as patience:
@@ -208,7 +209,7 @@ class MeshClient:
                     longer_s = float((response.result or {}).get("within_s", 0.0))
                     patience.deadline = max(patience.deadline, trio.current_time() + longer_s)
         return Refused(
-            "no_answer",
+            Code.NO_ANSWER,
             busy.explained(f"{robot} gave no answer within {within_s:g} s"),
             "is it frozen, or denied to you?",
         )

@@ -10,6 +10,7 @@ import msgspec
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import Node
+from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.gate.messages import Beat, Perform, Setpoint, Stop
 from strands_actors.supervisors.mesh.gateway import Gateway, GatewayStop
@@ -21,7 +22,7 @@ COMMAND_S = 1.0
 """What has not reached the robot by then is not obeyed any more."""
 BEAT_S = 0.5
 """A heartbeat that was longer on its way keeps no lease alive."""
-_NOT_KNOWN = Refused("clock", "the robot's clock is not known: nothing is sent before it is", "is it reachable?")
+_NOT_KNOWN = Refused(Code.CLOCK, "the robot's clock is not known: nothing is sent before it is", "is it reachable?")
 
 
 class GatewayRef:
@@ -111,4 +112,4 @@ class GatewayRef:
 
 
 def _wants_reading(answer: Message | None) -> bool:
-    return isinstance(answer, Refused) and answer.code == "clock"
+    return isinstance(answer, Refused) and answer.code == Code.CLOCK

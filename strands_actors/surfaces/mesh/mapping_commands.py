@@ -13,6 +13,7 @@ import trio
 from strands_actors.contract.shown import shown
 from strands_actors.kernel.channels.pubsub import Received
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.mesh import schemas as mesh_json
 from strands_actors.supervisors.mesh.command_rules import no_action
 from strands_actors.supervisors.stop_result import REMEDY
@@ -58,7 +59,7 @@ async def send_to_all(mesh: MeshClient, command: Command) -> dict[str, dict[str,
         return kind
     if kind not in TO_ALL:
         why = f"broadcast: {given['action']} is for one robot at a time"
-        return Refused("one_robot", why, f"to all send {', '.join(known)}; what moves one, send to that one")
+        return Refused(Code.ONE_ROBOT, why, f"to all send {', '.join(known)}; what moves one, send to that one")
     answers: dict[str, dict[str, Any] | Refused] = {}
 
     async def ask(robot: str) -> None:
@@ -69,7 +70,10 @@ async def send_to_all(mesh: MeshClient, command: Command) -> dict[str, dict[str,
         for robot in mesh.robots:
             nursery.start_soon(ask, robot)
     lost = mesh.not_looked_for() if kind is mesh_json.Stop else []
-    return {**dict(sorted(answers.items())), **{each.robot: Refused("unreachable", each.detail) for each in lost}}
+    return {
+        **dict(sorted(answers.items())),
+        **{each.robot: Refused(Code.UNREACHABLE, each.detail) for each in lost},
+    }
 
 
 def stops(command: Command) -> bool:
@@ -107,7 +111,7 @@ def _read(
     said: object = command  # of a program that nobody has checked
     if not isinstance(said, Mapping | str):
         why = f"the command is {shown(said)}"
-        return {}, Refused("malformed", why, f'give an action, or {{"action": ...}}: {", ".join(offered)}')
+        return {}, Refused(Code.MALFORMED, why, f'give an action, or {{"action": ...}}: {", ".join(offered)}')
     given = {"action": command} if isinstance(command, str) else {"action": "status", **command}
     action = str(given["action"])
     kind = mesh_json.ACTIONS.get(action)
@@ -122,7 +126,7 @@ def _told_of(outcomes: list[Outcome], robot: str) -> dict[str, Any] | Refused:
     """Return what became of a robot. Only one that is safe has a result."""
     outcome = next((each for each in outcomes if each.robot == robot), None)
     if outcome is None:
-        return Refused("unreachable", f"{robot} is not on the mesh")
+        return Refused(Code.UNREACHABLE, f"{robot} is not on the mesh")
     match outcome.outcome:
         case "safe":
             told: dict[str, Any] = msgspec.to_builtins(outcome)
@@ -130,8 +134,8 @@ def _told_of(outcomes: list[Outcome], robot: str) -> dict[str, Any] | Refused:
         case "unconfirmed":
             named = ", ".join(str(motor.get("axis")) for motor in outcome.motors if motor.get("safe") is not True)
             why = f"{robot}: not confirmed by {named or 'the robot'}"
-            return Refused("unconfirmed", f"{why} ({outcome.detail})" if outcome.detail else why, REMEDY)
+            return Refused(Code.UNCONFIRMED, f"{why} ({outcome.detail})" if outcome.detail else why, REMEDY)
         case "unreachable":
-            return Refused("unreachable", outcome.detail, REMEDY)
+            return Refused(Code.UNREACHABLE, outcome.detail, REMEDY)
         case _:
             assert_never(outcome.outcome)

@@ -10,6 +10,7 @@ import msgspec
 from strands_actors.contract.axis import finite
 from strands_actors.contract.shown import harmless
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.mesh.schemas import Response
 
 Verdict = Literal["safe", "unconfirmed", "unreachable"]
@@ -39,7 +40,7 @@ def result_of(response: Response) -> dict[str, Any] | Refused:
     if response.refused is not None:
         return Refused(**{name: harmless(text) for name, text in msgspec.structs.asdict(response.refused).items()})
     if response.type != "response":
-        return Refused("error", harmless(response.error) or "the robot refused")
+        return Refused(Code.ERROR, harmless(response.error) or "the robot refused")
     return response.result
 
 

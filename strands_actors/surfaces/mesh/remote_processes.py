@@ -26,6 +26,7 @@ from strands_actors.kernel.channels.zenoh_session import short
 from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import AskTimeout, Node, Unreachable
+from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors import addresses, stop_result
 from strands_actors.supervisors.gate.messages import Lease, Release, Stop
 from strands_actors.supervisors.mesh.gateway_messages import Synced
@@ -149,21 +150,22 @@ class RemoteProcesses(Processes):
 
     async def late(self, verb: str, timeout: AskTimeout) -> Refused:
         """It is dated: it is not done late. Whether it was done in time is not known."""
-        why = f"{verb}: {timeout}. it may have been done, and will not be done later"
-        return Refused("timeout", why, "look at get_status()")
+        why = f"{timeout}. it may have been done, and will not be done later"
+        return Refused(Code.TIMEOUT, why, "look at get_status()", verb=verb)
 
     def _not_heard(self, verb: str, failure: Exception | None) -> stop_result.Unreachable:
-        why = f"{verb}: {self.robot} at {self.plan.at} does not answer{f' ({failure})' if failure else ''}"
+        why = f"{self.robot} at {self.plan.at} does not answer{f' ({failure})' if failure else ''}"
         known = "whether it has stopped is not known here. without us it holds when its setpoint or lease expires"
         return stop_result.Unreachable(
-            Refused("unreachable", f"{why}: {known}", "look at the robot"), self.driver.axes
+            Refused(Code.UNREACHABLE, f"{why}: {known}", "look at the robot", verb=verb), self.driver.axes
         )
 
     async def revive(self, lift: bool, beside: Callable[[], Awaitable[None]]) -> Refused | None:
         if not self.started:
             await self.start(beside)
         elif await self.status() is None:
-            return Refused("unreachable", f"resume: {self.robot} at {self.plan.at} does not answer", "try again")
+            why = f"{self.robot} at {self.plan.at} does not answer"
+            return Refused(Code.UNREACHABLE, why, "try again", verb="resume")
         return None
 
     async def describe(self) -> TreeReport | None:

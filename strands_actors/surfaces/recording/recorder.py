@@ -10,7 +10,6 @@ there is somebody to attach to.
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from typing import Generic, Protocol, TypeVar
@@ -36,6 +35,7 @@ from strands_actors.supervisors.instrument import (
     Detach,
     Detached,
     InstrumentKeeper,
+    Taken,
 )
 
 from .errors import RecordingError
@@ -90,7 +90,7 @@ class Source(Actor):
         name: str,
         instrument: str,
         on_batch: Callable[[str, Batch], None],
-        on_attached: Callable[[str, Attached | Refused], None],
+        on_attached: Callable[[str, Attached | Taken | Refused], None],
         on_lost: Callable[[str, str], None],
     ) -> None:
         self._name = name
@@ -129,14 +129,14 @@ class Source(Actor):
         while True:
             answer = await self._attach()
             self._on_attached(self._name, answer)
-            if isinstance(answer, Refused):
+            if isinstance(answer, Taken | Refused):
                 await trio.sleep(ASK_S)
                 continue
             await self._until_lost()
             self.attached = False
             self._on_lost(self._name, self._why)
 
-    async def _attach(self) -> Attached | Refused:
+    async def _attach(self) -> Attached | Taken | Refused:
         while True:
             self._session += 1
             self._number = 0
@@ -149,7 +149,7 @@ class Source(Actor):
                 )
             except (AskTimeout, Unreachable):
                 answer = None
-            if isinstance(answer, Attached | Refused):
+            if isinstance(answer, Attached | Taken | Refused):
                 self.attached = isinstance(answer, Attached)
                 return answer
             self.attached = False
@@ -254,9 +254,9 @@ class Recorder(Generic[SomeSink]):
 
     # -- from the sources
 
-    def _attached(self, name: str, answer: Attached | Refused) -> None:
-        if isinstance(answer, Refused):
-            self._refused = f"{self._robot}: {answer.text.removeprefix('record: ')}"
+    def _attached(self, name: str, answer: Attached | Taken | Refused) -> None:
+        if isinstance(answer, Taken | Refused):
+            self._refused = f"{self._robot}: {answer.text}"
             # The robot gives one up that was killed in a moment, and is asked again until then.
             if self._sink is None and not _is_of_the_dead(answer):
                 self.fail(RecordingError(self._refused))
@@ -307,13 +307,11 @@ class Recorder(Generic[SomeSink]):
             raise self._failure
 
 
-def _is_of_the_dead(refusal: Refused) -> bool:
-    """Whether the recorder that has the robot has ended."""
-    named = re.search(r"process (\d+) records", refusal.text)
-    if named is None:
+def _is_of_the_dead(answer: Taken | Refused) -> bool:
+    """Return whether the recorder that has the robot has ended."""
+    if not isinstance(answer, Taken) or not answer.pid:
         return False
-    pid = int(named[1])
-    return not exists(pid) or life_of(pid).dying
+    return not exists(answer.pid) or life_of(answer.pid).dying
 
 
 @asynccontextmanager

@@ -12,6 +12,7 @@ from strands_actors.contract.driver import Driver, Reason
 from strands_actors.kernel.clock import VirtualClock
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Node, Ref, Unreachable
+from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.gate.messages import (
@@ -35,7 +36,7 @@ from .robot_model import Actions
 from .world import Process, World
 
 ROBOT = "explored"
-GOES_ON = ("too_fast", "superseded")
+GOES_ON = (Code.TOO_FAST, Code.SUPERSEDED)
 """Refusals after which a stream goes on."""
 ASK_S = 0.3
 STOP_S = 0.25

@@ -150,15 +150,13 @@ def test_a_single_command_steps_no_further_than_a_stream() -> None:
 def test_the_upper_body_must_have_been_handed_over() -> None:
     for ours in ((0.0,), None):
         answer = refused({"left_elbow_pitch": 0.0}, state(seen=observation(upper_body=ours)))
-        assert answer.text == (
-            "move: the upper body belongs to the onboard controller. call enable_upper_body() first"
-        )
+        assert answer.text == ("the upper body belongs to the onboard controller. call enable_upper_body() first")
 
 
 @pytest.mark.parametrize("fall", [Fall.IS_FALLING, Fall.HAS_FALLEN, Fall.IS_GETTING_UP])
 def test_a_robot_that_is_not_ready(fall: Fall) -> None:
     answer = refused({"left_elbow_pitch": 0.0}, state(seen=observation(fall_state=(float(fall), NOW_S))))
-    assert answer.text == f"move: the robot reports {fall.name}. arm writes resume at IS_READY"
+    assert answer.text == f"the robot reports {fall.name}. arm writes resume at IS_READY"
 
 
 def test_a_fall_state_that_is_old_or_unknown() -> None:

@@ -131,6 +131,16 @@ def test_it_takes_off_moves_hovers_and_lands_as_its_program_says(cf: Drone) -> N
     cf.take_off()  # a program that landed may go on
 
 
+def test_saf_001_a_landing_ends_the_twist_that_is_flown(cf: Drone) -> None:
+    cf.take_off()
+    json_of(cf.robot.set_twist(vx=0.3))
+    landing_ns = time.monotonic_ns()
+    assert json_of(cf.robot.land(duration=0.5))["landed"]
+    land = first_safe(cf.log, landing_ns, "land")
+    cf.log.no_setpoint_after_safe(land.t_ns)
+    cf.lands(landing_ns, 3.0)
+
+
 def test_saf_001_a_setpoint_is_resent_for_its_lifetime_and_then_it_hovers(cf: Drone) -> None:
     cf.take_off()
     began_ns = time.monotonic_ns()

@@ -109,13 +109,13 @@ def test_options_are_checked() -> None:
 
 def test_past_the_calibrated_range_is_refused_in_a_mode_of_many_turns_too() -> None:
     no = refusal(koch(calibration=calibration()), {"wrist_roll": 100.0})
-    assert no.text == "move: wrist_roll 100.0 deg is past 87.9. stay within -87.9..87.9"
+    assert no.text == "wrist_roll 100.0 deg is past 87.9. stay within -87.9..87.9"
 
 
 def test_each_servo_has_its_own_supply() -> None:
     at = state()
     at.observation.sensors["voltage_v"] = (12.0, 5.0, 5.0, 5.0, 5.0, 12.0)
-    assert refusal(koch(), {"shoulder_lift": 1.0}, at).reason == "move: shoulder_lift (id 2) has 5.0 V"
+    assert refusal(koch(), {"shoulder_lift": 1.0}, at).reason == "shoulder_lift (id 2) has 5.0 V"
     assert refusal(koch(), {"gripper": 1.0}, at).remedy == "supply 3.5..7.0 V"
     assert isinstance(decide(koch(), {"shoulder_pan": 1.0, "elbow_flex": 1.0}, at), Candidate)
 
@@ -126,13 +126,13 @@ def test_each_servo_has_its_own_supply() -> None:
         (
             "overload, limp",
             "alert",
-            "move: elbow_flex is limp (overload). clear the cause, reboot the servo with the arm supported, "
+            "elbow_flex is limp (overload). clear the cause, reboot the servo with the arm supported, "
             "then stop and resume",
         ),
-        (UNNAMED, "alert", f"move: elbow_flex reports {UNNAMED}. clear the cause, reboot"),
-        (TRIPPED, "watchdog", "move: elbow_flex reports bus watchdog. stop and resume to clear it"),
-        ("limp", "limp", "move: elbow_flex is limp. take the load off"),
-        ("access error", "fault", "move: elbow_flex reports access error. clear the cause, then try again"),
+        (UNNAMED, "alert", f"elbow_flex reports {UNNAMED}. clear the cause, reboot"),
+        (TRIPPED, "watchdog", "elbow_flex reports bus watchdog. stop and resume to clear it"),
+        ("limp", "limp", "elbow_flex is limp. take the load off"),
+        ("access error", "fault", "elbow_flex reports access error. clear the cause, then try again"),
     ],
 )
 def test_what_a_servo_reports_refuses_its_joint_and_no_other(fault: str, code: str, text: str) -> None:

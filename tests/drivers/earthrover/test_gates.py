@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from strands_actors.contract.driver import Candidate, GateState
+from strands_actors.contract.driver import Candidate, GateState, Live
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.velocity_base import LIFETIME_S
 from strands_actors.drivers.earthrover.driver import EarthRover
@@ -22,9 +22,9 @@ def driver(**options: Any) -> EarthRover:
     return EarthRover("earthrover", "192.0.2.1", EarthRover.resolve("earthrover", options))
 
 
-def state(target: tuple[float, ...] = REST, live_until_ns: int = 0, age_ns: int = 0) -> GateState:
+def state(target: tuple[float, ...] = REST, live: Live | None = None, age_ns: int = 0) -> GateState:
     seen = Observation(NOW_NS - age_ns, REST, (NOW_NS - age_ns,) * 3)
-    return GateState(NOW_NS, seen, target, NOW_NS, False, 0.0, live_until_ns)
+    return GateState(NOW_NS, seen, target, NOW_NS, False, 0.0, live)
 
 
 def answer(action: dict[str, Any], at: GateState | None = None) -> Candidate | Refused:
@@ -66,22 +66,24 @@ def test_saf_012_nothing_is_commanded_without_data() -> None:
 
 
 def test_what_is_not_named_rests_and_the_lamp_stays() -> None:
-    moving = state((0.5, 0.2, 1.0), NOW_NS + 1)
+    moving = state((0.5, 0.2, 1.0), Live(NOW_NS + 1))
     assert answer({"angular": -0.3}, moving) == Candidate((0.0, -0.3, 1.0), (1,))
 
 
 def test_saf_001_the_lamp_alone_keeps_the_twist_and_its_end() -> None:
     until_ns = NOW_NS + 10_000_000
-    assert answer({"lamp": 1.0}, state((0.5, 0.2, 0.0), until_ns)) == Candidate((0.5, 0.2, 1.0), (2,), until_ns)
+    assert answer({"lamp": 1.0}, state((0.5, 0.2, 0.0), Live(until_ns))) == Candidate(
+        (0.5, 0.2, 1.0), (2,), until_ns
+    )
 
 
-@pytest.mark.parametrize("until_ns", [0, NOW_NS, NOW_NS - 1])
+@pytest.mark.parametrize("until_ns", [NOW_NS, NOW_NS - 1])
 def test_saf_001_the_lamp_does_not_bring_back_a_twist_that_has_ended(until_ns: int) -> None:
-    assert answer({"lamp": 1.0}, state((0.5, 0.2, 0.0), until_ns)) == Candidate((0.0, 0.0, 1.0), (2,))
+    assert answer({"lamp": 1.0}, state((0.5, 0.2, 0.0), Live(until_ns))) == Candidate((0.0, 0.0, 1.0), (2,))
 
 
 def test_a_lamp_at_rest_has_a_lifetime_of_its_own() -> None:
-    assert answer({"lamp": 1.0}, state(REST, NOW_NS + 5)) == Candidate((0.0, 0.0, 1.0), (2,))
+    assert answer({"lamp": 1.0}, state(REST, Live(NOW_NS + 5))) == Candidate((0.0, 0.0, 1.0), (2,))
 
 
 def test_commands_live_as_long_as_a_bases_may() -> None:

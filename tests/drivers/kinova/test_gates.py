@@ -54,7 +54,7 @@ def judge(action: Mapping[Any, Any], at: GateState | None = None, arm: Kinova = 
 def refused(action: Mapping[Any, Any], at: GateState | None = None, arm: Kinova = ARM) -> Refused:
     answer = judge(action, at, arm)
     assert isinstance(answer, Refused), answer
-    assert answer.code and answer.reason.startswith("move: ") and answer.remedy
+    assert answer.code and answer.reason and answer.remedy
     return answer
 
 
@@ -112,7 +112,7 @@ def test_saf_014_what_needs_more_than_the_gate_is_refused_and_nothing_else(
 
 def test_the_limit_that_a_refusal_names_is_accepted() -> None:
     no = refused({"joint_1": 0.05})
-    assert no.reason == "move: joint_1 needs 2 rad/s to be there within 25 ms"
+    assert no.reason == "joint_1 needs 2 rad/s to be there within 25 ms"
     assert no.remedy == "step at most 0.02181 rad from the measured position"
     assert isinstance(judge({"joint_1": 0.02181}), Candidate)
 
@@ -143,14 +143,14 @@ def test_saf_012_old_readings_are_no_readings() -> None:
 
 def test_a_base_in_fault_is_named_with_its_bank() -> None:
     no = refused({"joint_1": 0.0}, state(arm_state=4, fault_bank=0x20))
-    assert no.text == "move: base in fault (bank 0x20). clear it, then reconnect"
+    assert no.text == "base in fault (bank 0x20). clear it, then reconnect"
     assert refused({"joint_1": 0.0}, state(arm_state=8)).code == "arm_state"
     assert "PLAYING_SEQUENCE (8)" in refused({"joint_1": 0.0}, state(arm_state=8)).reason
 
 
 def test_an_arm_that_its_wire_has_stopped_is_armed_anew_first() -> None:
     no = refused({"joint_1": 0.0}, state(faults={"base": "stopped, because nothing was sent for 80 ms"}))
-    assert no.reason == "move: stopped, because nothing was sent for 80 ms"
+    assert no.reason == "stopped, because nothing was sent for 80 ms"
     assert no.remedy == "call resume()"
     assert isinstance(judge({"joint_1": 0.0}, state(faults={"joint_3": "fault banks 0x1 0x0"})), Candidate)
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from strands_actors.contract.driver import Candidate, GateState
+from strands_actors.contract.driver import Candidate, GateState, Live
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.microduck.config import Endpoint, endpoint_of_environment, parse_port
 from strands_actors.drivers.microduck.driver import Microduck
@@ -28,14 +28,14 @@ def answer(
     sensors: dict[str, Any] | None = None,
     age_ns: int = 0,
     target: dict[str, float] | None = None,
-    live_until_ns: int = 0,
+    live: Live | None = None,
 ) -> Candidate | Refused:
     """As the gate asks."""
     driver = duck()
     row = tuple((target or {}).get(key, 0.0) for key in driver.axes)
     t_ns = NOW_NS - age_ns
     seen = Observation(t_ns, row, (t_ns,) * len(row), sensors={**SENSORS, **(sensors or {})})
-    known = GateState(NOW_NS, seen, row, t_ns, False, live_until_ns=live_until_ns)
+    known = GateState(NOW_NS, seen, row, t_ns, False, live=live)
     for condition in driver.conditions:
         refusal = condition.check(seen, NOW_NS)
         if refusal is not None:
@@ -119,7 +119,7 @@ def test_a_twist_at_its_limit_and_a_zero_in_any_mode_are_accepted() -> None:
 )
 def test_what_is_out_of_range_is_refused_by_its_name(action: dict[str, Any], key: str) -> None:
     refusal = refused(action)
-    assert refusal.code == "past_travel" and f"move: {key} " in refusal.reason
+    assert refusal.code == "past_travel" and f"{key} " in refusal.reason
 
 
 def test_joints_and_skills_are_refused_with_what_takes_their_place() -> None:
@@ -149,10 +149,10 @@ def test_an_intent_is_whole_and_others_are_not_said() -> None:
 
 
 def test_a_head_keeps_the_twist_that_lives_as_long_as_it_was_promised() -> None:
-    live = accepted({"head_yaw": 0.1}, target={"vx": 0.2}, live_until_ns=NOW_NS + 5 * 10**8)
+    live = accepted({"head_yaw": 0.1}, target={"vx": 0.2}, live=Live(NOW_NS + 5 * 10**8))
     assert live.values[0] == 0.2 and live.until_ns == NOW_NS + 5 * 10**8
     assert live.values[MOVES] == 0.0, "it is not said again"
-    over = accepted({"head_yaw": 0.1}, target={"vx": 0.2}, live_until_ns=NOW_NS - 1)
+    over = accepted({"head_yaw": 0.1}, target={"vx": 0.2}, live=Live(NOW_NS - 1))
     assert over.values[0] == 0.0 and over.until_ns == 0
 
 

@@ -41,7 +41,7 @@ def test_saf_005_without_a_stop_channel_the_report_says_so() -> None:
         assert not (report.written or report.acknowledged or report.safe)
         assert report.detail.startswith(
             "not confirmed: this driver has no stop channel, and a fresh process did not stop it "
-            "(connect: /dev/nowhere cannot be opened"
+            "(/dev/nowhere cannot be opened"
         )
 
 

@@ -31,7 +31,7 @@ def narrow(rig: Rig) -> None:
 
 def decide(rig: Rig, degrees: float, seen: Observation) -> Candidate | Refused:
     now_ns = rig.clock.now_ns()
-    at = GateState(now_ns, seen, rig.driver.first_target(seen), now_ns, False, 0.0, 0)
+    at = GateState(now_ns, seen, rig.driver.first_target(seen), now_ns, False)
     candidate = rig.driver.parse({rig.driver.joints[0].key: degrees}, at)
     if isinstance(candidate, Refused):
         return candidate

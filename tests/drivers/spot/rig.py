@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import trio
 
-from strands_actors.contract.driver import Candidate, GateState
+from strands_actors.contract.driver import Candidate, GateState, Live
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
 from strands_actors.drivers.common.grpc_messages import MAX_MESSAGE
 from strands_actors.drivers.common.twin import Connection
@@ -238,10 +238,10 @@ def observed(position: tuple[float, ...] = (0.0,) * KEYS, **sensors: float) -> O
     return Observation(NOW_NS, position, stamps, sensors={key: (value,) for key, value in known.items()})
 
 
-def state(seen: Observation | None = None, live_until_ns: int = 0, stream: bool = False) -> GateState:
+def state(seen: Observation | None = None, live: Live | None = None, stream: bool = False) -> GateState:
     seen = seen or observed()
     target = tuple(value if value == value else 0.0 for value in seen.position)
-    return GateState(NOW_NS, seen, target, NOW_NS - 10**8, stream, 0.1 if stream else 0.0, live_until_ns)
+    return GateState(NOW_NS, seen, target, NOW_NS - 10**8, stream, 0.1 if stream else 0.0, live)
 
 
 def answer(action: dict[str, Any], at: GateState | None = None) -> Candidate | Refused:

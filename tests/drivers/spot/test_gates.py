@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from strands_actors.contract.driver import GateState
+from strands_actors.contract.driver import GateState, Live
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.spot.driver import Spot
 from strands_actors.drivers.spot.robots import DRIVES, KEYS, LEGS, MOVES_ARM, MOVES_CLAW, TABLES
@@ -70,8 +70,8 @@ def test_saf_014_a_robot_that_may_not_be_moved(
 
 def test_a_robot_without_an_arm_says_so_and_walks() -> None:
     at = state(observed(ARMLESS))
-    assert refused({"arm_sh0": 0.0}, at).reason == "move: this robot has no arm"
-    assert refused({"arm_f1x": 0.0}, at).reason == "move: this robot has no claw"
+    assert refused({"arm_sh0": 0.0}, at).reason == "this robot has no arm"
+    assert refused({"arm_f1x": 0.0}, at).reason == "this robot has no claw"
     walks = accepted({"vx": 0.3}, at)
     assert (walks.values[MOVES_ARM], walks.values[MOVES_CLAW]) == (0.0, 0.0)
     assert Spot("spot", "", {}).as_json(ARMLESS) == {"vx": 0.0, "vy": 0.0, "wz": 0.0}
@@ -91,9 +91,9 @@ def test_saf_001_a_twist_ends_and_the_arm_holds_what_it_was_told() -> None:
 
 
 def test_saf_001_an_arm_command_goes_on_with_a_twist_and_does_not_prolong_it() -> None:
-    walking = state(observed(), live_until_ns=NOW_NS + 10**8)
+    walking = state(observed(), live=Live(NOW_NS + 10**8))
     walking = type(walking)(
-        NOW_NS, walking.observation, (0.5, *(0.0,) * 9, 1.0, 0.0, 0.0), NOW_NS, False, 0.0, NOW_NS + 10**8
+        NOW_NS, walking.observation, (0.5, *(0.0,) * 9, 1.0, 0.0, 0.0), NOW_NS, False, 0.0, Live(NOW_NS + 10**8)
     )
     goes_on = accepted({"arm_sh0": 0.1}, walking)
     assert goes_on.values[0] == 0.5 and goes_on.values[DRIVES] == 1.0
@@ -146,7 +146,7 @@ def test_a_stream_may_not_step_further_than_the_arm_moves() -> None:
 @pytest.mark.parametrize("arguments", [{"vx": 2.0}, {"wz": NAN}, {"vx": "fast"}, {"speed": 1.0}])
 def test_saf_014_a_set_twist_that_is_none_is_refused(arguments: dict[str, Any]) -> None:
     refusal = Spot("spot", "", {}).check_service("set_twist", arguments)
-    assert refusal is not None and refusal.reason.startswith("set_twist: ")
+    assert refusal is not None
     assert Spot("spot", "", {}).check_service("set_twist", {"vx": 0.5, "wz": -0.1}) is None
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from strands_actors.contract.driver import Candidate, GateState
+from strands_actors.contract.driver import Candidate, GateState, Live
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers import canonical_name, list_driver_coverage, list_native_drivers, port_kind
 from strands_actors.drivers.stretch.driver import Stretch
@@ -45,10 +45,10 @@ def answer(
     action: dict[str, Any],
     observation: Observation | None = None,
     target: tuple[float, ...] = HERE,
-    live_until_ns: int = 0,
+    live: Live | None = None,
 ) -> Candidate | Refused:
     """As the gate asks: conditions, parse, gates."""
-    state = GateState(NOW_NS, observation or seen(), target, NOW_NS, False, 0.0, live_until_ns)
+    state = GateState(NOW_NS, observation or seen(), target, NOW_NS, False, 0.0, live)
     for condition in DRIVER.conditions:
         if (refusal := condition.check(state.observation, NOW_NS)) is not None:
             return refusal
@@ -77,14 +77,14 @@ def test_a_goal_that_is_live_is_told_with_the_next_one_and_not_after_a_hold() ->
     lift = accepted({"lift": 0.6}).values
     assert len(lift) == AXES + 1 and named_in(lift, DRIVER.axes) == {"lift"}
     assert named_in(accepted({"vy": 0.0}).values, DRIVER.axes) == {"vx", "wz"}
-    both = accepted({"arm": 0.2}, target=lift, live_until_ns=-1).values
+    both = accepted({"arm": 0.2}, target=lift, live=Live()).values
     assert named_in(both, DRIVER.axes) == {"lift", "arm"} and both[0] == 0.6
-    turning = accepted({"wz": 0.1}, target=both, live_until_ns=-1).values
+    turning = accepted({"wz": 0.1}, target=both, live=Live()).values
     assert named_in(turning, DRIVER.axes) == {"lift", "arm", "vx", "wz"}
-    still = accepted({"vx": 0.0}, target=turning, live_until_ns=-1).values
+    still = accepted({"vx": 0.0}, target=turning, live=Live()).values
     assert named_in(still, DRIVER.axes) == {"lift", "arm", "vx"}, "a twist ends by itself"
-    for target, live_until_ns in ((HERE, -1), (both, 0)):  # where it is held, and before that is known
-        held = accepted({"arm": 0.1}, target=target, live_until_ns=live_until_ns).values
+    for target, live in ((HERE, Live()), (both, None)):  # where it is held, and before that is known
+        held = accepted({"arm": 0.1}, target=target, live=live).values
         assert named_in(held, DRIVER.axes) == {"arm"}
 
 
@@ -196,10 +196,10 @@ def test_saf_001_a_twist_ends_after_300_ms_and_a_joints_goal_with_the_lease() ->
 def test_saf_001_a_joint_alone_goes_on_with_the_twist_that_is_live_and_does_not_prolong_it() -> None:
     driving = (*HERE[:7], 0.1, 0.2, 384.0)  # as ``parse`` left it
     until_ns = NOW_NS + 120_000_000
-    found = accepted({"lift": 0.6}, target=driving, live_until_ns=until_ns)
+    found = accepted({"lift": 0.6}, target=driving, live=Live(until_ns))
     assert found.values[:9] == (0.6, *HERE[1:7], 0.1, 0.2) and found.until_ns == until_ns
     assert named_in(found.values, DRIVER.axes) == {"lift", "vx", "wz"}, "and the base hears of it, too"
-    ended = accepted({"lift": 0.6}, target=driving, live_until_ns=NOW_NS - 1)
+    ended = accepted({"lift": 0.6}, target=driving, live=Live(NOW_NS - 1))
     assert ended.values[7:9] == (0.0, 0.0) and named_in(ended.values, DRIVER.axes) == {"lift"}
 
 

@@ -29,7 +29,7 @@ def reboot(world: World, servo: int = YAW_ID) -> None:
 
 
 def refused(action: dict[str, float], seen: Observation, now_ns: int) -> Refused | None:
-    state = GateState(now_ns, seen, seen.position, now_ns, False, 0.0, 0)
+    state = GateState(now_ns, seen, seen.position, now_ns, False)
     candidate = DRIVER.parse(action, state)
     assert isinstance(candidate, Candidate)
     return next((refusal for gate in DRIVER.gates if (refusal := gate(candidate, state)) is not None), None)

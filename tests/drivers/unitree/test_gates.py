@@ -71,7 +71,7 @@ def verdict(driver: Driver, action: Any, at: GateState) -> Candidate | Refused:
 def refused(driver: Driver, action: Any, at: GateState) -> Refused:
     answer = verdict(driver, action, at)
     assert isinstance(answer, Refused), answer
-    assert answer.reason.startswith("move: ")
+    assert answer.reason
     return answer
 
 
@@ -246,14 +246,14 @@ def test_saf_012_an_old_state_is_no_state(age_s: float, code: str | None) -> Non
     answer = verdict(driver, {"left_knee": here(driver, "left_knee")}, state(driver, age_s=age_s))
     assert (answer.code if isinstance(answer, Refused) else None) == code
     if isinstance(answer, Refused):
-        assert answer.reason == "move: last LowState is 110 ms old (limit 100 ms)"
+        assert answer.reason == "last LowState is 110 ms old (limit 100 ms)"
 
 
 def test_saf_014_before_the_first_state() -> None:
     driver = g1()
     nothing = Observation(0, (math.nan,) * 29, (0,) * 29)
     refusal = refused(driver, {"left_knee": 0.0}, GateState(NOW_NS, nothing, nothing.position, 0, False))
-    assert refusal.reason == "move: no LowState yet, mode_machine unknown"
+    assert refusal.reason == "no LowState yet, mode_machine unknown"
 
 
 @pytest.mark.parametrize(("fsm", "code", "words"), [

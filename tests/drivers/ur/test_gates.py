@@ -89,7 +89,7 @@ def test_bad_actions(action: Mapping[Any, Any], code: str) -> None:
     [
         ({"robot_mode": 3}, "robot_mode", "robot is POWER_OFF (3). power on and release brakes"),
         ({"robot_mode": 5}, "robot_mode", "IDLE (5)"),
-        ({"safety_mode": 3}, "safety_mode", "move: PROTECTIVE_STOP (3). look at the arm, then unlock"),
+        ({"safety_mode": 3}, "safety_mode", "PROTECTIVE_STOP (3). look at the arm, then unlock"),
         ({"safety_mode": 7}, "safety_mode", "ROBOT_EMERGENCY_STOP"),
         ({"runtime_state": 1}, "program", "control script is not running"),
         ({"control": 0}, "program", "call resume()"),

@@ -345,7 +345,7 @@ def test_saf_023_an_arm_that_holds_in_a_protective_stop_is_not_answered_armed(
     assert name in why(nudge(arm))
     refused = why(arm.resume())
     assert refused.startswith("resume: ") and name in refused
-    assert f"{remedy}, then call resume()" in refused
+    assert remedy in refused
     twin.order(undo)
     until(lambda: arm.resume()["status"] == "success", "resume() alone is enough")
     json_of(nudge(arm))

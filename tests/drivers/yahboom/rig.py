@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import pytest
 import trio
 
-from strands_actors.contract.driver import Candidate, GateState
+from strands_actors.contract.driver import Candidate, GateState, Live
 from strands_actors.contract.wire import MotorReport, Observation, StopChannel, Wire, WireDown
 from strands_actors.drivers.yahboom.config import YahboomConfig
 from strands_actors.drivers.yahboom.driver import YahboomM3Pro
@@ -169,10 +169,10 @@ def driver(**options: Any) -> YahboomM3Pro:
 
 
 def state(
-    target: tuple[float, ...] = KNOWN, live_until_ns: int = 0, age_ns: int = 0, now_ns: int = NOW_NS
+    target: tuple[float, ...] = KNOWN, live: Live | None = None, age_ns: int = 0, now_ns: int = NOW_NS
 ) -> GateState:
     seen = Observation(now_ns - age_ns, KNOWN, (now_ns - age_ns,) * 9)
-    return GateState(now_ns, seen, target, now_ns, False, 0.0, live_until_ns)
+    return GateState(now_ns, seen, target, now_ns, False, 0.0, live)
 
 
 def answer(action: dict[str, Any], at: GateState | None = None, **options: Any) -> Candidate | Refused:

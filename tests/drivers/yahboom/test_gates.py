@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from strands_actors.caller.plan import plan
-from strands_actors.contract.driver import Candidate
+from strands_actors.contract.driver import Candidate, Live
 from strands_actors.drivers.common.velocity_base import LIFETIME_S
 from strands_actors.drivers.yahboom.driver import YahboomM3Pro
 from strands_actors.drivers.yahboom.gates import AXES
@@ -54,20 +54,20 @@ def test_saf_001_a_command_of_the_base_lives_300_ms() -> None:
 
 
 def test_what_is_not_named_rests_and_the_arm_stays() -> None:
-    moving = state((0.5, 0.2, 1.0, *KNOWN[3:]), NOW_NS + 1)
+    moving = state((0.5, 0.2, 1.0, *KNOWN[3:]), Live(NOW_NS + 1))
     assert accepted({"linear.y": -0.3}, moving) == Candidate((0.0, -0.3, 0.0, *KNOWN[3:], 0.0, 0.0, 1.0), (1,))
 
 
 def test_saf_001_the_arm_alone_keeps_the_twist_and_its_end() -> None:
     until_ns = NOW_NS + 10_000_000
-    both = accepted({"arm1.pos": 0.2}, state((0.5, 0.0, 1.0, *KNOWN[3:]), until_ns))
+    both = accepted({"arm1.pos": 0.2}, state((0.5, 0.0, 1.0, *KNOWN[3:]), Live(until_ns)))
     assert both.until_ns == until_ns
     assert both.values == (0.5, 0.0, 1.0, 0.2, *KNOWN[4:], 1500.0, NOW_S, 1.0)
 
 
-@pytest.mark.parametrize("until_ns", [0, NOW_NS, NOW_NS - 1])
+@pytest.mark.parametrize("until_ns", [NOW_NS, NOW_NS - 1])
 def test_saf_001_the_arm_does_not_bring_back_a_twist_that_has_ended(until_ns: int) -> None:
-    alone = accepted({"arm1": 0.2}, state((0.5, 0.0, 1.0, *KNOWN[3:]), until_ns))
+    alone = accepted({"arm1": 0.2}, state((0.5, 0.0, 1.0, *KNOWN[3:]), Live(until_ns)))
     assert alone.values[:3] == (0.0, 0.0, 0.0)
     assert alone.values[-1] == 0.0, "and does not command the base"
 

@@ -1,0 +1,11 @@
+"""Refusals of this wire alone."""
+
+from __future__ import annotations
+
+from strands_actors.kernel.refusals import RefusalCode
+
+
+class EarthRoverCode(RefusalCode):
+    """See ``docs/refusals.md``."""
+
+    SERVICE = "service", "the SDK process answers with an error", "look at the SDK process"

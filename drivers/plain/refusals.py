@@ -1,0 +1,12 @@
+"""Refusals of this wire alone."""
+
+from __future__ import annotations
+
+from strands_actors.kernel.refusals import RefusalCode
+
+
+class PlainCode(RefusalCode):
+    """See ``docs/refusals.md``."""
+
+    REFUSED_BY_DRIVER = "refused_by_driver", "the robot's own driver refused a command", "resume()"
+    LIMP = "limp", "a motor has no torque", "resume()"

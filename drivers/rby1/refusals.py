@@ -1,0 +1,16 @@
+"""Refusals of this wire alone."""
+
+from __future__ import annotations
+
+from strands_actors.kernel.refusals import RefusalCode
+
+
+class RBY1Code(RefusalCode):
+    """See ``docs/refusals.md``."""
+
+    EMERGENCY_STOP = "emergency_stop", "an emergency stop button is pressed", "release it, then resume()"
+    POWER = "power", "a supply or a servo is off", "resume()"
+    NOT_ENABLED = "not_enabled", "the control manager is not enabled", "resume()"
+    DROPPED = "dropped", "the robot has dropped our command", "resume()"
+    NO_LIMITS = "no_limits", "the robot has told no limits", "reconnect"
+    NOT_RESET = "not_reset", "the fault could not be reset", "mend its cause, then try again"

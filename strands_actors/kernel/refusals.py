@@ -1,0 +1,199 @@
+"""The catalogue of refusals: every code that this package gives, what it means, and what to do.
+
+A code is for programs, and stays as it is. A wire has codes of its own in its ``refusals`` module,
+of the same type. ``docs/refusals.md`` is made of these tables.
+"""
+
+from __future__ import annotations
+
+import enum
+from typing import Self
+
+
+class RefusalCode(enum.StrEnum):
+    """Base of a catalogue. ``meaning`` and ``remedy`` are for people."""
+
+    meaning: str
+    remedy: str
+
+    def __new__(cls, code: str, meaning: str, remedy: str) -> Self:
+        member = str.__new__(cls, code)
+        member._value_ = code
+        member.meaning, member.remedy = meaning, remedy
+        return member
+
+
+class Code(RefusalCode):
+    """What is no wire's alone."""
+
+    # orders and who may give them
+    NO_ANSWER = (
+        "no_answer",
+        "nobody answered in time",
+        "try again; `strands-actors doctor` says whether the computer is busy",
+    )
+    UNREACHABLE = (
+        "unreachable",
+        "the process that would answer is not there, or does not answer",
+        "resume() when the robot is back",
+    )
+    NOT_CONNECTED = "not_connected", "there is no link to the robot", "connect_eagerly(), and mend what it names"
+    NOT_ARMED = "not_armed", "the robot is not energised", "connect_eagerly() or resume()"
+    ARMING = "arming", "the robot is being energised", "wait until it is armed"
+    DISARMED = "disarmed", "the robot was stopped", "resume()"
+    FAULTED = "faulted", "the robot ended its motion by itself: it has a fault", "clear the fault, then resume()"
+    LOCKED_OUT = "locked_out", "the robot is e-stopped", "a person lifts the lockout by resume()"
+    HOLDING = "holding", "the robot holds, and who asks has not resumed it", "resume it first"
+    STOPPED = "stopped", "a stop came while it was under way", "ask again"
+    ENDING = "ending", "the tree of the robot ends", "start it again"
+    BUSY = "busy", "the robot, or who would do it, is doing something else", "wait until that is over"
+    RUNNING = "running", "a task or rollout runs", "stop_task(), or wait"
+    LIVE = "live", "the robot is being moved", "wait until that is over, or stop()"
+    NO_LEASE = "no_lease", "nobody holds the lease", "acquire it"
+    LEASE = (
+        "lease",
+        "somebody else holds the lease, or it has lapsed",
+        "wait until it is released, or stop the robot",
+    )
+    CHANNEL = "channel", "a process speaks for another one", "speak for yourself"
+    STALE_EPOCH = "stale_epoch", "the robot was stopped since the command was made", "send it again"
+    EXPIRED = "expired", "the command is past its deadline", "send it sooner: the sender or the computer is late"
+    TOO_DISTANT = "too_distant", "the deadline is too far away", "ask for a shorter time"
+    CLOCK = "clock", "the sender has not read the robot's clock", "send sync first"
+    LATCHED = "latched", "the robot takes no command without an end", "give it a lifetime"
+    SUPERSEDED = "superseded", "a newer command took this one's place", "nothing: the newer one counts"
+    NOT_APPROVED = "not_approved", "nobody has approved it", "pass approve=, or allow it in the environment"
+    NO_MOTION = "no_motion", "motion is not allowed to this tool", "allow it where the tool is made"
+    GUARD = "guard", "a guarded name guards nothing", "mend guarded="
+    NO_DRILL = "no_drill", "no stop drill was passed, or it is too old", "run `strands-actors drill`"
+    NO_STANDBY = (
+        "no_standby",
+        "a process that could stop the robot is missing",
+        "wait until another has been started",
+    )
+    UNCONFIRMED = "unconfirmed", "it is not confirmed that the robot is safe", "look at the robot"
+    TIMEOUT = (
+        "timeout",
+        "it was not done in time, and the robot was stopped for it",
+        "look at the robot, then resume()",
+    )
+    NOTHING_RAN = "nothing_ran", "nothing of the robot ran, so that nothing was stopped", "look at the robot"
+    FORKED = "forked", "a forked child does not have the robot", "call it in the parent process"
+
+    # what is asked for
+    EMPTY = "empty", "an action names nothing", "name a joint"
+    NOT_A_MAPPING = "not_a_mapping", "an action is no mapping", "give joints with numbers"
+    TOO_MANY_KEYS = "too_many_keys", "an action has too many keys", "give fewer"
+    UNKNOWN_JOINT = "unknown_joint", "there is no such joint", "use one that is named"
+    UNKNOWN_KEY = "unknown_key", "a joint has no such value", "use one that is named"
+    BOTH_SPELLINGS = "both_spellings", "a joint is given with and without `.pos`", "give one of them"
+    BOTH = "both", "two inputs exclude each other", "give one of them"
+    NOT_FINITE = "not_finite", "a value is no finite number", "give a finite number"
+    PAST_TRAVEL = "past_travel", "a value is past its range", "stay within the range that is named"
+    PAST_LIMIT = "past_limit", "a value is past its limit", "stay within the limit that is named"
+    TOO_FAST = "too_fast", "a step is too large for its time", "give it more time, or a smaller step"
+    RUNS_AHEAD = (
+        "runs_ahead",
+        "the target is far ahead of the robot",
+        "send targets no quicker than the robot follows",
+    )
+    JUMP = "jump", "a single command would move a joint too far at full speed", "use move_to(), or raise max_jump"
+    BAD_TIME = "bad_time", "a time is not one that a motion may take", "give seconds within the range that is named"
+    DURATION = "duration", "a duration is not one that the robot takes", "give one within the range that is named"
+    UNKNOWN_POSE = (
+        "unknown_pose",
+        "where a joint is, is not known",
+        "send an action that says how the robot goes there",
+    )
+    NO_POSITIONS = (
+        "no_positions",
+        "the robot has no joints that go to a target",
+        "send_action(), or move(..., duration_s=)",
+    )
+    KEEPS_NO_POSE = "keeps_no_pose", "the robot keeps no pose by itself", "run a policy that keeps it"
+    A_SPEED = "a_speed", "a speed has no target to reach", "move(..., duration_s=) or send_action()"
+    NO_JOINT = "no_joint", "a time is given without a joint", "name a joint with it"
+    NO_OBSERVATION = "no_observation", "nothing was read of the robot yet", "wait for the first reading"
+    STALE = "stale", "a reading is too old", "check cable, power and network"
+    UNKNOWN_SERVICE = "unknown_service", "the robot has no such service", "use one that is named"
+    UNKNOWN_ARGUMENT = "unknown_argument", "a service has no such argument", "use one that is named"
+    BAD_ARGUMENT = "bad_argument", "an argument is not one that the service takes", "give what is named"
+    A_COMMAND = "a_command", "a service is a command", "send its arguments as an action"
+    UNKNOWN_COMMAND = "unknown_command", "the robot has no such command", "use one that is named"
+    UNKNOWN_VERB = "unknown_verb", "the tool has no such verb", "use one that is named"
+    UNKNOWN_INPUT = "unknown_input", "a verb has no such input", "use one that is named"
+    BAD_INPUT = "bad_input", "an input is missing, twice there, or of another kind", "give what is named"
+    BAD_RATE = "bad_rate", "a rate of an axis is not from -1 to 1", "give one that is"
+    OTHER_ROBOT = "other_robot", "the command is meant for another robot", "send it there"
+    LEVEL = "level", "the robot is commanded at another level", "make the robot with the level that is named"
+    NO_ROLLOUT = "no_rollout", "the robot runs no policy of this process", "send_action()"
+    NO_TASK = "no_task", "the robot runs no policy in a process of its own", "run_policy()"
+    NO_TELEOP = "no_teleop", "no teleoperation runs", "attach_teleop()"
+    GRIPPER_DEADMAN = (
+        "gripper_deadman",
+        "the dead-man of the teleoperation is the leader's gripper",
+        "squeeze it twice",
+    )
+    ELSEWHERE = "elsewhere", "the robot is run by another host", "do it on that host"
+
+    # the robot, on several wires
+    FAULT = "fault", "the robot reports a fault", "clear it at the robot, then resume()"
+    ROBOT_MODE = (
+        "robot_mode",
+        "the robot is in a mode in which it takes no commands",
+        "bring it to the one that is named",
+    )
+    MODE = "mode", "the robot is in a mode in which it does not do this", "change its mode"
+    MODE_UNKNOWN = "mode_unknown", "the robot does not tell its mode", "check the robot"
+    MODE_STALE = "mode_stale", "the robot's mode was told too long ago", "check the robot and the network"
+    NO_STATE = "no_state", "the robot has told no state yet", "wait for the first, or check the network"
+    ROBOT = "robot", "the robot refuses it", "look at the robot"
+    REFUSED_BY_ROBOT = "refused_by_robot", "the robot refuses it", "look at the robot, then try again"
+    MOTORS_OFF = "motors_off", "the motors have no power", "energise them by the service that is named"
+    BATTERY = "battery", "the battery is too low, or not heard of", "charge it"
+
+    # between processes and hosts
+    MALFORMED = "malformed", "a message cannot be read", "send what is named"
+    MALFORMED_REPLY = "malformed_reply", "an answer cannot be read", "the two sides have different versions"
+    OVERSIZED = "oversized", "a message is too large", "send less"
+    WRONG_TYPE = "wrong_type", "an actor does not take such a message", "send one that it takes"
+    MAILBOX_FULL = "mailbox_full", "an actor has too many messages waiting", "wait"
+    UNKNOWN_ADDRESS = "unknown_address", "nobody hosts this address", "the robot may have ended"
+    GONE = "gone", "an actor ended before it read the message", "the robot may have ended"
+    CRASHED = "crashed", "an actor failed", "read the log"
+    PUBLISH = "publish", "the gate did not answer a rollout", "the computer may be busy"
+    NOT_ALLOWED = "not_allowed", "faults may not be made", "set the variable that is named"
+    UNKNOWN_FAULT = "unknown_fault", "there is no such fault", "use one that is named"
+    FORMAT = "format", "a recorder has another format", "use the robot's version"
+
+    # over the mesh
+    PUT = "put", "who puts a command is not known", "ask it as a zenoh query"
+    TARGET = "target", "the command is for another robot", "ask on that robot's key"
+    TOLD = "told", "a question was told, and nobody waits for the answer", "ask it"
+    DUPLICATE = "duplicate", "the command was done already", "give each command a turn_id of its own"
+    RATE = "rate", "more commands come than are let through", "send fewer"
+    UNKNOWN_ACTION = "unknown_action", "there is no such action", "send one that is named"
+    NOT_HERE = "not_here", "an action of strands-robots that is not here", "do what is named instead"
+    ONE_ROBOT = "one_robot", "the command moves one robot, and was sent to several", "send it to one"
+    NO_SIMULATION = "no_simulation", "the robot is no simulation", "start, set_joints and move drive a robot"
+    TOO_LONG = "too_long", "the robot keeps no command for so long", "give a shorter duration, or run a policy"
+    BAD_POLICY = (
+        "bad_policy",
+        "the policy is not one that may run here",
+        "name one that is installed, or allow the host",
+    )
+    ERROR = "error", "the robot refused it without a code", "read its text"
+
+    # processes
+    NO_PROCESS = "no_process", "no process can be started", "try again"
+    NO_RESERVE = (
+        "no_reserve",
+        "a process could not stop the robot for want of memory or files",
+        "close other programs",
+    )
+    NO_DESCRIPTOR = "no_descriptor", "a port cannot be handed to another process", "raise the limit of open files"
+    NO_STOP_CHANNEL = (
+        "no_stop_channel",
+        "a process has no way to the hardware of its own",
+        "it is tried again by itself",
+    )

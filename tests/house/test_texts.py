@@ -1,0 +1,86 @@
+"""What a message says to people decides nothing: no program takes its text apart."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+
+import pytest
+
+from .test_imports import MODULES, PACKAGE
+
+TEXTS = {"text", "reason", "cause", "remedy", "detail", "exit_detail", "note"}
+"""Attributes that hold sentences."""
+TAKES_APART = {
+    "startswith",
+    "endswith",
+    "removeprefix",
+    "removesuffix",
+    "partition",
+    "rpartition",
+    "split",
+    "rsplit",
+    "find",
+    "index",
+    "count",
+    "replace",
+}
+MATCHES = {"match", "search", "fullmatch", "findall", "finditer"}
+OTHERS = (f"{PACKAGE}.drivers.", f"{PACKAGE}.testing.")
+"""Wires read what their robots say, in the robots' own words."""
+ALLOWED = {
+    "contract.options": "where msgspec found what is wrong stands only in its text",
+    "kernel.processes.reserve": "Python has one error for all that a thread may lack",
+}
+
+
+def read_back(source: str) -> Iterator[tuple[int, str]]:
+    """Return the line and the expression of each place that takes a message's text apart."""
+    tree = ast.parse(source)
+    caught = {node.name for node in ast.walk(tree) if isinstance(node, ast.ExceptHandler) and node.name}
+
+    def is_text(node: ast.expr) -> bool:
+        if isinstance(node, ast.Attribute):
+            return node.attr in TEXTS and not (isinstance(node.value, ast.Name) and node.value.id == "rich")
+        is_str = isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "str"
+        return is_str and len(node.args) == 1 and isinstance(node.args[0], ast.Name) and node.args[0].id in caught
+
+    for node in ast.walk(tree):
+        found = False
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+            takes = node.func.attr in TAKES_APART and bool(node.args) and is_text(node.func.value)
+            found = takes or (node.func.attr in MATCHES and any(map(is_text, node.args)))
+        elif isinstance(node, ast.Compare):
+            contains = any(isinstance(op, ast.In | ast.NotIn) for op in node.ops)
+            sides = [node.left, *node.comparators]
+            equals = any(
+                isinstance(side, ast.Constant) and isinstance(side.value, str) and side.value for side in sides
+            )
+            words = [side for side in node.comparators if is_text(side)] if contains else []
+            found = bool(words) or (equals and any(map(is_text, sides)))
+        if found:
+            yield node.lineno, ast.unparse(node)
+
+
+CASES = [
+    ('refusal.reason.removeprefix("move: ")', True),
+    ('"expired" in status.cause', True),
+    ('status.cause == "the setpoint expired"', True),
+    ('re.search("process", answer.text)', True),
+    ('try:\n    pass\nexcept OSError as error:\n    str(error).startswith("no")', True),
+    ("refusal.code in LATE", False),
+    ('f"{refusal.text}"', False),
+    ("status.cause or other", False),
+]
+
+
+@pytest.mark.parametrize(("source", "found"), CASES)
+def test_what_is_looked_for(source: str, found: bool) -> None:
+    assert bool(list(read_back(source))) is found
+
+
+@pytest.mark.parametrize("name", sorted(name for name in MODULES if not name.startswith(OTHERS)))
+def test_no_program_reads_what_is_written_for_people(name: str) -> None:
+    short = name.removeprefix(f"{PACKAGE}.")
+    found = list(read_back(MODULES[name].read_text()))
+    assert not found or short in ALLOWED, f"{name}: decide by a code, and leave the text to people: {found}"
