@@ -1,0 +1,78 @@
+"""Questions and answers of the control port: whose answer is awaited, and for how long. Pure."""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+import pytest
+
+from strands_actors.contract.wire import WireDown
+from strands_actors.drivers.xarm import protocol as p
+from strands_actors.drivers.xarm.control import FORGET_S, Control
+from strands_actors.drivers.xarm.protocol import Register
+from strands_actors.kernel.clock import NS
+
+
+class Line:
+    """The host's end, and the clock beside it."""
+
+    def __init__(self) -> None:
+        self.now_s = 5.0
+        self.arrived: list[bytes] = []
+
+    def now_ns(self) -> int:
+        return round(self.now_s * NS)
+
+    def write(self, data: bytes) -> None:
+        """Take what is sent: nobody answers by himself."""
+
+    def read_waiting(self) -> bytes | None:
+        return self.arrived.pop(0) if self.arrived else None
+
+    def answers(self, control: Control, number: int, register: int) -> None:
+        self.arrived.append(p.frame(number, bytes((register, 0))))
+        control.take_waiting()
+
+
+def opened() -> tuple[Line, Control]:
+    line = Line()
+    return line, Control(cast(Any, line), "the arm", cast(Any, line))
+
+
+def test_what_is_not_answered_is_silence_since_it_was_asked_or_since_anything_was_heard() -> None:
+    line, control = opened()
+    assert control.silent_s(line.now_ns()) == 0.0, "nothing is owed"
+    first = control.send(Register.GET_STATE)
+    control.send(Register.GET_STATE)
+    line.now_s += 0.3
+    assert control.silent_s(line.now_ns()) == pytest.approx(0.3)
+    line.answers(control, first, Register.GET_STATE)
+    line.now_s += 0.1
+    assert control.silent_s(line.now_ns()) == pytest.approx(0.1)
+
+
+def test_all_answers_that_never_came_are_forgotten() -> None:
+    line, control = opened()
+    for _ in range(3):
+        control.send(Register.GET_STATE)
+    line.now_s += FORGET_S
+    last = control.send(Register.GET_STATE)
+    line.answers(control, last, Register.GET_STATE)
+    assert not control.idle, "they may come yet"
+    line.now_s += 0.001
+    last = control.send(Register.GET_STATE)
+    line.answers(control, last, Register.GET_STATE)
+    assert control.idle
+
+
+def test_an_answer_to_another_question_is_not_understood() -> None:
+    line, control = opened()
+    number = control.send(Register.GET_STATE)
+    with pytest.raises(WireDown, match="cannot be understood"):
+        line.answers(control, number, Register.ERRORS)
+
+
+def test_numbers_begin_anew_behind_the_last() -> None:
+    _, control = opened()
+    control._number = p.LAST_NUMBER - 1
+    assert [control.send(Register.GET_STATE) for _ in range(2)] == [p.LAST_NUMBER, 1]
