@@ -323,6 +323,7 @@ class Given(Plan):
 
 def test_a_policy_that_has_ended_before_it_was_to_break_is_begun_again(monkeypatch: pytest.MonkeyPatch) -> None:
     began: list[str] = []
+    ended: list[str] = []
 
     class NobodyBreaks:
         driver = driver_of("so101")
@@ -330,6 +331,9 @@ def test_a_policy_that_has_ended_before_it_was_to_break_is_begun_again(monkeypat
         def moving(self, motion: str, extras: frozenset[str]) -> NobodyBreaks:
             began.append(motion)
             return self
+
+        def drop(self) -> None:
+            ended.append(began[-1])
 
         def pid(self, role: str) -> int:
             return os.getpid()
@@ -343,7 +347,7 @@ def test_a_policy_that_has_ended_before_it_was_to_break_is_begun_again(monkeypat
     monkeypatch.setattr(cells, "_inflict", inflict)
     with pytest.raises(NotMoving, match=r"^it had ended$"):
         cells.run_cell(Cell(Victims.POLICY, Faults.SPIN, "", ()), NobodyBreaks())  # type: ignore[arg-type]
-    assert began == ["task"] * cells.STARTS
+    assert began == ended == ["task"] * cells.STARTS, "a tree that could not be broken is not used again"
 
 
 @pytest.mark.long
