@@ -138,7 +138,7 @@ def refused(refusal: Refused) -> Answer:
     """A missed deadline names a computer that is too busy."""
     if refusal.code in _LATE or refusal.because == Reason.EXPIRED:
         refusal = msgspec.structs.replace(refusal, reason=busy.explained(refusal.reason))
-    details = {key: value for key in _TOLD if (value := getattr(refusal, key))}
+    details = {key: str(value) for key in _TOLD if (value := getattr(refusal, key))}
     return error(refusal.text, {"refused": details})
 
 
@@ -173,7 +173,7 @@ def stop_result(verb: str, result: StopResult, done: dict[str, Any] | None = Non
             text = f"{verb}: not confirmed by {named or 'the robot'}. cut its power if it still moves"
             return error(text, {**more, **_report(report)})
         case Unreachable(refusal, motors):
-            refused = {"code": refusal.code}
+            refused = {"code": str(refusal.code)}
             json = {**more, "stopped": False, "unconfirmed": list(motors), "refused": refused}
             return error(result.text, json)
         case _:

@@ -47,6 +47,8 @@ from .writer import Writer
 
 _log = logging.getLogger("strands_actors")
 
+GUARDED_S, GUARDED_LOOK_S = 5.0, 0.05
+"""How long a tree that has just begun waits for each process that could stop its robot."""
 RETRY_S = 3.0
 """The wire's longest pause between two attempts to open it, and one attempt."""
 
@@ -149,7 +151,7 @@ class RobotTree:
                 how = f"resume() lifts the lockout, as does `strands-actors resume {self.robot}`"
                 return f"e-stopped by {status.locked_by}{since}. {how}"
             # It lifts no lock: one may have been put on since the status was read.
-            answer = await self._energise(stops, asked_ns, lift=False)
+            answer = await self._energise_when_guarded(stops, asked_ns)
             if not isinstance(answer, Resumed):
                 return answer.about("").text if isinstance(answer, Refused) else "no answer"
         async with self._writer.turn:
@@ -286,6 +288,17 @@ class RobotTree:
                     await self.rollouts.end_overtaken()
             return refusal or answer
         return answer if isinstance(answer, Refused) else Refused(Code.NO_ANSWER, "no answer", verb="resume")
+
+    async def _energise_when_guarded(self, stops: int, asked_ns: int) -> Message | None:
+        """As ``_energise`` without a lift. A tree that has just begun may still be starting a process
+        that could stop the robot: wait for it, on a busy machine for seconds."""
+        end_s = trio.current_time() + GUARDED_S
+        while True:
+            answer = await self._energise(stops, asked_ns, lift=False)
+            unguarded = isinstance(answer, Refused) and answer.code == Code.NO_STANDBY
+            if not unguarded or trio.current_time() >= end_s:
+                return answer
+            await trio.sleep(GUARDED_LOOK_S)
 
     async def _energise(self, stops: int, asked_ns: int, lift: bool) -> Message | None:
         """Have the gate arm, unless it was told to stop since: by us (``stops``: how often it had been

@@ -13,6 +13,8 @@ import pytest
 from strands_actors import Robot
 from strands_actors.caller.robot import RealRobot
 from strands_actors.caller.tree import RobotTree
+from strands_actors.kernel.messages import Message, Refused
+from strands_actors.kernel.refusals import Code
 from strands_actors.testing import Twin
 from tests.answers import json_of, status, task, until, why
 
@@ -37,6 +39,23 @@ def test_a_first_command_that_cannot_connect_says_why(new_arm: NewArm) -> None:
     text = why(arm.send_action({"shoulder_pan": 10.0}))
     assert text.startswith("move: not connected: ") and "/dev/nowhere" in text
     assert "not connected" in why(arm.send_action({"shoulder_pan": 10.0}))
+
+
+def test_the_first_arming_waits_for_every_process_that_could_stop_the_robot(
+    twin: Twin, new_arm: NewArm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[bool] = []
+    energise = RobotTree._energise
+
+    async def not_yet(tree: RobotTree, stops: int, asked_ns: int, lift: bool) -> Message | None:
+        asked.append(lift)
+        if len(asked) < 3:
+            return Refused(Code.NO_STANDBY, "a process that could stop the robot is missing")
+        return await energise(tree, stops, asked_ns, lift)
+
+    monkeypatch.setattr(RobotTree, "_energise", not_yet)
+    assert new_arm(port=twin.port).connect_eagerly() is None
+    assert asked == [False] * 3
 
 
 def test_saf_009_a_stop_while_the_first_command_connects_stands(

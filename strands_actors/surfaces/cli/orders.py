@@ -110,7 +110,7 @@ async def _resume(client: MeshClient, robots: list[str] | None) -> list[Told]:
             return _lift(robot)
         answer = await client.resume(robot, operate.by())
         if isinstance(answer, Refused):
-            return Told(robot, False, answer.text, {"code": answer.code, "detail": answer.text})
+            return Told(robot, False, answer.text, {"code": str(answer.code), "detail": answer.text})
         return Told(robot, True, f"armed at the measured position, epoch {answer['epoch']}", answer)
 
     try:
