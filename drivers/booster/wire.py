@@ -257,7 +257,7 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
         refusal = self._unfit(observation) or gates.mode_known(observation, now_ns)
         refusal = refusal or gates.not_custom(observation, now_ns)
         if refusal is not None:
-            raise WireDown(f"arm: {refusal.text.removeprefix('move: ')}")
+            raise WireDown(f"arm: {refusal.text}")
         await trio.lowlevel.checkpoint()
         permit.check()
         session.armed = True

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from strands_actors.kernel.refusals import RefusalCode
 
+CLEAR_IT = "clear the cause, then try again"
+
 
 class MotorCode(RefusalCode):
     """See ``docs/refusals.md``."""
@@ -11,17 +13,18 @@ class MotorCode(RefusalCode):
     NO_Q = "no_q", "a joint's command has no position", "give q in radians"
     TOO_STRONG = "too_strong", "a torque is past its limit", "stay within the limit that is named"
     GAIN = "gain", "a gain is past its limit", "stay within the limit that is named"
-    VOLTAGE = "voltage", "a servo's supply is too low or too high", "check the supply"
-    TEMPERATURE = "temperature", "a servo is too hot", "let it cool"
+    FAULT = "fault", "a motor reports a fault", CLEAR_IT
+    VOLTAGE = "voltage", "a servo's supply is too low or too high", CLEAR_IT
+    TEMPERATURE = "temperature", "a servo is too hot", CLEAR_IT
     ALERT = (
         "alert",
         "a servo reports a hardware alert",
-        "clear the cause, then reboot the servo with the arm supported",
+        "clear the cause, reboot the servo with the arm supported, then stop and resume",
     )
     WATCHDOG = "watchdog", "a servo's bus watchdog has tripped", "stop and resume to clear it"
     WATCHDOG_OFF = (
         "watchdog_off",
         "a servo's bus watchdog is off",
-        "end the program that switched it off, then resume()",
+        "end the program that has switched it off, then stop and resume",
     )
-    LIMP = "limp", "a servo has no torque", "resume()"
+    LIMP = "limp", "a motor has no torque", "take the load off, then stop and resume to energise it again"

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from strands_actors.drivers.common.dynamixel import watchdog
-from strands_actors.drivers.common.dynamixel.gates import FAULT_CODES, REMEDIES
+from strands_actors.drivers.common.dynamixel.gates import FAULT_CODES
 from strands_actors.drivers.common.dynamixel.table import BAUD_RATES
+from strands_actors.drivers.common.refusals import MotorCode
 from strands_actors.drivers.common.robot_tables import RobotTables
 from strands_actors.drivers.common.servo.driver import ServoDriver
 
@@ -32,8 +33,7 @@ class Dynamixel(ServoDriver):
     LEROBOT_TYPES: ClassVar[Mapping[str, tuple[str, ...]]] = {"koch": ("koch_follower",)}
     SETUP: ClassVar[str] = "strands_actors.drivers.common.dynamixel.setup:DynamixelSetup"
     HOST_INVERTS: ClassVar[bool] = False  # drive mode is a register of the servo, which obeys it
-    FAULT_CODES: ClassVar[Mapping[str, str]] = FAULT_CODES
-    REMEDIES: ClassVar[Mapping[str, str]] = REMEDIES
+    FAULT_CODES: ClassVar[Mapping[str, MotorCode]] = FAULT_CODES
 
     firmware_watchdog = (
         f"bus watchdog (register 98) armed at {watchdog.SECONDS:g} s and read back whenever the arm is energised: "

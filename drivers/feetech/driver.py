@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
+from strands_actors.drivers.common.refusals import MotorCode
 from strands_actors.drivers.common.robot_tables import RobotTables
 from strands_actors.drivers.common.servo.driver import ServoDriver
 
-from .gates import FAULT_CODES, REMEDIES
+from .gates import FAULT_CODES
 from .protocol import BAUD_RATES, HOMING_OFFSET
 from .robots import TABLES
 
@@ -32,7 +33,6 @@ class Feetech(ServoDriver):
         "hope_jr": ("hope_jr_arm",),
     }
     SETUP: ClassVar[str] = "strands_actors.drivers.feetech.setup:FeetechSetup"
-    FAULT_CODES: ClassVar[Mapping[str, str]] = FAULT_CODES
-    REMEDIES: ClassVar[Mapping[str, str]] = REMEDIES
+    FAULT_CODES: ClassVar[Mapping[str, MotorCode]] = FAULT_CODES
 
     firmware_watchdog = "none: a servo left alone holds its last goal with torque on, for ever"

@@ -6,10 +6,9 @@ from collections.abc import Mapping
 
 from strands_actors.drivers.common.refusals import MotorCode
 
-FAULT_CODES: Mapping[str, str] = {
+FAULT_CODES: Mapping[str, MotorCode] = {
     "limp": MotorCode.LIMP,
     "overload": MotorCode.LIMP,
     "voltage": MotorCode.VOLTAGE,
     "overheat": MotorCode.TEMPERATURE,
 }
-REMEDIES: Mapping[str, str] = {MotorCode.LIMP: "take the load off, then stop and resume to energise it again"}

@@ -9,4 +9,3 @@ class PlainCode(RefusalCode):
     """See ``docs/refusals.md``."""
 
     REFUSED_BY_DRIVER = "refused_by_driver", "the robot's own driver refused a command", "resume()"
-    LIMP = "limp", "a motor has no torque", "resume()"

@@ -159,12 +159,7 @@ def refuse_twist(arguments: Mapping[str, Any], axes: Sequence[Axis]) -> Refused 
     nothing = Observation(0, (0.0,) * len(BASE), (0,) * len(BASE))
     base = axes[: len(BASE)]
     candidate = Candidate(tuple(speeds), tuple(range(len(BASE))))
-    refused = past_range(base)(candidate, GateState(0, nothing, tuple(speeds), 0, False))
-    if refused is None:
-        return None
-    return Refused(
-        refused.code, refused.reason.replace("move:", "set_twist:"), refused.remedy, refused.offered, refused.limit
-    )
+    return past_range(base)(candidate, GateState(0, nothing, tuple(speeds), 0, False))
 
 
 __all__ = [

@@ -11,7 +11,7 @@ from strands_actors.contract.axis import Axis, AxisMode, finite
 from strands_actors.contract.axis_gates import show, stale, unit_of
 from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, Reason
 from strands_actors.contract.wire import Observation
-from strands_actors.drivers.common.dynamixel.gates import FAULT_CODES, REMEDIES
+from strands_actors.drivers.common.dynamixel.gates import FAULT_CODES
 from strands_actors.drivers.common.servo.gates import motor_fault, temperature, voltage
 from strands_actors.drivers.common.velocity_base import LIFETIME_S, parse_twist
 from strands_actors.drivers.stretch.refusals import StretchCode
@@ -24,7 +24,6 @@ from .readings import CONTACT, UNHELD
 
 ROUNDING = 1e-9
 _HOMING = "run the homing routine on the robot: stretch_robot_home.py"
-_FAULT_CODES = {**FAULT_CODES, "silent": StretchCode.SILENT}
 _STOPPED_ITSELF = {
     CONTACT: (
         StretchCode.CONTACT,
@@ -143,7 +142,7 @@ def gates_of(config: StretchConfig, axes: Sequence[Axis], state_ttl_s: float) ->
         stale(axes, state_ttl_s),
         voltage(axes),
         temperature(axes),
-        motor_fault(axes, _FAULT_CODES, REMEDIES),
+        motor_fault(axes, FAULT_CODES),
         _homed(axes),  # behind a servo without torque: whether it was reset is seen when it is energised
         _wheel_speeds(config, axes),
         _wheel_watchdog(axes),

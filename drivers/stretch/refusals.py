@@ -14,7 +14,6 @@ class StretchCode(RefusalCode):
         "a joint's board is in its safety mode",
         "check the board and its supply, then resume()",
     )
-    SILENT = "silent", "a motor does not answer", "check its cable and its power"
     RUNSTOP = "runstop", "the runstop is pressed", "release it, then resume()"
     NO_WATCHDOG = "no_watchdog", "the wheels' watchdog is off", "check the firmware"
     STRAFE = "strafe", "the base cannot strafe", "turn with wz, drive with vx"

@@ -17,8 +17,7 @@ from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Unreachable
 from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.gate.actions import plain, refuse_shape
-from strands_actors.supervisors.gate.admission import MOVE
-from strands_actors.supervisors.gate.messages import Lease, Perform, Setpoint
+from strands_actors.supervisors.gate.messages import MOVE, Lease, Perform, Setpoint
 
 from .portal import portal
 from .processes import Patience, Processes, unreachable

@@ -23,14 +23,21 @@ from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors import addresses, stop_result
 from strands_actors.supervisors.gate.failsafe import Mode
 from strands_actors.supervisors.gate.messages import GetSafety, Stop, StopReport
-from strands_actors.supervisors.root.messages import GetTask, Operate, Rollout, StartTask, StopTask, TaskStatus
+from strands_actors.supervisors.root.messages import (
+    START_TASK,
+    GetTask,
+    Operate,
+    Rollout,
+    StartTask,
+    StopTask,
+    TaskStatus,
+)
 from strands_actors.supervisors.stop_result import StopResult
 
 from .motions import Motion, Seen, Steps
 from .processes import Processes
 from .writer import Writer
 
-START_TASK = "start_task"
 START_S = 2.0
 """For a policy's process to be started."""
 

@@ -21,6 +21,9 @@ from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors import stop_result
 from strands_actors.supervisors.gate.failsafe import Mode
 from strands_actors.supervisors.gate.messages import (
+    MOVE,
+    OBSERVE,
+    RESUME,
     Accepted,
     GetObservation,
     Performed,
@@ -287,7 +290,7 @@ class RobotTree:
                 if refusal is None:
                     await self.rollouts.end_overtaken()
             return refusal or answer
-        return answer if isinstance(answer, Refused) else Refused(Code.NO_ANSWER, "no answer", verb="resume")
+        return answer if isinstance(answer, Refused) else Refused(Code.NO_ANSWER, "no answer", verb=RESUME)
 
     async def _energise_when_guarded(self, stops: int, asked_ns: int) -> Message | None:
         """As ``_energise`` without a lift. A tree that has just begun may still be starting a process
@@ -305,7 +308,7 @@ class RobotTree:
         before), or by anybody (``asked_ns``)."""
         self._processes.require_open()
         if self._stops != stops:
-            return Refused(Code.STOPPED, "stopped meanwhile", "resume again when that is over", verb="resume")
+            return Refused(Code.STOPPED, "stopped meanwhile", "resume again when that is over", verb=RESUME)
         within_s = self.driver.timing.arm_s + 2.0  # how long arming may take, and a little more
         try:
             when_ns = 0 if self._processes.elsewhere else asked_ns  # another host has another clock
@@ -353,7 +356,7 @@ def processes_of(node: Node, nursery: trio.Nursery, entrance: Entrance, plan: Pl
 
 
 def _accepted(answer: Message | None) -> Accepted | Refused:
-    return answer if isinstance(answer, Accepted | Refused) else Refused(Code.NO_ANSWER, "no answer", verb="move")
+    return answer if isinstance(answer, Accepted | Refused) else Refused(Code.NO_ANSWER, "no answer", verb=MOVE)
 
 
 def _performed(service: str, answer: Message | None) -> Performed | Refused:
@@ -362,7 +365,5 @@ def _performed(service: str, answer: Message | None) -> Performed | Refused:
 
 def _observed(answer: Message | None) -> Observation | Refused:
     return (
-        answer
-        if isinstance(answer, Observation | Refused)
-        else Refused(Code.NO_ANSWER, "no answer", verb="observe")
+        answer if isinstance(answer, Observation | Refused) else Refused(Code.NO_ANSWER, "no answer", verb=OBSERVE)
     )

@@ -22,7 +22,7 @@ from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors import addresses, stop_result
 from strands_actors.supervisors import permissions as channels
 from strands_actors.supervisors.gate.failsafe import Mode
-from strands_actors.supervisors.gate.messages import Lease, StopReport
+from strands_actors.supervisors.gate.messages import RESUME, Lease, StopReport
 from strands_actors.supervisors.loading import describe_driver
 from strands_actors.supervisors.page import Owed
 from strands_actors.supervisors.root.messages import Describe, Fence, GetMesh, OnMesh, Shutdown, TreeReport
@@ -286,7 +286,7 @@ class TreeProcesses(Processes):
             return None
         if not lift:  # whether it was locked is no longer known
             remedy = "an operator's resume() starts it again"
-            return Refused(Code.NOT_CONNECTED, "the tree does not answer", remedy, verb="resume")
+            return Refused(Code.NOT_CONNECTED, "the tree does not answer", remedy, verb=RESUME)
         if self.started:
             await self._discard()
         await self.start(beside)

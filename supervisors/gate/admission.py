@@ -9,15 +9,11 @@ from strands_actors.contract.driver import Condition, Driver, GateState, Live, O
 from strands_actors.contract.wire import Observation
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.refusals import Code
-from strands_actors.supervisors.gate.messages import Perform, Setpoint
+from strands_actors.supervisors.gate.messages import MOVE, Perform, Setpoint
 
 from . import failsafe
 from .failsafe import Mode
 from .lease import Leases, refuse_by_deadline
-
-MOVE = "move"
-"""The verb of a setpoint."""
-
 
 _BUSY = Refused(Code.BUSY, "another service is under way", "wait until it is done")
 

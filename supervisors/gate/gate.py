@@ -19,7 +19,11 @@ from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import Ref
 from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.gate.messages import (
+    ACQUIRE,
     BROUGHT,
+    MOVE,
+    OBSERVE,
+    RESUME,
     Accepted,
     Acquire,
     ArmDone,
@@ -54,15 +58,12 @@ from strands_actors.supervisors.root.stop_channel import not_reached
 from strands_actors.supervisors.wire.messages import Alive, Arm, CarryOut, MakeSafe, Write
 
 from . import failsafe
-from .admission import MOVE, Admission, Known, refuse_at_the_end
+from .admission import Admission, Known, refuse_at_the_end
 from .cause import SOON_NS, Cause, Lapse, Rank, rank_of, rank_of_condition
 from .failsafe import Action, Event, Mode
 from .held_target import held_target
 from .lease import LEASE_TTL_NS, Held, Leases
 from .memory import GateMemory, Waiting
-
-OBSERVE, ACQUIRE, RESUME = "observe", "acquire", "resume"
-"""Verbs of what is refused here."""
 
 _STOP_AGAIN_NS = round(0.5 * NS)
 """At least so long after a stop that could not be confirmed."""

@@ -26,6 +26,10 @@ MAX_LIFETIME_S = 10.0
 # -- from writers
 
 
+MOVE, OBSERVE, ACQUIRE, RESUME = "move", "observe", "acquire", "resume"
+"""Verbs of what the gate refuses."""
+
+
 class Acquire(Message, frozen=True):
     """Ask for the lease. ``over``: a lease of the same caller that the new one is to write under.
     ``pid``: the process that will write, if it is one of this host. ``again``: the lease that it

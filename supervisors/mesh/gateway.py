@@ -35,6 +35,7 @@ from strands_actors.supervisors import permissions as channels
 from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.gate.messages import (
+    ACQUIRE,
     GRANT_S,
     Accepted,
     Acquire,
@@ -252,7 +253,7 @@ class Gateway(Actor):
             return status
         refusal = None if message.over else refuse_by_mode(status, self._shared.resumed_epoch)
         if refusal is not None:
-            return refusal.about("acquire")
+            return refusal.about(ACQUIRE)
         # One that was not given in this session is no proof of anything.
         again = 0 if self._shared.sessions.refuse_lease(session, message.again) else message.again
         holder = f"{message.holder} ({who})"

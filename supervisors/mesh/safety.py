@@ -27,7 +27,7 @@ from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate.gate import Gate
-from strands_actors.supervisors.gate.messages import Resume, Resumed, Stop
+from strands_actors.supervisors.gate.messages import RESUME, Resume, Resumed, Stop
 from strands_actors.supervisors.root.guardian import Guardian
 from strands_actors.supervisors.root.messages import StateIs
 from strands_actors.supervisors.root.stopping import make_safe
@@ -46,7 +46,6 @@ from .schemas import (
 )
 from .stop_rules import STOPS, read_loosely
 
-RESUME = "resume"
 STOPS_PER_S = 20
 INTERIM_S = ESTOP_ANSWER_S - 0.07
 """Then who asked is told that the robot has not confirmed yet; the final answer follows."""

@@ -102,6 +102,10 @@ class Rollout(Message, frozen=True):
     """Whether its last step is a command on its own, which stands afterwards as one of the caller's."""
 
 
+START_TASK = "start_task"
+"""The verb of ``StartTask``."""
+
+
 class StartTask(Message, frozen=True):
     """Run a policy in a process of its own. ``provider``: ``module:factory``. ``deadline_ns``: the
     process has begun by then or does nothing, since nobody waits for it any more; 0: none."""

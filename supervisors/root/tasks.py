@@ -33,6 +33,7 @@ from strands_actors.supervisors.introspection import Introspector
 from strands_actors.supervisors.mesh import policy_access
 from strands_actors.supervisors.policy import Policy
 from strands_actors.supervisors.root.messages import (
+    START_TASK,
     EpisodeKey,
     EpisodeState,
     Fence,
@@ -111,7 +112,7 @@ class Tasks(Actor):
             case StartTask():
                 started = await self._start(message)
                 if isinstance(started, Refused):
-                    started = started.about("start_task")
+                    started = started.about(START_TASK)
                 how = f"refused: {started.text}" if isinstance(started, Refused) else "started"
                 self._audit("the holder of the lease", f"start_task {message.provider}", how, "")
                 return started

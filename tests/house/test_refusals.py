@@ -6,10 +6,9 @@
 from __future__ import annotations
 
 import ast
+import functools
 import importlib
 from pathlib import Path
-
-import pytest
 
 from strands_actors.kernel.refusals import RefusalCode
 
@@ -19,12 +18,12 @@ PAGE = ROOT / "docs" / "refusals.md"
 HEAD = """# Refusals
 
 What a robot refuses, it refuses with a code: in an envelope under `refused`, on the mesh under
-`refused` of an error, in Python as `Refused.code`. Programs decide by the code. `reason` and `remedy`
-beside it are for people, and may change. `because` is the reason of the stop in which the robot is, as
-`Status` has it.
+`refused` of an error, in Python as `Refused.code`. Programs decide by the code. `reason` and
+`remedy` beside it are for people, and may change. `because` is the reason of the stop in which
+the robot is, as `Status` has it.
 
-This page is made of the catalogues (`kernel/refusals.py`, and `refusals.py` of a wire) by
-`python -m tests.house.test_refusals`.
+This page is made of the catalogues (`kernel/refusals.py`, and `refusals.py` of a wire) by `python
+-m tests.house.test_refusals`.
 """
 
 
@@ -39,6 +38,7 @@ def catalogues() -> dict[str, type[RefusalCode]]:
     return found
 
 
+@functools.cache
 def used() -> dict[str, set[str]]:
     """Return the modules in which each member, ``Class.MEMBER``, stands."""
     where: dict[str, set[str]] = {}
@@ -78,20 +78,19 @@ def test_every_code_is_raised_somewhere() -> None:
     assert not [each for each in idle if each not in where]
 
 
-@pytest.mark.parametrize("name", sorted(MODULES))
-def test_a_refusal_has_a_code_of_a_catalogue(name: str) -> None:
-    if name.startswith(f"{PACKAGE}.testing."):
-        return  # robots of the tests refuse by codes of their own
+def test_a_refusal_has_a_code_of_a_catalogue() -> None:
     literal = [
-        ast.unparse(node)
-        for node in ast.walk(ast.parse(MODULES[name].read_text()))
+        f"{name}: {ast.unparse(node)}"
+        for name, path in sorted(MODULES.items())
+        if not name.startswith(f"{PACKAGE}.testing.")  # robots of the tests refuse by codes of their own
+        for node in ast.walk(ast.parse(path.read_text()))
         if isinstance(node, ast.Call)
         and isinstance(node.func, ast.Name)
         and node.func.id == "Refused"
         and len(node.args) > 1
         and isinstance(node.args[0], ast.Constant)
     ]
-    assert not literal, f"{name}: a code of strands_actors.kernel.refusals, or of the wire's own refusals"
+    assert not literal, "a code of strands_actors.kernel.refusals, or of the wire's own refusals"
 
 
 if __name__ == "__main__":

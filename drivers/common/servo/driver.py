@@ -17,6 +17,7 @@ from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.tool_verbs import MOVE_TO, SENSORS, SET_TORQUE, STATUS, STOP, ToolVerb
 from strands_actors.drivers.common import calibration as lerobot
 from strands_actors.drivers.common.addresses import check_device
+from strands_actors.drivers.common.refusals import MotorCode
 from strands_actors.drivers.common.robot_tables import RobotTables
 
 from .axes import COUNTS_PER_RADIAN, MIDDLE, axes_of
@@ -83,10 +84,8 @@ class ServoDriver(Driver):
     """``module:class`` of what gives servos their ids and calibration (``setup.py``)."""
     CALIBRATIONS: ClassVar[str] = lerobot.ROBOTS
     """The folder of lerobot that those are in."""
-    FAULT_CODES: ClassVar[Mapping[str, str]]
+    FAULT_CODES: ClassVar[Mapping[str, MotorCode]]
     """What a motor reports -> the code of the refusal."""
-    REMEDIES: ClassVar[Mapping[str, str]]
-    """By such a code."""
 
     config: ServoConfig
     unit = "degrees (gripper: percent open)"
@@ -148,9 +147,7 @@ class ServoDriver(Driver):
                 f"{self.robot} is not calibrated: its limits are those of its model, and 0 degrees is the middle "
                 f"of each servo. {hint}run `strands-actors calibrate {self.robot} --port {port or 'P'}`",
             )
-        self.gates = all_gates(
-            self.joints, self.timing.state_ttl_s, self.FAULT_CODES, self.REMEDIES, resolved["max_jump"]
-        )
+        self.gates = all_gates(self.joints, self.timing.state_ttl_s, self.FAULT_CODES, resolved["max_jump"])
 
     def check_port(self) -> None:
         check_device(self.config.port)

@@ -12,9 +12,6 @@ from strands_actors.drivers.common.refusals import MotorCode
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.refusals import Code
 
-_CLEAR_IT = "clear the cause, then try again"
-
-
 MAX_JUMP_DEG = 90.0
 """How far one command may send a joint, unless its user says otherwise. A servo goes there at its top
 speed: a quarter of a turn takes a quarter of a second. What people send from hand to hand is less, and
@@ -26,13 +23,12 @@ NO_MAX_JUMP_DEG = 360.0
 def all_gates(
     axes: Axes,
     state_ttl_s: float,
-    fault_codes: Mapping[str, str],
-    remedies: Mapping[str, str],
+    fault_codes: Mapping[str, MotorCode],
     max_jump_deg: float = MAX_JUMP_DEG,
 ) -> tuple[GateCheck, ...]:
     """Return the gates in the order in which they are asked: the first that refuses answers. A
     one-shot names where to go, not how fast: the servo's own top speed bounds it, and
-    ``max_jump_deg`` how far. ``fault_codes``, ``remedies``: as ``motor_fault`` takes them."""
+    ``max_jump_deg`` how far. ``fault_codes``: as ``motor_fault`` takes them."""
     return (
         # The limits in a servo's own registers may be narrower than the range of its model: it would
         # stand still without a word, or stop on the way.
@@ -40,7 +36,7 @@ def all_gates(
         stale(axes, state_ttl_s),
         voltage(axes),
         temperature(axes),
-        motor_fault(axes, fault_codes, remedies),
+        motor_fault(axes, fault_codes),
         too_fast(axes),
         jumps(axes, max_jump_deg),
     )
@@ -104,9 +100,9 @@ def temperature(axes: Axes) -> GateCheck:
     return temperature
 
 
-def motor_fault(axes: Axes, codes: Mapping[str, str], remedies: Mapping[str, str]) -> GateCheck:
+def motor_fault(axes: Axes, codes: Mapping[str, MotorCode]) -> GateCheck:
     """Refuse to move a motor that reports a fault, as words in ``faults``. ``codes``: word -> code
-    of the refusal; the first word that has one decides. ``remedies``: by code. Silence is not
+    of the refusal; the first word that has one decides, also what to do. Silence is not
     judged here: ``stale`` gives it time to come back."""
 
     def motor_fault(candidate: Candidate, state: GateState) -> Refused | None:
@@ -118,14 +114,13 @@ def motor_fault(axes: Axes, codes: Mapping[str, str], remedies: Mapping[str, str
             words = [word for word in words if word and word != "silent"]
             if not words:
                 continue
-            code = next((codes[word] for word in words if word in codes), Code.FAULT)
+            code = next((codes[word] for word in words if word in codes), MotorCode.FAULT)
             why = ", ".join(word for word in words if word != "limp")
             if code == MotorCode.LIMP or "limp" in words:
                 said = f"is limp ({why})" if why else "is limp"
             else:
                 said = f"reports {why}"
-            remedy = remedies.get(code, _CLEAR_IT)
-            return Refused(code, f"{axes[at].key} {said}", remedy, ", ".join(words), "no fault")
+            return Refused(code, f"{axes[at].key} {said}", code.remedy, ", ".join(words), "no fault")
         return None
 
     return motor_fault

@@ -63,7 +63,7 @@ async def roll_call(
     missing = [axis.label for motor, axis in expected.items() if not heard[motor] and motor not in garbled]
     foreign = sorted(motor for motor in present if motor not in expected and motor not in others)
     if late_s > BUSY_S and (missing or twice or foreign):
-        raise WireDown(f"{too_busy(late_s, 'the answers of the servos')}")
+        raise WireDown(too_busy(late_s, "the answers of the servos"))
     if len(missing) == len(axes):
         raise WireDown(f"no servo of {robot} answers on {where}. Check power, the bus cable, port= and baud=")
     wrong = []

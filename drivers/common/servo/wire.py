@@ -134,7 +134,7 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
         except BaseException as error:
             self.close()
             if isinstance(error, WireDown) and (users := users_of(config.port)):
-                raise WireDown(f"{in_use(config.port, users)}") from error  # and garbles what it hears
+                raise WireDown(in_use(config.port, users)) from error  # and garbles what it hears
             raise
         safing = self.SAFING(bus, codec, self.axes, handshake.travel)
         self.session_or_none = ServoSession(bus, config.ids, handshake, safing)

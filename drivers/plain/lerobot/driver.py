@@ -19,7 +19,7 @@ from strands_actors.contract.fallbacks import fallbacks_for
 from strands_actors.contract.loading import load
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import StopChannel
-from strands_actors.drivers.plain.refusals import PlainCode
+from strands_actors.drivers.common.refusals import MotorCode
 from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.messages import Refused
 
@@ -93,7 +93,7 @@ def _has_torque(axes: Sequence[str]) -> GateCheck:
         limp = next((axes[at] for at in candidate.named if faults.get(axes[at]) == LIMP), "")
         if not limp:
             return None
-        return Refused(PlainCode.LIMP, f"{limp} is limp", REMEDY, LIMP, "torque")
+        return Refused(MotorCode.LIMP, f"{limp} is limp", REMEDY, LIMP, "torque")
 
     return has_torque
 

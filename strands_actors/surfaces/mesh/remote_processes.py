@@ -28,7 +28,7 @@ from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import AskTimeout, Node, Unreachable
 from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors import addresses, stop_result
-from strands_actors.supervisors.gate.messages import Lease, Release, Stop
+from strands_actors.supervisors.gate.messages import RESUME, Lease, Release, Stop
 from strands_actors.supervisors.mesh.gateway_messages import Synced
 from strands_actors.supervisors.root.messages import Describe, TreeReport
 from strands_actors.supervisors.stop_result import StopResult
@@ -165,7 +165,7 @@ class RemoteProcesses(Processes):
             await self.start(beside)
         elif await self.status() is None:
             why = f"{self.robot} at {self.plan.at} does not answer"
-            return Refused(Code.UNREACHABLE, why, "try again", verb="resume")
+            return Refused(Code.UNREACHABLE, why, "try again", verb=RESUME)
         return None
 
     async def describe(self) -> TreeReport | None:
