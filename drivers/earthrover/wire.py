@@ -155,14 +155,15 @@ class EarthRoverWire(Wire):
         return await self._stop_base(zero, written)
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """As ``make_safe``, on a new connection. The answer that is owed is waited for no longer;
-        zero follows its command all the same. It leaves on both connections before they are given
-        up, whatever has come on them."""
+        """As ``make_safe``, on a new connection; the answer that is owed is waited for no longer.
+        Before that, zero leaves on what is open, whatever has come there. Where a command waits,
+        behind it alone: a service that goes on reads its connections in any order."""
         zero = self._zero()
         written = self._follow(zero)
-        self._owed = None
+        waits, self._owed = self._owed is not None, None
         if self._stop is not None:
-            written = _send_zero(self._stop, zero) or written
+            if not (waits and written):
+                written = _send_zero(self._stop, zero) or written
             self._stop.close_in_order()
         return await self._stop_base(zero, written)
 

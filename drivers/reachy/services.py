@@ -114,14 +114,15 @@ class _NotedPermit:
 
 class Services:
     """Asked one at a time. ``owed``: set when motion or torque that was asked for has been answered;
-    None: none was. ``given_up``: why an answer is not waited for any more, which may yet come: the
-    link has to end."""
+    None: none was. ``asks_on``: where it was asked for, meanwhile. ``given_up``: why an answer is
+    not waited for any more, which may yet come: the link has to end."""
 
     def __init__(self, config: ReachyConfig, host: str, number: int, moves: Moves) -> None:
         self._config = config
         self._where = host, number
         self._moves = moves
         self.owed: trio.Event | None = None
+        self.asks_on: HttpPort | None = None
         self.given_up = ""
 
     async def perform(
@@ -209,7 +210,7 @@ class Services:
         """Ask for motion, or for torque. A stop does not cut this short: it has to know whether
         there is anything to be ended, and whether that may still come."""
         owed, noted = trio.Event(), _NotedPermit(permit)
-        self.owed = owed
+        self.owed, self.asks_on = owed, client
         try:
             with trio.CancelScope(shield=True):
                 answer = await client.ask("POST", target, body, within_s=within_s, permit=noted)
@@ -218,7 +219,7 @@ class Services:
                 self.given_up = str(down)
             raise
         finally:
-            self.owed = None
+            self.owed = self.asks_on = None
             owed.set()
         return answer
 

@@ -184,15 +184,22 @@ class ReachyWire(Wire):
         return await self._stop(safe_state)
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """As ``make_safe``; then on what is still open unless a command may wait there, or on new
-        connections."""
+        """As ``make_safe``, without waiting for an answer that is owed."""
         self._send_at_once(safe_state)
         return await self._stop(safe_state)
 
     def _send_at_once(self, safe_state: SafeState) -> None:
-        """Send the first frames on everything that is open, before anything is waited for. A command
-        that waits somewhere may be carried out after them: ``_stop`` sends them again behind it."""
-        send_at_once(safe_state, (self._sdk,), (self._commands,), self._moves.running)
+        """Send the first frames on what is open, before anything is waited for. Where a command
+        waits, behind it alone: a daemon that goes on reads its connections in any order."""
+        running = self._moves.running
+        if not send_at_once(safe_state, (), self._waits_on(), running):
+            send_at_once(safe_state, (self._sdk,), (self._commands,), running)
+
+    def _waits_on(self) -> tuple[HttpPort, ...]:
+        """Return the connections on which a command may wait to be read."""
+        commands = self._commands if self._owed is not None else None
+        asks_on = self._services.asks_on if self._services is not None else None
+        return tuple(port for port in (commands, asks_on) if port is not None)
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
         services = self._services

@@ -30,6 +30,8 @@ CHUNK = 1024
 STEP_BYTES = 512 * 1024
 STEP_READS = 320
 """Of one task step. A turn takes 64 reads or 64 kB at most, on each of two or three connections."""
+TAKEN_S = 0.001
+"""For a robot that goes on to take up what waits in one connection."""
 TRUE_EVERY = 8
 """In a flood, after so many reads the robot's own words come through."""
 
@@ -65,6 +67,7 @@ class HostilePeer:
         self.deaf = False  # what the host writes is garbled, too
         self.reset_after = math.inf  # bytes that a new connection says before it is reset
         self.writes = 0  # since ``begin``
+        self.frozen = False  # what the host writes waits, on each connection
         self._steps = steps
         self._step = -1
         self._bytes = self._reads = 0
@@ -91,6 +94,28 @@ class HostilePeer:
             stream.gone = True
         self._wake()
         self._streams.clear()
+
+    @property
+    def waiting(self) -> int:
+        """Return how many writes wait to be read by a frozen robot."""
+        return sum(len(stream.held) for stream in self._streams)
+
+    def freeze(self) -> None:
+        """Read nothing and say nothing until ``thaw``."""
+        self.frozen = True
+        for stream in self._streams:
+            stream.is_known = True
+
+    async def thaw(self, newest_first: bool) -> None:
+        """Read what waits, one connection after the other: those that the robot knew in either order,
+        then those that it has still to accept."""
+        known = [stream for stream in self._streams if stream.is_known]
+        for stream in [*(reversed(known) if newest_first else known), *self._streams]:
+            if stream.thaw():
+                await trio.sleep(TAKEN_S)
+        self.frozen = False
+        for stream in self._streams:  # what was written meanwhile
+            stream.thaw()
 
     def garble(self, data: bytes) -> bytes:
         return self.rng.randbytes(len(data))
@@ -127,6 +152,9 @@ class HostileStream:
         self._heard = self._flooded = 0
         self._halved = False
         self._fd = -1
+        self.is_known = False  # by a robot that is frozen
+        self.held: list[bytes] = []  # what waits to be read by it
+        self._is_closed = False
         peer.join(self)
 
     # -- as the host uses it
@@ -134,6 +162,24 @@ class HostileStream:
     def write(self, data: bytes) -> None:
         self._check()
         self.peer.writes += 1
+        if self.peer.frozen:
+            self.held.append(data)
+        else:
+            self._write(data)
+
+    def thaw(self) -> bool:
+        """Hand over what waits; return whether anything did."""
+        held, self.held = self.held, []
+        try:
+            for data in held:
+                self._write(data)
+        except WireDown:
+            self.gone = True
+        if held and self._is_closed:
+            self.inner.close()
+        return bool(held)
+
+    def _write(self, data: bytes) -> None:
         try:
             self.inner.write(self.peer.garble(data) if self.peer.deaf else data)
         except ClientGone:  # the robot hangs up on who cannot be understood
@@ -187,8 +233,18 @@ class HostileStream:
             self._fd = os.open(os.devnull, os.O_RDWR)
         return self._fd
 
+    def close_in_order(self) -> None:
+        if not self.held:
+            self.inner.close_in_order()
+        self._end()
+
     def close(self) -> None:
-        self.inner.close()
+        if not self.held:  # else a robot that is frozen finds it first
+            self.inner.close()
+        self._end()
+
+    def _end(self) -> None:
+        self._is_closed = True
         self.wake()
         if self._fd >= 0:
             os.close(self._fd)
