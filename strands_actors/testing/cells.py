@@ -35,7 +35,7 @@ from .faults import (
     Faults,
     Victims,
     bound_s,
-    expected_safe_state,
+    expected_safe_states,
     is_bystander,
     spoils,
 )
@@ -392,8 +392,8 @@ class Expected(NamedTuple):
 
 
 def expected_of(driver: Driver, cell: Cell) -> Expected:
-    safe_state = expected_safe_state(driver, cell.victim, cell.fault)
-    return Expected(cell.victim, cell.fault, (safe_state,), bound_s(driver, cell.victim, cell.fault) * 1e3)
+    safe_states = expected_safe_states(driver, cell.victim, cell.fault)
+    return Expected(cell.victim, cell.fault, safe_states, bound_s(driver, cell.victim, cell.fault) * 1e3)
 
 
 def read(

@@ -82,6 +82,8 @@ ends again and again is waited for."""
 RETURNING = (Faults.FREEZE, Faults.LINK_LOSS)
 """Faults of the robot during which nothing can be written: measured from their end. The others:
 from a stop."""
+LOSING = (Faults.GARBAGE,)
+"""Faults of the robot by which the link may count as lost before anybody asks for a stop."""
 CONFIRMED = (Faults.SLOW, Faults.LATE_REPLY)
 """Faults of the robot in which a stop must be confirmed by every motor all the same."""
 
@@ -201,10 +203,9 @@ def bound_s(driver: Driver, victim: str, fault: str) -> float:
     return lapse_s + driver.bound_s
 
 
-def expected_safe_state(driver: Driver, victim: str, fault: str) -> str:
-    """The driver's, for the reason that the fault becomes; of a bystander: for a stop."""
-    if is_bystander(victim):
-        return driver.fallbacks[Reason.STOP]
+def expected_safe_states(driver: Driver, victim: str, fault: str) -> tuple[str, ...]:
+    """Return one or two, of which the wire must show one: the driver's, for the reason that the fault
+    becomes; of a bystander: for a stop."""
     living = fault in LIVING
     reasons = {
         "caller": Reason.LEASE if living else Reason.CALLER,
@@ -213,4 +214,8 @@ def expected_safe_state(driver: Driver, victim: str, fault: str) -> str:
         "root": Reason.ROOT,
         "twin": Reason.LINK if fault in RETURNING else Reason.STOP,
     }
-    return driver.fallbacks[reasons[victim]]
+    reason = Reason.STOP if is_bystander(victim) else reasons[victim]
+    found = [driver.fallbacks[reason]]
+    if fault in LOSING and driver.fallbacks[Reason.LINK] not in found:
+        found.append(driver.fallbacks[Reason.LINK])
+    return tuple(found)
