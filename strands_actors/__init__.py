@@ -26,7 +26,7 @@ if TYPE_CHECKING:
         register_robot,
     )
     from .policies import MockPolicy, Policy, create_policy, register_policy
-    from .surfaces.dataset import record_dataset
+    from .surfaces.dataset import record_dataset, replay_episode
     from .surfaces.mesh import (
         TLS,
         Access,
@@ -54,7 +54,7 @@ _WHERE = {
     ),
     "caller.robot": ("AsyncRobot", "RealRobot", "Robot", "SimRobot", "open_robot"),
     "policies": ("MockPolicy", "Policy", "create_policy", "register_policy"),
-    "surfaces.dataset": ("record_dataset",),
+    "surfaces.dataset": ("record_dataset", "replay_episode"),
     "surfaces.mesh": (
         "TLS",
         "Access",
@@ -104,6 +104,7 @@ __all__ = [
     "register_policy",
     "register_robot",
     "replay",
+    "replay_episode",
     "resume",
     "tell",
 ]

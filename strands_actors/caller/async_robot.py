@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal, overload
 
 import trio
@@ -96,6 +96,10 @@ class AsyncRobot:
     ) -> Answer:
         """As ``Robot.move_to``. To cancel it ends the motion."""
         return await answered("move_to", moving.move_to, self._tree, targets, seconds, wait)
+
+    async def move_along(self, rows: Sequence[Mapping[str, Any]], hz: float, wait: bool = True) -> Answer:
+        """As ``Robot.move_along``. To cancel it ends the motion."""
+        return await answered("move_along", moving.move_along, self._tree, rows, hz, wait)
 
     @overload
     async def get_observation(self, images: Literal[False] = False) -> dict[str, float]: ...

@@ -92,7 +92,7 @@ def refuse_seconds(verb: str, name: str, seconds: object, longest_s: float) -> R
 
 def refuse_targets(driver: Driver, targets: object) -> Refused | None:
     """Refuse what ``move_to`` cannot take of this robot, whatever its state is."""
-    if driver.axes and not any(_is_place(driver, at) for at in range(len(driver.axes))):
+    if driver.axes and not any(is_place(driver, at) for at in range(len(driver.axes))):
         why = f"{driver.robot} has no joints that go to a target"
         return Refused(Code.NO_POSITIONS, why, "use send_action(), or move(..., duration_s=)", verb=MOVE_TO)
     late = driver.fallbacks[Reason.POLICY]
@@ -126,7 +126,7 @@ def plan_move(
     Returns:
         The motion, or a refusal that names what the robot would accept: the least seconds, a range.
     """
-    state = _state(seen, period_s)
+    state = state_of(seen, period_s)
     parsed = driver.parse(plain(targets), state)
     if isinstance(parsed, Refused):
         return parsed.about(MOVE_TO)
@@ -169,11 +169,11 @@ def plan_hold(
     driver: Driver, verb: str, action: Mapping[str, Any], seconds: float, seen: Seen, period_s: float
 ) -> Motion | Refused:
     """Plan to send ``action`` again and again for so long, and a zero of every speed in it last."""
-    state = _state(seen, period_s)
-    refusal = _refuse(driver, plain(action), state)
+    state = state_of(seen, period_s)
+    refusal = refuse_action(driver, plain(action), state)
     if isinstance(refusal, Refused):
         return refusal.about(verb)
-    zero = {driver.axes[at]: driver.table[at].rest for at in refusal.named if not _is_place(driver, at)}
+    zero = {driver.axes[at]: driver.table[at].rest for at in refusal.named if not is_place(driver, at)}
     steps = max(1, math.ceil(seconds / period_s - 1e-9)) + 1
     held = plain(action)
     return Motion(verb, period_s, steps, lambda step: held if step < steps or not zero else held | zero)
@@ -189,7 +189,7 @@ def _between(start: float, end: float, share: float) -> float:
     return end if share >= 1 else start + (end - start) * minimum_jerk(share)
 
 
-def _is_place(driver: Driver, at: int) -> bool:
+def is_place(driver: Driver, at: int) -> bool:
     """Return whether an axis goes to a target. A driver without a table has no other axes."""
     return not driver.table or driver.table[at].mode is AxisMode.POSITION
 
@@ -223,16 +223,16 @@ def _refuse_steps(
             {driver.axes[at]: _between(starts[at], end, at_step / steps) for at, end in ends.items()}
             for at_step in (step - 1, step)
         )
-        here = _arrived(driver, before, state)
+        here = arrived(driver, before, state)
         if isinstance(here, Refused):
             return here
-        refused = _refuse(driver, then, here)
+        refused = refuse_action(driver, then, here)
         if isinstance(refused, Refused):
             return refused
     return None
 
 
-def _arrived(driver: Driver, action: Mapping[str, float], state: GateState) -> GateState | Refused:
+def arrived(driver: Driver, action: Mapping[str, float], state: GateState) -> GateState | Refused:
     """Return the state of a robot that has reached ``action``."""
     parsed = driver.parse(action, state)
     if isinstance(parsed, Refused):
@@ -244,7 +244,8 @@ def _arrived(driver: Driver, action: Mapping[str, float], state: GateState) -> G
     return replace(state, observation=observation, target=parsed.values)
 
 
-def _refuse(driver: Driver, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
+def refuse_action(driver: Driver, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
+    """Return what the robot's gates let pass of ``action``, or why they do not."""
     parsed = driver.parse(action, state)
     if isinstance(parsed, Refused):
         return parsed
@@ -269,7 +270,7 @@ def _refuse_time(
     return Refused(Code.TOO_FAST, why, f"give seconds={least} or more", f"{seconds:g}", least)
 
 
-def _state(seen: Seen, period_s: float) -> GateState:
+def state_of(seen: Seen, period_s: float) -> GateState:
     """Return what a gate would look at, had every reading that there is been taken just now."""
     stamps: Sequence[int] = seen.observation.stamp_ns
     fresh = tuple(seen.now_ns if stamp else 0 for stamp in stamps)

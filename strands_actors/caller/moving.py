@@ -1,13 +1,14 @@
-"""Verbs for motion in a time, on a tree: ``move_to``, and speeds that are held for some seconds.
+"""Verbs for motion in a time, on a tree: ``move_to``, ``move_along`` a path, and speeds that are held
+for some seconds.
 
-Both are rollouts of this process: setpoints at the control rate, each with its lifetime, under the
+All are rollouts of this process: setpoints at the control rate, each with its lifetime, under the
 caller's lease. A stop, a hold, a dead or frozen caller ends them as it ends any stream. Where a robot
 plans such a motion by itself (``Driver.timed``) it is told once, as a command.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import trio
@@ -18,11 +19,14 @@ from strands_actors.supervisors.gate.failsafe import Mode
 
 from . import envelopes as answers
 from .envelopes import Answer
-from .motions import LONGEST_HELD_S, LONGEST_S, plan_hold, plan_move, refuse_seconds, refuse_targets
+from .motions import LONGEST_HELD_S, LONGEST_S, Seen, plan_hold, plan_move, refuse_seconds, refuse_targets
+from .paths import MOVE_ALONG, Path, check_along, plan_along, read_path
 from .tree import RobotTree
 
 LOOK_S = 0.05
 """Between two looks at a robot that carries out a motion by itself."""
+CHECKED = 50
+"""Steps of a path that the gates are asked about at once: heartbeats go on between."""
 DEFAULT_S = 2.0
 """How long ``move_to`` takes when it is not told."""
 
@@ -61,6 +65,48 @@ async def hold(tree: RobotTree, verb: str, action: Mapping[str, Any], seconds: f
         return answers.refused(motion)
     told = {"robot": tree.robot, "commanded": motion.action(1), "unit": driver.unit, "duration_s": seconds}
     return await _ended(tree, verb, told, ()) if wait else answers.success({**told, "running": True})
+
+
+async def move_along(tree: RobotTree, rows: Sequence[Mapping[str, Any]], hz: float, wait: bool) -> Answer:
+    """Move to the first row and along all of them, at ``hz`` rows a second. ``wait``: return when the
+    last is reached."""
+    driver, period_s = tree.driver, 1.0 / tree.driver.timing.control_hz
+    path = read_path(driver, rows, as_python(hz))
+    if isinstance(path, Refused):
+        return answers.refused(path)
+    refusal = await _refuse_along(tree, path, period_s)
+    if refusal is not None:
+        return answers.refused(refusal)
+    motion = await tree.rollouts.move(MOVE_ALONG, lambda seen: plan_along(driver, path, seen, period_s))
+    if isinstance(motion, Refused):
+        return answers.refused(motion)
+    last = motion.action(motion.n_steps)
+    told = {
+        "robot": tree.robot,
+        "rows": len(path.rows),
+        "commanded": last,
+        "unit": driver.unit,
+        "seconds": round(motion.seconds, 3),
+    }
+    return await _ended(tree, MOVE_ALONG, told, tuple(last)) if wait else answers.success({**told, "running": True})
+
+
+async def _refuse_along(tree: RobotTree, path: Path, period_s: float) -> Refused | None:
+    """Return the first refusal of the robot's gates; None where they refuse nothing, or where the
+    robot is not read: then the motion itself is refused."""
+    status = await tree.status()
+    if status is None or status.observation is None:
+        return None
+    seen = Seen(status.observation, status.target, status.observation.t_ns)
+    motion = plan_along(tree.driver, path, seen, period_s)
+    if isinstance(motion, Refused):
+        return motion
+    for number, refusal in enumerate(check_along(tree.driver, motion, path, seen)):
+        if refusal is not None:
+            return refusal
+        if number % CHECKED == 0:
+            await trio.lowlevel.checkpoint()
+    return None
 
 
 async def _ended(tree: RobotTree, verb: str, told: dict[str, Any], joints: tuple[str, ...]) -> Answer:
@@ -124,4 +170,4 @@ async def end_motion(tree: RobotTree) -> Answer:
     return answers.refused(released) if isinstance(released, Refused) else answers.stop_result("release", released)
 
 
-__all__ = ["DEFAULT_S", "end_motion", "hold", "move_to"]
+__all__ = ["DEFAULT_S", "end_motion", "hold", "move_along", "move_to"]

@@ -8,7 +8,7 @@ import math
 import os
 import threading
 import time
-from collections.abc import Callable, Coroutine, Mapping
+from collections.abc import Callable, Coroutine, Mapping, Sequence
 from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, TypeVar, overload
 
@@ -279,6 +279,17 @@ class RealRobot(RobotTool):
                 once. ``get_task_status()`` tells how it goes, ``stop_task()`` ends it.
         """
         return self._in_time("move_to", moving.move_to, targets, seconds, wait)
+
+    def move_along(self, rows: Sequence[Mapping[str, Any]], hz: float, wait: bool = True) -> Answer:
+        """Move to the first of ``rows`` as ``move_to`` does, then along all of them.
+
+        Args:
+            rows: Targets, in the driver's units, of the same joints in each row. A speed is sent as its
+                row has it, and zero after the last.
+            hz: Rows a second. Between two of them a joint goes in a straight line.
+            wait: As in ``move_to``.
+        """
+        return self._in_time("move_along", moving.move_along, rows, hz, wait)
 
     def _in_time(self, name: str, verb: Verb, *args: Any) -> Answer:
         """Run a verb that may wait for a motion. Ctrl-C ends the motion."""

@@ -59,7 +59,7 @@ INSTEAD: Mapping[str, str] = {
     "publish_ros_observation": "subscribe to strands/<robot>/state on the mesh",
     # Of hardware only: a simulation has the first three.
     **dict.fromkeys(("start_recording", "stop_recording", "get_recording_status", "save_episode"), _RECORD),
-    **dict.fromkeys(("replay_episode", "replay"), "use `strands-actors replay`, or replay() of strands_actors"),
+    **dict.fromkeys(("replay_episode", "replay"), "use replay_episode(robot, DATASET, episode) of strands_actors"),
     **dict.fromkeys(("stream_dataset", "verify_dataset_episodes"), "use `strands-actors dataset show`"),
     # Of a simulation.
     **dict.fromkeys(("start_policy", "run_multi_policy"), "call run_policy(policy, wait=False) of each robot"),

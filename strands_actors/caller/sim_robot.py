@@ -42,7 +42,19 @@ class SimRobot(RealRobot):
     """
 
     LAZY: ClassVar[frozenset[str]] = frozenset(
-        {"move", "move_to", "observe", "state", "resume", "run_policy", "start_task", "reset", "load_state", "step"}
+        {
+            "move",
+            "move_to",
+            "move_along",
+            "observe",
+            "state",
+            "resume",
+            "run_policy",
+            "start_task",
+            "reset",
+            "load_state",
+            "step",
+        }
     )
     OTHERS_CONNECT: ClassVar[bool] = True
 

@@ -100,6 +100,11 @@ class Code(RefusalCode):
     JUMP = "jump", "a single command would move a joint too far at full speed", "use move_to(), or raise max_jump"
     BAD_TIME = "bad_time", "a time is not one that a motion may take", "give seconds within the range that is named"
     DURATION = "duration", "a duration is not one that the robot takes", "give one within the range that is named"
+    BAD_PATH = (
+        "bad_path",
+        "a path is not one that a robot may be moved along",
+        "give rows of the same joints, at a rate",
+    )
     UNKNOWN_POSE = (
         "unknown_pose",
         "where a joint is, is not known",

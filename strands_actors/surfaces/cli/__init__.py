@@ -343,6 +343,24 @@ def show_dataset(root: DatasetDirectory, json: Json = False) -> None:
     raise typer.Exit(run(root, as_json=json))
 
 
+@datasets.command("play")
+def play_dataset(
+    root: DatasetDirectory,
+    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="Its name, as `mesh status` shows it.")],
+    episode: Annotated[int, typer.Option(min=0, help="Its number.")] = 0,
+    units: Annotated[
+        str, typer.Option(metavar="UNIT|normalized", help="Of its numbers, where the dataset does not say.")
+    ] = "",
+    resume: Annotated[bool, typer.Option("--resume", help="Energise it first.")] = False,
+    mesh: Mesh = None,
+    json: Json = False,
+) -> None:
+    """Move a robot whose lease is free along an episode."""
+    from .play import play as run
+
+    raise typer.Exit(run(root, robot, episode, units, resume, mesh, as_json=json))
+
+
 @datasets.command("repair")
 def repair_dataset(
     root: DatasetDirectory,

@@ -1,0 +1,178 @@
+"""Plan a motion along a path that somebody else has made: rows of targets at a rate, as a dataset or
+a planner has them.
+
+Pure: no clock, no I/O. The robot goes to the first row as ``move_to`` does, then along the rows at
+its own control rate, in a straight line from one to the next. Each row is asked of the robot's
+gates before anything moves; a speed is sent as its row has it, and zero after the last.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+from msgspec.structs import replace
+
+from strands_actors.contract.axis import finite
+from strands_actors.contract.driver import Driver
+from strands_actors.contract.shown import shown
+from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
+
+from .motions import (
+    LONGEST_S,
+    TOO_FAST,
+    Motion,
+    Seen,
+    arrived,
+    is_place,
+    plan_move,
+    refuse_action,
+    refuse_targets,
+    state_of,
+)
+
+MOVE_ALONG = "move_along"
+"""The verb of a motion along a path."""
+APPROACH_S = 2.0
+"""How long the robot takes to the first row, where it needs no longer."""
+MOST_HZ = 1000.0
+ROUNDING = 1e-9
+
+
+class Path(NamedTuple):
+    """Targets of the same joints, one row after the other."""
+
+    joints: tuple[str, ...]
+    rows: Sequence[tuple[float, ...]]
+    hz: float
+
+    def at(self, row: int) -> dict[str, float]:
+        """Return the targets of one row."""
+        return dict(zip(self.joints, self.rows[row], strict=True))
+
+
+def read_path(driver: Driver, rows: object, hz: object) -> Path | Refused:
+    """Read what a caller gave as a path. Refuse what is none, whatever the robot's state is."""
+    rate = finite(hz)
+    if rate is None or not 0 < rate <= MOST_HZ:
+        limit = f"above 0, at most {MOST_HZ:g}"
+        return _refused(f"hz is {shown(hz)}", f"give rows a second, {limit}", shown(hz), limit)
+    if not isinstance(rows, Sequence) or not rows or not all(isinstance(row, Mapping) and row for row in rows):
+        return _refused("it is no list of rows", "give a list of joints with numbers: [{'joint': 0.0}, ...]")
+    joints = tuple(str(name).removesuffix(".pos") for name in rows[0])
+    found: list[tuple[float, ...]] = []
+    for number, row in enumerate(rows):
+        named = {str(name).removesuffix(".pos"): finite(value) for name, value in row.items()}
+        if named.keys() != set(joints):
+            return _refused(f"row {number} names other joints than row 0", "name the same joints in each row")
+        values = [named[joint] for joint in joints]
+        if None in values:
+            joint = joints[values.index(None)]
+            return _refused(f"row {number} has no number for {joint}", "give a finite number")
+        found.append(tuple(value for value in values if value is not None))
+    if (len(found) - 1) / rate > LONGEST_S:
+        limit = f"at most {LONGEST_S:g}"
+        return _refused(f"it takes {(len(found) - 1) / rate:.4g} s", f"give a path of {limit} s", "", limit)
+    if unknown := [joint for joint in joints if joint not in driver.axes]:
+        why = f"{driver.robot} has no joint {shown(unknown[0])}"
+        remedy = f"use some of {', '.join(driver.axes)}"
+        return Refused(Code.UNKNOWN_JOINT, why, remedy, shown(unknown[0]), verb=MOVE_ALONG)
+    places = _places(driver, joints)
+    refusal = refuse_targets(driver, dict.fromkeys(places, 0.0)) if places else None
+    return Path(joints, found, rate) if refusal is None else refusal.about(MOVE_ALONG)
+
+
+def check_along(driver: Driver, motion: Motion, path: Path, seen: Seen) -> Iterator[Refused | None]:
+    """Ask the robot's gates about each step along the rows, as if the robot followed at once. The way to
+    the first row was asked about when it was planned."""
+    here = state_of(seen, motion.period_s)
+    steps_before = motion.n_steps - _steps_along(driver, path, motion.period_s)
+    before = path.at(0)
+    for step in range(steps_before + 1, motion.n_steps + 1):
+        then = motion.action(step)
+        found = arrived(driver, before, here)
+        if not isinstance(found, Refused):
+            asked = refuse_action(driver, then, found)
+            found = asked if isinstance(asked, Refused) else found
+        if isinstance(found, Refused):
+            at_s = (step - steps_before) * motion.period_s
+            yield replace(found, reason=f"at {at_s:.2f} s: {found.reason}", verb=MOVE_ALONG)
+        else:
+            yield None
+        before = then
+
+
+def plan_along(driver: Driver, path: Path, seen: Seen, period_s: float) -> Motion | Refused:
+    """Plan the way to the first row and along all of them.
+
+    Returns:
+        The motion, or why the robot cannot go to the first row.
+    """
+    places = _places(driver, path.joints)
+    speeds = [joint for joint in path.joints if joint not in places]
+    approach = _approach(driver, {joint: path.at(0)[joint] for joint in places}, seen, period_s)
+    if isinstance(approach, Refused):
+        return approach.about(MOVE_ALONG)
+    steps_before = 0 if approach is None else approach.n_steps
+    at_rest = {joint: driver.table[driver.axes.index(joint)].rest for joint in speeds}
+    last = len(path.rows) - 1
+    n_steps = steps_before + _steps_along(driver, path, period_s)
+
+    def action(step: int) -> dict[str, float]:
+        if approach is not None and step <= steps_before:
+            return approach.action(step)
+        if speeds and step == n_steps:
+            return {**path.at(-1), **at_rest}
+        along = (step - steps_before) * period_s * path.hz
+        row = min(int(along + ROUNDING), last)
+        here, then, told = path.at(row), path.at(min(row + 1, last)), path.at(_row_before(path, along, period_s))
+        share = min(1.0, along - row)
+        return {
+            joint: here[joint] + (then[joint] - here[joint]) * share if joint in places else told[joint]
+            for joint in path.joints
+        }
+
+    return Motion(
+        MOVE_ALONG,
+        period_s,
+        n_steps,
+        action,
+        keeps=bool(places),
+        begins_apart=approach is not None and approach.begins_apart,
+    )
+
+
+def _approach(driver: Driver, first: Mapping[str, float], seen: Seen, period_s: float) -> Motion | Refused | None:
+    """Plan the way to the first row: in ``APPROACH_S``, or as long as the slowest joint needs."""
+    if not first:
+        return None
+    motion = plan_move(driver, first, APPROACH_S, seen, period_s)
+    if isinstance(motion, Refused) and motion.code in TOO_FAST:
+        motion = plan_move(driver, first, float(motion.limit), seen, period_s)
+    return motion
+
+
+def _row_before(path: Path, along: float, period_s: float) -> int:
+    """Return the row that says the speed of a period which ends ``along`` so many rows."""
+    return min(int(along - period_s * path.hz + ROUNDING), len(path.rows) - 1)
+
+
+def _steps_along(driver: Driver, path: Path, period_s: float) -> int:
+    """Return how many steps the rows take. A place is reached at the moment of its row; a speed is told
+    for a row's time, and one step more has the robot stand."""
+    has_speeds = len(_places(driver, path.joints)) < len(path.joints)
+    rows = len(path.rows) - 1 + has_speeds
+    return max(1, math.ceil(rows / path.hz / period_s - ROUNDING)) + has_speeds
+
+
+def _places(driver: Driver, joints: Sequence[str]) -> list[str]:
+    return [joint for joint in joints if is_place(driver, driver.axes.index(joint))]
+
+
+def _refused(why: str, remedy: str, offered: str = "", limit: str = "") -> Refused:
+    return Refused(Code.BAD_PATH, why, remedy, offered, limit, verb=MOVE_ALONG)
+
+
+__all__ = ["MOVE_ALONG", "Path", "check_along", "plan_along", "read_path"]
