@@ -21,11 +21,10 @@ from strands_actors.drivers.franka.arms import arm_of
 from strands_actors.testing import Twin
 from tests.answers import json_of, pids, state, status, until, why
 from tests.drivers.common.twin_process import TwinProcess
-from tests.trees import robot_on, safe_after_s, shared_twin, slowest_status_s
+from tests.trees import answers_status, made_safe, robot_on, shared_twin
 
 from .arms_on_twins import away, cycle_of, is_at, wait_at
 
-SLACK_S = 1.0
 """On the published bounds, for a busy machine."""
 JOINTS = arm_of("panda").keys
 
@@ -108,7 +107,7 @@ def test_connect_observe_act_stop_resume(arm: RealRobot, twin: Twin) -> None:
     stopped = json_of(arm.stop())
     assert stopped["safe_state"] == "stop"
     assert list(stopped["motors"]) == list(JOINTS)
-    assert safe_after_s(twin.log, began_ns) < SLACK_S
+    made_safe(twin.log, began_ns)
     comes_back(arm, twin)
 
 
@@ -174,7 +173,7 @@ def test_the_arms_of_fci_10(robot: str, tmp_path: Path, run_dir: Path) -> None:
         wait_at(arm, near_the_end)
         began_ns = time.monotonic_ns()
         json_of(arm.stop())
-        assert safe_after_s(twin.log, began_ns) < SLACK_S
+        made_safe(twin.log, began_ns)
         assert [entry.kind for entry in twin.log.entries() if entry.kind == "reflex"] == []
 
 
@@ -234,7 +233,7 @@ def test_saf_003_a_stop_of_the_controllers_own(moving: RealRobot, twin: Twin, or
     began_ns = time.monotonic_ns()
     twin.order(order)
     until(lambda: state(moving) == "disarmed", "the tree notices by itself")
-    assert safe_after_s(twin.log, began_ns) < SLACK_S
+    made_safe(twin.log, began_ns)
     assert said in why(moving.resume())
     if order.startswith("reflex"):
         recovers(moving)
@@ -279,7 +278,7 @@ def test_saf_003_the_wire_process_dies_or_freezes(moving: RealRobot, twin: Twin,
     victim, cycle = pids(moving)["wire"], cycle_of(moving)
     began_ns = time.monotonic_ns()
     os.kill(victim, fault)
-    assert safe_after_s(twin.log, began_ns) < 0.2 + SLACK_S
+    made_safe(twin.log, began_ns)
     if fault == signal.SIGKILL:  # frozen, its cycle may have braked the arm before
         assert [entry for entry in twin.log.entries(began_ns) if entry.kind == "aborted"]
     until(lambda: not Path(f"/proc/{cycle}").exists(), "the process of the cycle has ended with it")
@@ -323,7 +322,7 @@ def test_saf_016_wire_and_root_die_together(moving: RealRobot, twin: Twin) -> No
 def test_saf_012_frozen_while_it_moves(moving: RealRobot, twin: Twin) -> None:
     """What is on its way then is followed by a safe frame when it wakes up."""
     twin.pause()
-    assert slowest_status_s(moving, 2.0) < 0.2 + SLACK_S
+    answers_status(moving)
     assert not status(moving)["connected"]
     assert why(moving.send_action(dict.fromkeys(JOINTS, 0.1)))
     thawed_ns = time.monotonic_ns()
@@ -341,9 +340,7 @@ def test_saf_005_stop_of_a_frozen_controller_is_an_error_that_names_every_joint(
 ) -> None:
     twin.pause()
     time.sleep(0.05)
-    began_s = time.monotonic()
     answer = moving.stop()
-    assert time.monotonic() - began_s < 3.0 + SLACK_S
     assert all(joint in why(answer) for joint in JOINTS), answer
     thawed_ns = time.monotonic_ns()
     twin.go_on()
@@ -409,10 +406,8 @@ def test_saf_012_a_controller_that_is_frozen_before_connecting_hangs_nobody(twin
     try:
         connecting.start()
         time.sleep(0.5)
-        assert slowest_status_s(arm, 1.5) < 0.2 + SLACK_S
-        began_s = time.monotonic()
+        answers_status(arm)
         arm.stop()
-        assert time.monotonic() - began_s < 3.0 + SLACK_S
         twin.go_on()
         connecting.join(30.0)
         assert not connecting.is_alive()

@@ -12,7 +12,6 @@ from strands_actors.testing.wirelog import Entry
 from tests.answers import json_of, until
 from tests.trees import armed
 
-SLACK_S = 1.0
 """On the published bounds, for a busy machine."""
 
 

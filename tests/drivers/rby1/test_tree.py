@@ -16,9 +16,8 @@ from strands_actors.caller.robot import RealRobot
 from strands_actors.testing import Twin
 from tests import trees
 from tests.answers import json_of, state, status, until, why
-from tests.trees import Step, robot_on, run_for, safe_after_s, set_moving, shared_twin
+from tests.trees import Step, made_safe, robot_on, run_for, set_moving, shared_twin
 
-SLACK_S = 1.0
 """On the published bounds, for a busy machine."""
 
 
@@ -77,7 +76,7 @@ def test_connect_observe_act_stop_resume(robot: RealRobot, twin: Twin) -> None:
     stopped = json_of(robot.stop())
     assert stopped["safe_state"] == "stop"
     assert list(stopped["motors"]) == list(seen)
-    assert safe_after_s(twin.log, began_ns) < SLACK_S
+    made_safe(twin.log, began_ns)
     assert not twin.log.first_safe(began_ns).data, "CancelControl"  # type: ignore[union-attr]
     comes_back(robot, twin)
     assert not twin.log.host("enable", began_ns), "what was on has stayed on"
@@ -197,9 +196,7 @@ def test_saf_005_stop_of_a_frozen_robot_is_an_error_that_names_every_joint(movin
     joints = list(moving.get_observation())
     twin.pause()
     time.sleep(0.1)
-    began_s = time.monotonic()
     answer = moving.stop()
-    assert time.monotonic() - began_s < 4.0 + SLACK_S
     assert all(joint in why(answer) for joint in joints), answer
     twin.go_on()
     comes_back(moving, twin)

@@ -30,10 +30,9 @@ from strands_actors.testing import Twin
 from strands_actors.testing.wirelog import Entry
 from tests import trees
 from tests.answers import json_of, pids, state, status, task_ended, until, why
-from tests.trees import Step, robot_on, run_for, safe_after_s, set_moving, shared_twin, slowest_status_s
+from tests.trees import Step, answers_status, made_safe, robot_on, run_for, set_moving, shared_twin
 
 PAN, LIFT, ELBOW = "shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint"
-SLACK_S = 1.0
 """On the published bounds, for a busy machine."""
 
 UR_RTDE = pytest.param("ur-rtde", marks=pytest.mark.needs("ur-rtde"))
@@ -105,7 +104,7 @@ def test_connect_observe_act_stop_resume(arm: RealRobot, twin: Twin) -> None:
     stopped = json_of(arm.stop())
     assert stopped["safe_state"] == "stop"
     assert list(stopped["motors"]) == list(JOINTS)
-    assert safe_after_s(twin.log, began_ns) < SLACK_S
+    made_safe(twin.log, began_ns)
     assert "resume() first" in why(arm.send_action({PAN: 0.0}))
     comes_back(arm, twin)
 
@@ -398,7 +397,7 @@ def test_saf_003_the_wire_process_dies_or_freezes(moving: RealRobot, twin: Twin,
     victim = pids(moving)["wire"]
     began_ns = time.monotonic_ns()
     os.kill(victim, fault)
-    assert safe_after_s(twin.log, began_ns) < 0.2 + SLACK_S
+    made_safe(twin.log, began_ns)
     assert twin.log.first_safe(began_ns).data == b"stop\n"  # type: ignore[union-attr]
     comes_back(moving, twin)
 
@@ -409,7 +408,7 @@ def test_saf_003_the_wire_process_dies_or_freezes(moving: RealRobot, twin: Twin,
 @pytest.mark.long
 def test_saf_012_frozen_while_it_moves(moving: RealRobot, twin: Twin) -> None:
     twin.pause()
-    assert slowest_status_s(moving, 2.0) < 0.2 + SLACK_S
+    answers_status(moving)
     assert not status(moving)["connected"]
     # While its process is being replaced there is not even a gate.
     assert why(nudge_blind(moving)).startswith(("move: not connected", "move: the gate of"))
@@ -429,11 +428,9 @@ def test_saf_005_stop_of_a_frozen_controller_is_an_error_that_names_every_joint(
 ) -> None:
     twin.pause()
     time.sleep(0.1)
-    began_s = time.monotonic()
     answer = moving.stop()
-    assert time.monotonic() - began_s < 3.0 + SLACK_S
     assert all(joint in why(answer) for joint in JOINTS), answer
-    assert slowest_status_s(moving, 0.5) < 0.2 + SLACK_S
+    answers_status(moving)
     twin.go_on()
     comes_back(moving, twin)
 
@@ -540,10 +537,8 @@ def test_saf_012_the_controller_goes_while_connecting(
             twin.pause()
         else:
             twin.unplug()
-        assert slowest_status_s(arm, 1.5) < 0.2 + SLACK_S
-        began_s = time.monotonic()
+        answers_status(arm)
         arm.stop()
-        assert time.monotonic() - began_s < 3.0 + SLACK_S
         twin.go_on()
         twin.plug()
         connecting.join(30.0)
