@@ -17,6 +17,7 @@ import trio
 
 from strands_actors.contract.driver import Reason
 from strands_actors.kernel.actor import Actor
+from strands_actors.kernel.answers import read_answer
 from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Message, Refused
@@ -90,7 +91,7 @@ class Directory:
             answer = await self._ask(addresses.of(note.robot).gate, Gate, Resume(by), note.arm_s + RESUME_ROOM_S)
         except (AskTimeout, Unreachable) as failure:
             return Refused(Code.UNREACHABLE, f"the wire does not answer ({failure})", "is it being restarted?")
-        return answer if isinstance(answer, Resumed | Refused) else _NO_ANSWER
+        return read_answer(answer, Resumed)
 
     async def _ask(
         self, address: str, protocol: type[Actor], message: Message, deadline_s: float
@@ -105,9 +106,6 @@ class Directory:
                 if trio.current_time() > self._joined_at + JOIN_S:
                     raise
                 await trio.sleep(0.005)
-
-
-_NO_ANSWER = Refused(Code.NO_ANSWER, "there was no answer that could be read")
 
 
 @contextlib.asynccontextmanager

@@ -12,6 +12,7 @@ from typing import Any, ClassVar, NamedTuple
 import trio
 
 from strands_actors.contract.driver import Driver, Reason
+from strands_actors.kernel.answers import read_answer
 from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import ActorRef, AskTimeout, Node, Unreachable
@@ -178,7 +179,7 @@ class Processes(ABC):
             return Refused(Code.NO_ANSWER, why, "try again: the host may be busy", verb=verb)
         except Unreachable as failure:
             return unreachable(verb, failure)
-        return answer if isinstance(answer, Status | Refused) else Refused(Code.NO_ANSWER, "no answer", verb=verb)
+        return read_answer(answer, Status, verb)
 
     async def status(self) -> Status | None:
         """None when the wire does not answer."""

@@ -16,6 +16,7 @@ from msgspec.structs import replace
 
 from strands_actors.contract.driver import Driver, Reason
 from strands_actors.contract.loading import load
+from strands_actors.kernel.answers import read_answer
 from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import ActorRef, AskTimeout, Unreachable
@@ -135,9 +136,7 @@ class Rollouts:
                 return await self._never_started(tasks, failure)
             if isinstance(answer, TaskStatus):
                 self._task, self._has_process = answer, True
-        if isinstance(answer, TaskStatus | Refused):
-            return answer
-        return Refused(Code.NO_ANSWER, "no answer", verb=START_TASK)
+        return read_answer(answer, TaskStatus, START_TASK)
 
     async def _never_started(self, tasks: ActorRef, failure: AskTimeout | Unreachable) -> Refused:
         """What was not answered in time must not be done late. The stop ends the lease that it

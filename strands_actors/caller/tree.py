@@ -14,6 +14,7 @@ import trio
 
 from strands_actors.contract.driver import Driver, Reason
 from strands_actors.contract.wire import Observation
+from strands_actors.kernel.answers import read_answer
 from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Node, Unreachable
@@ -290,7 +291,7 @@ class RobotTree:
                 if refusal is None:
                     await self.rollouts.end_overtaken()
             return refusal or answer
-        return answer if isinstance(answer, Refused) else Refused(Code.NO_ANSWER, "no answer", verb=RESUME)
+        return read_answer(answer, Resumed, RESUME)
 
     async def _energise_when_guarded(self, stops: int, asked_ns: int) -> Message | None:
         """As ``_energise`` without a lift. A tree that has just begun may still be starting a process
@@ -356,14 +357,12 @@ def processes_of(node: Node, nursery: trio.Nursery, entrance: Entrance, plan: Pl
 
 
 def _accepted(answer: Message | None) -> Accepted | Refused:
-    return answer if isinstance(answer, Accepted | Refused) else Refused(Code.NO_ANSWER, "no answer", verb=MOVE)
+    return read_answer(answer, Accepted, MOVE)
 
 
 def _performed(service: str, answer: Message | None) -> Performed | Refused:
-    return answer if isinstance(answer, Performed | Refused) else Refused(Code.NO_ANSWER, "no answer", verb=service)
+    return read_answer(answer, Performed, service)
 
 
 def _observed(answer: Message | None) -> Observation | Refused:
-    return (
-        answer if isinstance(answer, Observation | Refused) else Refused(Code.NO_ANSWER, "no answer", verb=OBSERVE)
-    )
+    return read_answer(answer, Observation, OBSERVE)

@@ -19,6 +19,7 @@ import trio
 
 from strands_actors.contract.driver import Driver, Reason
 from strands_actors.kernel.actor import Actor
+from strands_actors.kernel.answers import read_answer
 from strands_actors.kernel.channels.pubsub import PubSub, Received
 from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Message, Refused
@@ -251,13 +252,13 @@ class Safety(Actor):
             )
         finally:
             self._resuming = False
-        if isinstance(answer, Resumed):
-            self._shared.resumed_epoch = answer.epoch
-            self._answers.event("resume", by=order.by, epoch=answer.epoch)
-            self._answers.success(order.sender, order.turn, {"armed": True, "epoch": answer.epoch})
+        resumed = read_answer(answer, Resumed, RESUME)
+        if isinstance(resumed, Resumed):
+            self._shared.resumed_epoch = resumed.epoch
+            self._answers.event("resume", by=order.by, epoch=resumed.epoch)
+            self._answers.success(order.sender, order.turn, {"armed": True, "epoch": resumed.epoch})
         else:
-            refused = answer if isinstance(answer, Refused) else Refused(Code.NO_ANSWER, "no answer", verb=RESUME)
-            self._answers.refuse(order.sender, order.turn, refused)
+            self._answers.refuse(order.sender, order.turn, resumed)
 
 
 def _unconfirmed(detail: str) -> dict[str, Any]:
