@@ -98,13 +98,13 @@ it measures that robot, and puts its column in the place of the one before.
   been brought there by the fault itself.
 * **after**: setpoints behind that frame, over all trials. Anything but 0 is a defect; so is a time
   past the bound.
-  * **disturbed**: trials that were repeated, because the machine and not the robot made them late:
-    safe, past the bound, but the processes of tree, robot and bench stood in line for a processor
-    (Linux counts that) for more than {disturbed_ms:g} ms between fault and safe frame, and without
-    that would have kept the bound; or safe on another safe state, because a process that got no
-    processor looked frozen before the fault did. A trial that is not safe is always counted, and a
-    cell of which more trials were disturbed than not is not called safe. Benches run side by side
-    (`jobs`) and disturb each other.
+* **disturbed**: trials that were repeated, because the machine and not the robot made them late:
+  safe, past the bound, but the processes of tree, robot and bench stood in line for a processor
+  (Linux counts that) for more than {disturbed_ms:g} ms between fault and safe frame, and without
+  that would have kept the bound; or safe on another safe state, because a process that got no
+  processor looked frozen before the fault did. A trial that is not safe is always counted, and a
+  cell of which more trials were disturbed than not is not called safe. Benches run side by side
+  (`jobs`) and disturb each other.
 * Each caller is a process of its own session, forked from one that has imported everything; root,
   wire and policy processes are started as they always are.
 * **Victims** are the roles of the running tree. Of a process of which the wire shows nothing (standby,
