@@ -24,7 +24,7 @@ class Known(NamedTuple):
     state: failsafe.State
     leases: Leases
     cause: str  # of the state
-    reason: str  # the ``Reason`` of that cause; empty: none
+    reason: Reason | None  # of that cause
     connect_error: str
     observation: Observation | None
     target: tuple[float, ...]
@@ -183,7 +183,7 @@ class Admission:
         # A code of its own: whoever moved the robot was ended by the robot, not by a person's stop.
         code = Code.FAULTED if known.reason == Reason.FAULT else Code.DISARMED
         why = f"the robot is {mode}{cause}"
-        return Refused(code, why, "call resume() first", because=known.reason)
+        return Refused(code, why, "call resume() first", because=str(known.reason or ""))
 
     def _refuse_latched(self, message: Setpoint) -> Refused | None:
         """Refuse a command without an end to a robot that would go on moving by it: a base, a
@@ -210,6 +210,6 @@ def _refuse_by_lease(message: Setpoint | Perform, known: Known) -> Refused | Non
             "send it again",
             str(message.epoch),
             str(known.state.epoch),
-            because=known.reason,
+            because=str(known.reason or ""),
         )
     return refusal

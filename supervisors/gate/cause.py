@@ -54,7 +54,7 @@ class Cause(msgspec.Struct, frozen=True):
     made."""
 
     text: str = ""
-    reason: str = ""
+    reason: Reason | None = None
     rank: int = Rank.ORDER
     until_ns: int = 0
     faults: dict[str, str] = {}
@@ -93,7 +93,7 @@ class Cause(msgspec.Struct, frozen=True):
     def _replaced(self, text: str, reason: Reason, rank: int) -> Cause:
         """Return a more specific cause in its place. A command that a fault has ended has not ended by
         itself."""
-        return msgspec.structs.replace(self, text=text, reason=str(reason), rank=rank, lapse=Lapse.NONE)
+        return msgspec.structs.replace(self, text=text, reason=reason, rank=rank, lapse=Lapse.NONE)
 
 
 def rank_of_condition(driver: Driver, condition: Condition) -> int:

@@ -509,7 +509,7 @@ class Gate(Actor):
         known, seen = self._cause, self._observation
         goes_on = text == known.text  # as when a link that was lost comes back
         faults = known.faults if goes_on else {} if seen is None else dict(seen.faults)
-        cause = Cause(text, str(reason), rank, now_ns + SOON_NS, faults, lapse)
+        cause = Cause(text, reason, rank, now_ns + SOON_NS, faults, lapse)
         self._cause = known.or_more_specific(cause, now_ns)
 
     def _refuse_resumes(self, refusal: Refused) -> None:

@@ -222,7 +222,7 @@ def test_soft_limits_that_are_none_are_refused(arguments: dict[str, Any], why: s
 
 def test_a_command_that_comes_as_a_service_is_refused_at_the_gate() -> None:
     """It would have no lifetime: the handle sends it as the action that it is."""
-    known = Known(State(Mode.ARMED, 1), Leases(0), "", "", "", seen(), HERE, NOW_NS, 0, False)
+    known = Known(State(Mode.ARMED, 1), Leases(0), "", None, "", seen(), HERE, NOW_NS, 0, False)
     refusal = Admission(DRIVER).service(Perform(1, 1, "set_twist", {"vx": 0.1}), known, NOW_NS)
     assert refusal is not None and refusal.code == "a_command"
 
