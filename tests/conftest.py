@@ -70,6 +70,18 @@ def run_dirs() -> Iterator[list[Path]]:
         shutil.rmtree(path, ignore_errors=True)
 
 
+@pytest.fixture(scope="session", autouse=True)
+def apart(run_dirs: list[Path]) -> Iterator[None]:
+    """No test meets a robot of whoever runs it, nor its lockout: fixtures of a module begin before
+    ``run_dir``."""
+    path = Path(tempfile.mkdtemp(prefix="sa-", dir="/tmp"))
+    run_dirs.append(path)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("STRANDS_ACTORS_RUN", str(path))
+        patch.setenv("STRANDS_ACTORS_DATA", str(path / "data"))
+        yield
+
+
 @pytest.fixture(autouse=True)
 def run_dir(run_dirs: list[Path], monkeypatch: pytest.MonkeyPatch) -> Path:
     """Where this test's robots meet, and no others. Short: a unix socket's path has 108 bytes."""

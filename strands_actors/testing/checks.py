@@ -373,7 +373,7 @@ class _Subject:
                 text=True,
                 timeout=60.0,
                 check=False,
-                env=environment(STRANDS_ACTORS_RUN=f"{directory}/run"),
+                env=environment(STRANDS_ACTORS_RUN=f"{directory}/run", STRANDS_ACTORS_DATA=f"{directory}/data"),
             )
             assert done.returncode == 0, (done.stderr.strip() or done.stdout.strip()).splitlines()[-1]
             entries = list(twin.log.entries())

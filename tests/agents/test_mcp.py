@@ -28,7 +28,11 @@ async def served(run_dir: Path, *arguments: str) -> AsyncIterator[Client]:
     server = StdioServerParameters(
         command=sys.executable,
         args=["-c", MAIN, "mcp", "so101", *arguments],
-        env={"PYTHONPATH": str(ROOT), "STRANDS_ACTORS_RUN": str(run_dir)},
+        env={
+            "PYTHONPATH": str(ROOT),
+            "STRANDS_ACTORS_RUN": str(run_dir),
+            "STRANDS_ACTORS_DATA": str(run_dir / "data"),
+        },
     )
     async with Client(stdio_client(server)) as client:
         yield client
