@@ -115,7 +115,8 @@ class Acknowledge(Message, frozen=True):
 
 
 class Detach(Message, frozen=True):
-    """Answered when the rest has been sent and acknowledged."""
+    """Answered when the rest has been sent and acknowledged. Refused when it cannot be: the session
+    is over."""
 
     session: int
 
@@ -268,6 +269,7 @@ class InstrumentKeeper(Actor):
         self._remember = remember
         self._dull = dull
         self._session: _RecorderSession | None = None
+        self._given_up = 0  # the last session that was ended with a rest unsent
 
     @property
     def recorder_pid(self) -> int:
@@ -302,14 +304,22 @@ class InstrumentKeeper(Actor):
         self.context.start_soon(self._ship, session)
         return self._attached
 
-    def _detach(self, message: Detach) -> Detached | Deferred:
+    def _detach(self, message: Detach) -> Detached | Deferred | Refused:
         session = self._session
         if session is None or session.id != message.session:
-            return Detached()
+            return self._good_bye(message.session)
         self._unplug(session)
         session.leaving = self.context.defer()
         session.journal.hurry.set()
         return session.leaving
+
+    def _good_bye(self, session: int) -> Detached | Refused:
+        """Return the answer to who leaves a session that is over. One that was given up has not had the
+        rest: it is told, else it would call its file whole."""
+        if session != self._given_up:
+            return Detached()
+        why = "the robot has given the recording up, and the rest was not sent"
+        return Refused(Code.GIVEN_UP, why, "give the recorder more of the computer")
 
     def _unplug(self, session: _RecorderSession) -> None:
         if self.context.node.instrument is session.journal:
@@ -326,16 +336,18 @@ class InstrumentKeeper(Actor):
                 journal.hurry = trio.Event()
                 now_ns = self.context.clock.now_ns()
                 if now_ns - session.heard_ns > SILENT_S * NS:
+                    self._given_up = session.id
                     break
                 self._send_some(session, now_ns)
         except Exception as error:
+            self._given_up = session.id
             self.context.node.dead(session.to, session, f"recording ended: {describe(error)}")
         finally:
             self._unplug(session)
             if self._session is session:
                 self._session = None
             if session.leaving is not None:
-                session.leaving.send(Detached())
+                session.leaving.send(self._good_bye(session.id))
 
     def _send_some(self, session: _RecorderSession, now_ns: int) -> None:
         while session.sent - session.acknowledged < WINDOW:

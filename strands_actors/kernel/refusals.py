@@ -169,6 +169,11 @@ class Code(RefusalCode):
     PUBLISH = "publish", "the gate did not answer a rollout", "the computer may be busy"
     NOT_ALLOWED = "not_allowed", "faults may not be made", "set the variable that is named"
     UNKNOWN_FAULT = "unknown_fault", "there is no such fault", "use one that is named"
+    GIVEN_UP = (
+        "given_up",
+        "a recorder was not heard for too long, and lacks the rest",
+        "give the recorder more of the computer",
+    )
     FORMAT = "format", "a recorder has another format", "use the robot's version"
 
     # over the mesh

@@ -167,6 +167,8 @@ def test_a_recorder_that_reads_nothing_gets_a_few_batches_and_is_given_up() -> N
             assert tape.tree.node.instrument is None
             assert len(tape.taker.batches) == WINDOW
             assert (await tape.tree.status()).mode == "armed"
+            refused = await tape.ask(Detach(tape.session))
+            assert isinstance(refused, Refused) and refused.code == "given_up", "it has not had the rest"
 
     run_virtual(run)
 

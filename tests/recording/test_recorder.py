@@ -15,7 +15,9 @@ import trio
 from strands_actors.kernel.actor import Actor
 from strands_actors.kernel.channels.local_mesh import LocalNetwork
 from strands_actors.kernel.clock import MonotonicClock, VirtualClock
+from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import Node
+from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.instrument import (
     Acknowledge,
@@ -195,3 +197,27 @@ def test_a_recorder_that_was_killed_keeps_no_other_away_for_long(reaped: bool, p
                 nursery.cancel_scope.cancel()
 
         run_virtual(run)
+
+
+class GivesUp(Keeper):
+    """One whose recorder was silent for too long."""
+
+    def receive(self, message: Attach | Acknowledge | Detach) -> Attached | Detached | Refused | None:
+        if isinstance(message, Detach):
+            return Refused(Code.GIVEN_UP, "the robot has given the recording up")
+        return super().receive(message)
+
+
+def test_saf_023_a_recording_that_was_given_up_says_that_the_rest_is_missing() -> None:
+    async def run() -> None:
+        node, sinks = Node("here", VirtualClock()), Sinks()
+        async with trio.open_nursery() as nursery:
+            await nursery.start(node.run)
+            await nursery.start(node.cell(addresses.of(ROBOT).instrument("wire"), GivesUp).run)
+            await nursery.start(node.cell(addresses.of(ROBOT).instrument("root"), Keeper).run)
+            await Recorder(ROBOT, sinks.open).run(node, 1.0)
+            nursery.cancel_scope.cancel()
+        (sink,) = sinks
+        assert sink.told == ["wire", "root", "wire lost"]
+
+    run_virtual(run)

@@ -173,7 +173,8 @@ class Source(Actor):
             except (AskTimeout, Unreachable):
                 answer = None
             if not isinstance(answer, Detached):
-                self._on_lost(self._name, "it did not say good-bye")
+                why = answer.reason if isinstance(answer, Refused) else "it did not say good-bye"
+                self._on_lost(self._name, why)
 
 
 class Recorder(Generic[SomeSink]):
