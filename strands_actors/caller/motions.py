@@ -119,9 +119,22 @@ def refuse_targets(driver: Driver, targets: object) -> Refused | None:
 
 
 def plan_move(
-    driver: Driver, targets: Mapping[str, Any], seconds: float, seen: Seen, period_s: float
+    driver: Driver,
+    targets: Mapping[str, Any],
+    seconds: float,
+    seen: Seen,
+    period_s: float,
+    may_take_longer: bool = False,
 ) -> Motion | Refused:
     """Plan a minimum-jerk motion of the named joints, from where they are measured to ``targets``.
+
+    Args:
+        driver: The robot's.
+        targets: By joint, in the driver's units.
+        seconds: How long the motion takes.
+        seen: The robot's state.
+        period_s: The control period.
+        may_take_longer: Take the time that the slowest joint needs. False: refuse.
 
     Returns:
         The motion, or a refusal that names what the robot would accept: the least seconds, a range.
@@ -154,8 +167,9 @@ def plan_move(
         refusal = _refuse_steps(driver, starts, ends, state, least)
         if refusal is not None and refusal.code not in TOO_FAST:
             return refusal.about(MOVE_TO)
-    if steps < least:
+    if steps < least and not may_take_longer:
         return _refuse_time(driver, slowest, starts, ends, seconds, least * period_s).about(MOVE_TO)
+    steps = max(steps, least)
     apart = any(abs(seen.target[at] - start) > _speed(driver, at) * period_s for at, start in starts.items())
     names = {at: driver.axes[at] for at in ends}
 

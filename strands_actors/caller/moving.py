@@ -19,14 +19,14 @@ from strands_actors.supervisors.gate.failsafe import Mode
 
 from . import envelopes as answers
 from .envelopes import Answer
-from .motions import LONGEST_HELD_S, LONGEST_S, Seen, plan_hold, plan_move, refuse_seconds, refuse_targets
+from .motions import LONGEST_HELD_S, LONGEST_S, Motion, Seen, plan_hold, plan_move, refuse_seconds, refuse_targets
 from .paths import MOVE_ALONG, Path, check_along, plan_along, read_path
 from .tree import RobotTree
 
 LOOK_S = 0.05
 """Between two looks at a robot that carries out a motion by itself."""
 CHECKED = 50
-"""Steps of a path that the gates are asked about at once: heartbeats go on between."""
+"""Steps of a path that the gates check before this process sends heartbeats again."""
 DEFAULT_S = 2.0
 """How long ``move_to`` takes when it is not told."""
 
@@ -46,11 +46,7 @@ async def move_to(tree: RobotTree, targets: Mapping[str, Any], seconds: float, w
         return await _told_once(tree, targets, timed, seconds, wait)
     period_s = 1.0 / driver.timing.control_hz
     motion = await tree.rollouts.move("move_to", lambda seen: plan_move(driver, targets, seconds, seen, period_s))
-    if isinstance(motion, Refused):
-        return answers.refused(motion)
-    last = motion.action(motion.n_steps)
-    told = {"robot": tree.robot, "commanded": last, "unit": driver.unit, "seconds": round(motion.seconds, 3)}
-    return await _ended(tree, "move_to", told, tuple(last)) if wait else answers.success({**told, "running": True})
+    return await _to_its_end(tree, motion, wait)
 
 
 async def hold(tree: RobotTree, verb: str, action: Mapping[str, Any], seconds: float, wait: bool) -> Answer:
@@ -64,7 +60,7 @@ async def hold(tree: RobotTree, verb: str, action: Mapping[str, Any], seconds: f
     if isinstance(motion, Refused):
         return answers.refused(motion)
     told = {"robot": tree.robot, "commanded": motion.action(1), "unit": driver.unit, "duration_s": seconds}
-    return await _ended(tree, verb, told, ()) if wait else answers.success({**told, "running": True})
+    return await _ended(tree, verb, told, (), wait)
 
 
 async def move_along(tree: RobotTree, rows: Sequence[Mapping[str, Any]], hz: float, wait: bool) -> Answer:
@@ -78,17 +74,7 @@ async def move_along(tree: RobotTree, rows: Sequence[Mapping[str, Any]], hz: flo
     if refusal is not None:
         return answers.refused(refusal)
     motion = await tree.rollouts.move(MOVE_ALONG, lambda seen: plan_along(driver, path, seen, period_s))
-    if isinstance(motion, Refused):
-        return answers.refused(motion)
-    last = motion.action(motion.n_steps)
-    told = {
-        "robot": tree.robot,
-        "rows": len(path.rows),
-        "commanded": last,
-        "unit": driver.unit,
-        "seconds": round(motion.seconds, 3),
-    }
-    return await _ended(tree, MOVE_ALONG, told, tuple(last)) if wait else answers.success({**told, "running": True})
+    return await _to_its_end(tree, motion, wait, rows=len(path.rows))
 
 
 async def _refuse_along(tree: RobotTree, path: Path, period_s: float) -> Refused | None:
@@ -109,8 +95,20 @@ async def _refuse_along(tree: RobotTree, path: Path, period_s: float) -> Refused
     return None
 
 
-async def _ended(tree: RobotTree, verb: str, told: dict[str, Any], joints: tuple[str, ...]) -> Answer:
-    """Wait for the end of a motion. Whoever gives up waiting ends it."""
+async def _to_its_end(tree: RobotTree, motion: Motion | Refused, wait: bool, **more: Any) -> Answer:
+    """Answer for a motion that has begun and ends at a target."""
+    if isinstance(motion, Refused):
+        return answers.refused(motion)
+    last = motion.action(motion.n_steps)
+    unit, seconds = tree.driver.unit, round(motion.seconds, 3)
+    told = {"robot": tree.robot, **more, "commanded": last, "unit": unit, "seconds": seconds}
+    return await _ended(tree, motion.verb, told, tuple(last), wait)
+
+
+async def _ended(tree: RobotTree, verb: str, told: dict[str, Any], joints: tuple[str, ...], wait: bool) -> Answer:
+    """Wait for the end of a motion, if that is asked for. A caller that gives up waiting ends it."""
+    if not wait:
+        return answers.success({**told, "running": True})
     try:
         ended = await tree.rollouts.wait()
     except trio.Cancelled:

@@ -1,9 +1,8 @@
-"""Plan a motion along a path that somebody else has made: rows of targets at a rate, as a dataset or
-a planner has them.
+"""Plan a motion along a given path: rows of targets at a rate, as a dataset or a planner has them.
 
 Pure: no clock, no I/O. The robot goes to the first row as ``move_to`` does, then along the rows at
-its own control rate, in a straight line from one to the next. Each row is asked of the robot's
-gates before anything moves; a speed is sent as its row has it, and zero after the last.
+its own control rate, in a straight line from one to the next. The robot's gates check each step
+before anything moves. A speed is sent as its row has it, and zero after the last.
 """
 
 from __future__ import annotations
@@ -22,7 +21,6 @@ from strands_actors.kernel.refusals import Code
 
 from .motions import (
     LONGEST_S,
-    TOO_FAST,
     Motion,
     Seen,
     arrived,
@@ -42,11 +40,34 @@ ROUNDING = 1e-9
 
 
 class Path(NamedTuple):
-    """Targets of the same joints, one row after the other."""
+    """Targets of the same joints, one row after the other.
+
+    Attributes:
+        joints: Names of all that a row has.
+        places: Those of them that go to a target. The others are speeds.
+        rows: In the driver's units.
+        hz: Rows a second.
+    """
 
     joints: tuple[str, ...]
+    places: frozenset[str]
     rows: Sequence[tuple[float, ...]]
     hz: float
+
+    @property
+    def last(self) -> int:
+        """Return the number of the last row."""
+        return len(self.rows) - 1
+
+    @property
+    def has_speeds(self) -> bool:
+        return len(self.places) < len(self.joints)
+
+    def steps(self, period_s: float) -> int:
+        """Return how many control periods the rows take. A place is reached at the moment of its row. A
+        speed is sent for the time of its row, and one more step stops it."""
+        rows = self.last + self.has_speeds
+        return max(1, math.ceil(rows / self.hz / period_s - ROUNDING)) + self.has_speeds
 
     def at(self, row: int) -> dict[str, float]:
         """Return the targets of one row."""
@@ -54,7 +75,7 @@ class Path(NamedTuple):
 
 
 def read_path(driver: Driver, rows: object, hz: object) -> Path | Refused:
-    """Read what a caller gave as a path. Refuse what is none, whatever the robot's state is."""
+    """Return the rows of a caller as a path, or a refusal that does not depend on the robot's state."""
     rate = finite(hz)
     if rate is None or not 0 < rate <= MOST_HZ:
         limit = f"above 0, at most {MOST_HZ:g}"
@@ -79,16 +100,20 @@ def read_path(driver: Driver, rows: object, hz: object) -> Path | Refused:
         why = f"{driver.robot} has no joint {shown(unknown[0])}"
         remedy = f"use some of {', '.join(driver.axes)}"
         return Refused(Code.UNKNOWN_JOINT, why, remedy, shown(unknown[0]), verb=MOVE_ALONG)
-    places = _places(driver, joints)
+    places = frozenset(joint for joint in joints if is_place(driver, driver.axes.index(joint)))
     refusal = refuse_targets(driver, dict.fromkeys(places, 0.0)) if places else None
-    return Path(joints, found, rate) if refusal is None else refusal.about(MOVE_ALONG)
+    return Path(joints, places, found, rate) if refusal is None else refusal.about(MOVE_ALONG)
 
 
 def check_along(driver: Driver, motion: Motion, path: Path, seen: Seen) -> Iterator[Refused | None]:
-    """Ask the robot's gates about each step along the rows, as if the robot followed at once. The way to
-    the first row was asked about when it was planned."""
+    """Check each step along the rows with the robot's gates, as if the robot followed at once. The way to
+    the first row was checked when it was planned.
+
+    Returns:
+        For each step its refusal, or None.
+    """
     here = state_of(seen, motion.period_s)
-    steps_before = motion.n_steps - _steps_along(driver, path, motion.period_s)
+    steps_before = motion.n_steps - path.steps(motion.period_s)
     before = path.at(0)
     for step in range(steps_before + 1, motion.n_steps + 1):
         then = motion.action(step)
@@ -110,65 +135,45 @@ def plan_along(driver: Driver, path: Path, seen: Seen, period_s: float) -> Motio
     Returns:
         The motion, or why the robot cannot go to the first row.
     """
-    places = _places(driver, path.joints)
-    speeds = [joint for joint in path.joints if joint not in places]
-    approach = _approach(driver, {joint: path.at(0)[joint] for joint in places}, seen, period_s)
+    first = path.at(0)
+    approach: Motion | Refused | None = None
+    if path.places:
+        targets = {joint: first[joint] for joint in path.places}
+        approach = plan_move(driver, targets, APPROACH_S, seen, period_s, may_take_longer=True)
     if isinstance(approach, Refused):
         return approach.about(MOVE_ALONG)
     steps_before = 0 if approach is None else approach.n_steps
-    at_rest = {joint: driver.table[driver.axes.index(joint)].rest for joint in speeds}
-    last = len(path.rows) - 1
-    n_steps = steps_before + _steps_along(driver, path, period_s)
+    n_steps = steps_before + path.steps(period_s)
+    at_rest = {axis.key: axis.rest for axis in driver.table if axis.key in first and axis.key not in path.places}
 
     def action(step: int) -> dict[str, float]:
         if approach is not None and step <= steps_before:
             return approach.action(step)
-        if speeds and step == n_steps:
-            return {**path.at(-1), **at_rest}
-        along = (step - steps_before) * period_s * path.hz
-        row = min(int(along + ROUNDING), last)
-        here, then, told = path.at(row), path.at(min(row + 1, last)), path.at(_row_before(path, along, period_s))
-        share = min(1.0, along - row)
-        return {
-            joint: here[joint] + (then[joint] - here[joint]) * share if joint in places else told[joint]
-            for joint in path.joints
-        }
+        if at_rest and step == n_steps:
+            return path.at(-1) | at_rest
+        return _between_rows(path, (step - steps_before) * period_s * path.hz, period_s)
 
     return Motion(
         MOVE_ALONG,
         period_s,
         n_steps,
         action,
-        keeps=bool(places),
+        keeps=bool(path.places),
         begins_apart=approach is not None and approach.begins_apart,
     )
 
 
-def _approach(driver: Driver, first: Mapping[str, float], seen: Seen, period_s: float) -> Motion | Refused | None:
-    """Plan the way to the first row: in ``APPROACH_S``, or as long as the slowest joint needs."""
-    if not first:
-        return None
-    motion = plan_move(driver, first, APPROACH_S, seen, period_s)
-    if isinstance(motion, Refused) and motion.code in TOO_FAST:
-        motion = plan_move(driver, first, float(motion.limit), seen, period_s)
-    return motion
-
-
-def _row_before(path: Path, along: float, period_s: float) -> int:
-    """Return the row that says the speed of a period which ends ``along`` so many rows."""
-    return min(int(along - period_s * path.hz + ROUNDING), len(path.rows) - 1)
-
-
-def _steps_along(driver: Driver, path: Path, period_s: float) -> int:
-    """Return how many steps the rows take. A place is reached at the moment of its row; a speed is told
-    for a row's time, and one step more has the robot stand."""
-    has_speeds = len(_places(driver, path.joints)) < len(path.joints)
-    rows = len(path.rows) - 1 + has_speeds
-    return max(1, math.ceil(rows / path.hz / period_s - ROUNDING)) + has_speeds
-
-
-def _places(driver: Driver, joints: Sequence[str]) -> list[str]:
-    return [joint for joint in joints if is_place(driver, driver.axes.index(joint))]
+def _between_rows(path: Path, along: float, period_s: float) -> dict[str, float]:
+    """Return the command of the period that ends ``along`` so many rows: a place on the line between two
+    rows, a speed of the row in which the period began."""
+    row = min(int(along + ROUNDING), path.last)
+    share = min(1.0, along - row)
+    here, then = path.at(row), path.at(min(row + 1, path.last))
+    speeds = path.at(min(int(along - period_s * path.hz + ROUNDING), path.last)) if path.has_speeds else {}
+    return {
+        joint: here[joint] + (then[joint] - here[joint]) * share if joint in path.places else speeds[joint]
+        for joint in path.joints
+    }
 
 
 def _refused(why: str, remedy: str, offered: str = "", limit: str = "") -> Refused:

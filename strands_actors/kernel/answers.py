@@ -1,4 +1,4 @@
-"""What was answered to a question, as a type: the answer that was asked for, or a refusal."""
+"""Check the kind of an answer: the message that was expected, or a refusal."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ Answer = TypeVar("Answer", bound=Message)
 
 
 def read_answer(answer: Message | None, kind: type[Answer], verb: str = "") -> Answer | Refused:
-    """Return an answer of that kind, or the refusal that came in its place. No answer, and any other
-    one, is a refusal, too (SAF-023)."""
+    """Return the answer if it is of that kind or a refusal. Else return a refusal: a missing answer, and
+    an answer of another kind, are no success (SAF-023)."""
     if isinstance(answer, kind | Refused):
         return answer
     return Refused(Code.NO_ANSWER, "no answer", verb=verb)

@@ -29,6 +29,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .scale import NORMALIZED, Scale, unit_word
+
 if TYPE_CHECKING:
     from strands_actors.surfaces.cameras import CameraReader
 
@@ -40,30 +42,6 @@ HORIZON = 10
 """Actions of a chunk that are executed before the next one is blended in; lerobot's default."""
 STATE = "observation.state"
 FILES = ("config.json", "model.safetensors", "policy_preprocessor.json", "policy_postprocessor.json")
-GRIPPER = "gripper"
-"""lerobot's name for the one motor that it counts from 0 to 100, whatever the others are in."""
-
-
-class Scale:
-    """Between the driver's units and -100..100 (the gripper: 0..100) of lerobot, which bounds both.
-    ``travel``: each axis' calibrated range in the driver's units."""
-
-    def __init__(self, axes: Sequence[str], travel: Mapping[str, Sequence[float]]) -> None:
-        self._ranges = [(0.0 if axis == GRIPPER else -100.0, *travel[axis]) for axis in axes]
-
-    def to_lerobot(self, values: Sequence[float]) -> list[float]:
-        rows = zip(values, self._ranges, strict=True)
-        return [_onto(value, low, high, least, 100.0) for value, (least, low, high) in rows]
-
-    def from_lerobot(self, values: Sequence[float]) -> list[float]:
-        rows = zip(values, self._ranges, strict=True)
-        return [_onto(value, least, 100.0, low, high) for value, (least, low, high) in rows]
-
-
-def _onto(value: float, low: float, high: float, new_low: float, new_high: float) -> float:
-    """From one range onto another; what is outside, and no NaN, goes to the nearer end."""
-    moved = new_low + (value - low) / (high - low) * (new_high - new_low)
-    return new_low if moved < new_low else new_high if moved > new_high else moved
 
 
 class LerobotLocal:
@@ -278,21 +256,19 @@ def _folder(given: str) -> str:
 
 def _scale(axes: Sequence[str], units: str, unit: str, travel: Mapping[str, Sequence[float]]) -> Scale | None:
     """None: the checkpoint's numbers are the driver's."""
-    own = unit.partition(" ")[0].strip(",")
+    own = unit_word(unit)
     if units and units == own:
         return None
-    if units != "normalized":
+    if units != NORMALIZED:
         known = f"{own!r} or 'normalized'" if own else "'normalized'"
         raise ValueError(
             f"lerobot_local: units is {units!r}. give {known}: what the data of the checkpoint were recorded in "
             "(use_degrees of lerobot's arms), which the checkpoint does not say"
         )
-    if missing := [axis for axis in axes if axis not in travel]:
-        raise ValueError(
-            f"lerobot_local: units='normalized' is a share of each joint's calibrated range, and there is none of "
-            f"{', '.join(missing)}. give the robot calibration=, the file of the arm that recorded"
-        )
-    return Scale(axes, travel)
+    try:
+        return Scale(axes, travel)
+    except ValueError as missing:
+        raise ValueError(f"lerobot_local: {missing}") from None
 
 
 def _check(config: Any, axes: Sequence[str], folder: str) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from strands_actors import Robot, record_dataset, replay_episode
+from strands_actors import record_dataset, replay_episode
 from strands_actors.contract.driver import Driver
 from strands_actors.drivers.feetech.driver import Feetech
 from strands_actors.surfaces import cli
@@ -30,18 +29,6 @@ from tests.robot.helpers import IDS, goals
 from .made import LAYOUT, begin, fill, row
 
 DEGREES = ("deg", "deg", "percent")
-
-
-@pytest.fixture
-def twin(tmp_path: Path) -> Iterator[Twin]:
-    with Twin("so101", tmp_path) as twin:
-        yield twin
-
-
-@pytest.fixture
-def arm(twin: Twin) -> Iterator[Any]:
-    with Robot("so101", mode="real", port=twin.port) as arm:
-        yield arm
 
 
 def made(root: Path, units: tuple[str, ...] = DEGREES) -> Path:

@@ -42,18 +42,6 @@ PATIENCE_S = 90.0
 AXES = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
 
 
-@pytest.fixture
-def twin(tmp_path: Path) -> Iterator[Twin]:
-    with Twin("so101", tmp_path) as twin:
-        yield twin
-
-
-@pytest.fixture
-def arm(twin: Twin) -> Iterator[Any]:
-    with Robot("so101", mode="real", port=twin.port) as arm:
-        yield arm
-
-
 def wave(arm: Any, seconds: float, until: Callable[[], bool] = lambda: False) -> int:
     """Move, and return how many setpoints were accepted: all but those that a busy machine made
     late before they were sent."""

@@ -3,27 +3,18 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import trio
 
-from strands_actors.caller import verbs
-from strands_actors.caller.envelopes import Answer
-from strands_actors.caller.processes import NotConnected
 from strands_actors.caller.tree import RobotTree
 from strands_actors.kernel.messages import Message, Refused
-from strands_actors.kernel.node import AskTimeout, Unreachable
 from strands_actors.supervisors.gate.messages import Accepted
-from strands_actors.surfaces.mesh.reach import reach
 
+from .borrow import borrow, refuse
 from .errors import Problem
-from .orders import configuration
-
-REFUSED = 1
-RELEASE_S = 1.0
 
 
 def send(robot: str, pairs: Sequence[str], seconds: float, resume: bool, mesh: Path | None, as_json: bool) -> int:
@@ -50,26 +41,13 @@ def parse(pairs: Sequence[str]) -> dict[str, float]:
 async def _send(
     robot: str, targets: dict[str, float], seconds: float, resume: bool, mesh: Path | None, as_json: bool
 ) -> int:
-    try:
-        async with reach(robot, configuration(mesh)) as tree:
-            released: list[Answer] = []
-            try:
-                code = await _keep(tree, targets, seconds, resume, as_json)
-            finally:
-                with trio.move_on_after(RELEASE_S, shield=True):  # it holds; its own program may have it again
-                    released.append(await verbs.release(tree))
-            if code or (released and released[0]["status"] == "success"):
-                return code
-            told = released[0]["content"][0]["text"] if released else "release: no answer"
-            return _refuse(robot, told, as_json)
-    except ConnectionError as failure:  # nobody was asked
-        raise Problem(str(failure)) from failure
-    except (NotConnected, AskTimeout, Unreachable) as failure:
-        return _refuse(robot, str(failure), as_json)
+    why = await borrow(robot, mesh, lambda tree: _keep(tree, targets, seconds, resume, as_json))
+    return refuse(robot, "sent", why, as_json) if why else 0
 
 
-async def _keep(tree: RobotTree, targets: dict[str, float], seconds: float, resume: bool, as_json: bool) -> int:
-    """Hold the lease that long. A target that lives for a moment only is sent again."""
+async def _keep(tree: RobotTree, targets: dict[str, float], seconds: float, resume: bool, as_json: bool) -> str:
+    """Hold the lease that long, and return why that failed. A target that lives for a moment only is sent
+    again."""
     answer: Message | None = await tree.resume() if resume else None
     if not isinstance(answer, Refused):
         answer = await tree.send_action(targets)
@@ -80,15 +58,7 @@ async def _keep(tree: RobotTree, targets: dict[str, float], seconds: float, resu
         await trio.sleep(left if ttl_s is None else min(left, ttl_s / 2))
         if ttl_s is not None:
             answer = await tree.send_action(targets)
-    return _refuse(tree.robot, answer.text, as_json) if isinstance(answer, Refused) else 0
-
-
-def _refuse(robot: str, why: str, as_json: bool) -> int:
-    if as_json:
-        print(json.dumps({"robot": robot, "sent": False, "detail": why}))
-    else:
-        print(f"strands-actors: {why}", file=sys.stderr)
-    return REFUSED
+    return answer.text if isinstance(answer, Refused) else ""
 
 
 def _tell(robot: str, answer: dict[str, Any], seconds: float, as_json: bool) -> None:

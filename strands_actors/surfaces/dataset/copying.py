@@ -16,7 +16,6 @@ from typing import Any
 import msgspec
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from .check import check
 from .episode import Marks, index_table
@@ -24,10 +23,10 @@ from .errors import DamagedError, DatasetError
 from .index import Index
 from .info import Info
 from .layout import DATA_MB, INFO, STAGING, STATS, TASKS, VIDEO_MB, FileSlot, tasks_table
-from .rows import EpisodeRow, VideoSpan
+from .rows import EpisodeRow, VideoSpan, frames_of
 from .statistics import Figures, PictureFigures, aggregate, of_column
 from .storage import STAGED_SUFFIX, Storage
-from .tables import integers, parquet, read_table, refuse_damage
+from .tables import integers, parquet, refuse_damage
 from .video import Span, concatenate, decode_image, pictures_of, setup_of
 
 MB = 1_000_000
@@ -153,7 +152,7 @@ class _Copy:
             tables = []
             for number in group:
                 one = self._episodes[number]
-                table = self._renumbered(_frames_of(self._index.root, one.source), one.row.first)
+                table = self._renumbered(frames_of(self._index.root, one.source), one.row.first)
                 tables.append(table)
                 one.slots["data"] = slot
                 tasks = one.row.tasks or tuple(
@@ -203,7 +202,7 @@ class _Copy:
         found = {key: figures for key, figures in one.source.figures.items() if key in self._info.features}
         missing = [key for key in self._info.features if key not in found] if self._info.is_older else []
         if missing:
-            table = _frames_of(self._index.root, one.source)
+            table = frames_of(self._index.root, one.source)
             for key in missing:
                 if figures := self._computed(key, table, one.source):
                     found[key] = figures
@@ -264,8 +263,8 @@ class _Copy:
         if found.faults or (copied.total, copied.frames) != (len(self._index.rows), self._index.frames):
             raise DamagedError(f"the copy has {copied.frames} frames of {self._index.frames}: {found.faults[:1]}")
         for one in self._episodes:
-            written = _frames_of(self._staged, copied.rows[one.row.number])
-            source = self._renumbered(_frames_of(self._index.root, one.source), one.row.first)
+            written = frames_of(self._staged, copied.rows[one.row.number])
+            source = self._renumbered(frames_of(self._index.root, one.source), one.row.first)
             if not written.equals(source):
                 raise DamagedError(
                     f"episode {one.row.number} has other values in the copy than in {one.source.data}"
@@ -274,12 +273,6 @@ class _Copy:
 
 def _first(one: _New, key: str, fps: float) -> int:
     return round(one.source.videos[key].start_s * fps)
-
-
-def _frames_of(root: Path, row: EpisodeRow) -> pa.Table:
-    table = read_table(root / row.data)
-    with refuse_damage(root / row.data):
-        return table.filter(pc.equal(table["episode_index"], row.number)).combine_chunks()
 
 
 def _groups(sizes: Sequence[int], most_mb: float, kinds: Sequence[bytes] = ()) -> Iterator[list[int]]:

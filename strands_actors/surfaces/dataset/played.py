@@ -1,9 +1,8 @@
-"""Move a robot along an episode of a dataset, as it was told when that was recorded.
+"""Move a robot along an episode of a dataset.
 
-What is replayed is ``action``, at the dataset's rate. A dataset of ours says its units; one of
-LeRobot's does not, so whoever replays it does: the robot's own, or ``normalized``, its arms' default
-(-100 to 100 over a joint's calibrated range, the gripper 0 to 100). A number in the wrong unit is a
-motion that nobody meant.
+The robot gets the episode's ``action``, at the dataset's rate. A dataset of ours states its units. A
+dataset of LeRobot's does not, so the caller states them: the robot's own, or ``normalized``
+(``policies.scale``). A number in the wrong unit would move the robot anywhere, so there is no default.
 """
 
 from __future__ import annotations
@@ -14,20 +13,17 @@ from typing import Any, Protocol
 
 import msgspec
 import numpy as np
-import pyarrow.compute as pc
 
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.shown import shown
-from strands_actors.policies.lerobot import Scale
+from strands_actors.policies.scale import NORMALIZED, Scale, unit_word
 from strands_actors.surfaces.recording.given import path_of
 
 from .errors import DatasetError
 from .index import Index
 from .layout import ACTION
-from .tables import integers, read_table, refuse_damage
-
-NORMALIZED = "normalized"
-SUFFIXES = (".pos", ".vel")
+from .rows import frames_of
+from .tables import integers, refuse_damage
 
 
 class Movable(Protocol):
@@ -39,7 +35,7 @@ class Movable(Protocol):
 
 
 class Played(msgspec.Struct, frozen=True):
-    """What an episode tells a robot. ``units``: of each joint; empty: the dataset does not say."""
+    """The commands of an episode. ``units``: of each joint; empty: the dataset does not state them."""
 
     joints: tuple[str, ...]
     units: tuple[str, ...]
@@ -71,7 +67,7 @@ def replay_episode(
 
 
 def read_episode(root: Path, episode: int) -> Played:
-    """Read what an episode tells a robot. Raise ``DatasetError``."""
+    """Read the commands of an episode. Raise ``DatasetError``."""
     index = Index(root)
     if index.info is None:
         raise DatasetError(f"{root}: there is no dataset")
@@ -84,9 +80,8 @@ def read_episode(root: Path, episode: int) -> Played:
         known = f"0 to {max(index.rows)}" if index.rows else "none"
         raise DatasetError(f"{root}: there is no episode {shown(episode)} ({lost or f'there are {known}'})")
     pictures = [key for key, each in index.info.features.items() if each.dtype == "image"]
-    table = read_table(root / row.data, without=pictures)
+    table = frames_of(root, row, without=pictures)
     with refuse_damage(root / row.data):
-        table = table.filter(pc.equal(table["episode_index"], row.number)).combine_chunks()
         order = integers(table, "frame_index") if "frame_index" in table.column_names else np.arange(table.num_rows)
         values = np.array(table[ACTION].to_pylist(), dtype=np.float64)
     if values.shape != (row.frames, len(feature.flat_names)) or not (order == np.arange(row.frames)).all():
@@ -95,7 +90,10 @@ def read_episode(root: Path, episode: int) -> Played:
         )
     joints = tuple(_joint(name) for name in feature.flat_names)
     rows = tuple(tuple(each) for each in values.tolist())
-    return Played(joints, tuple(feature.flat_units), rows, float(index.info.fps), ", ".join(row.tasks))
+    units = tuple(feature.flat_units)
+    if len(units) != len(joints):
+        units = ()
+    return Played(joints, units, rows, float(index.info.fps), ", ".join(row.tasks))
 
 
 def rows_for(driver: Driver, played: Played, units: str = "") -> list[dict[str, float]]:
@@ -114,10 +112,10 @@ def rows_for(driver: Driver, played: Played, units: str = "") -> list[dict[str, 
 
 def _require_units(driver: Driver, played: Played, units: str) -> None:
     own = {axis.key: axis.unit for axis in driver.table}
-    for joint, unit in zip(played.joints, played.units, strict=False):
+    for joint, unit in zip(played.joints, played.units, strict=True):
         if unit != own.get(joint, unit):
             raise DatasetError(f"{joint} is recorded in {unit}, and {driver.robot} has {own[joint]}")
-    if units and units not in (_own(driver), *played.units):
+    if units and units not in (unit_word(driver.unit), *played.units):
         raise DatasetError(
             f"units is {shown(units)}, and the dataset says {', '.join(dict.fromkeys(played.units))}"
         )
@@ -125,7 +123,7 @@ def _require_units(driver: Driver, played: Played, units: str) -> None:
 
 def _scale(driver: Driver, joints: Sequence[str], units: str) -> Scale | None:
     """None: the numbers are the robot's."""
-    own = _own(driver)
+    own = unit_word(driver.unit)
     if units and units == own:
         return None
     if units != NORMALIZED:
@@ -133,23 +131,15 @@ def _scale(driver: Driver, joints: Sequence[str], units: str) -> Scale | None:
         raise DatasetError(
             f"units is {shown(units)}, and the dataset does not say in which units it is. give units={known}"
         )
-    travel = driver.travel()
-    if missing := [joint for joint in joints if joint not in travel]:
-        raise DatasetError(
-            f"units={NORMALIZED!r} is a share of each joint's calibrated range, and there is none of "
-            f"{', '.join(missing)}. give the robot calibration=, the file of the arm that recorded"
-        )
-    return Scale(joints, travel)
-
-
-def _own(driver: Driver) -> str:
-    """Return the robot's unit in one word, as policies are told it."""
-    return driver.unit.partition(" ")[0].strip(",")
+    try:
+        return Scale(joints, driver.travel())
+    except ValueError as missing:
+        raise DatasetError(str(missing)) from None
 
 
 def _joint(name: str) -> str:
-    suffix = next((each for each in SUFFIXES if name.endswith(each)), "")
-    return name.removesuffix(suffix)
+    """Return the name of a joint as its driver has it."""
+    return name.removesuffix(".pos").removesuffix(".vel")
 
 
 __all__ = ["Played", "read_episode", "replay_episode", "rows_for"]

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
 import msgspec
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 
 from .errors import DatasetError
 from .info import Count, Info
 from .layout import FileSlot
 from .statistics import Figures
+from .tables import read_table, refuse_damage
 
 Number = Annotated[int, msgspec.Meta(ge=0, le=10**9)]
 Length = Annotated[int, msgspec.Meta(ge=1, le=10**9)]
@@ -107,6 +110,13 @@ def decode_row(row: Mapping[str, Any], info: Info) -> EpisodeRow:
         spans,
         figures_in(row),
     )
+
+
+def frames_of(root: Path, row: EpisodeRow, without: Collection[str] = ()) -> pa.Table:
+    """Return the frames of an episode, without some columns. Raise ``DatasetError``."""
+    table = read_table(root / row.data, without)
+    with refuse_damage(root / row.data):
+        return table.filter(pc.equal(table["episode_index"], row.number)).combine_chunks()
 
 
 def slot_stated(row: Mapping[str, Any]) -> FileSlot | None:
