@@ -26,7 +26,7 @@ from strands_actors.kernel.messages import Refused
 from .config import SimConfig
 from .gates import computable, held
 
-OF_THE_ROBOT = ("ROLLOUTS", "TASKS", "TOOL_VERBS", "GUARDED", "TOPICS")
+OF_THE_ROBOT = ("READ_ONLY_JOINTS", "ROLLOUTS", "TASKS", "TOOL_VERBS", "GUARDED", "TOPICS")
 """What is declared of the robot, whatever it is made of."""
 
 RANGE_ROUNDING = 1e-6
@@ -105,9 +105,6 @@ class SimDriver(Driver):
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         return self.real.parse_simulated(action, state)
-
-    def observed(self, observation: Observation) -> dict[str, float]:
-        return self.real.observed(observation)
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
         return self.real.as_json(values)

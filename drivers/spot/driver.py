@@ -18,10 +18,9 @@ from strands_actors.contract.driver import Candidate, Driver, GateState, Reason,
 from strands_actors.contract.fallbacks import fallbacks_for
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.contract.sensors import Sensor
+from strands_actors.contract.sensors import ReadOnlyJoint, Sensor
 from strands_actors.contract.tool_verbs import DURATION, MOVE_TO, STATE, STATUS, STOP, ToolVerb, held_move
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
-from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.velocity_base import parse_twist
 from strands_actors.kernel.messages import Refused
 
@@ -71,6 +70,9 @@ class Spot(Driver):
             },
         ),
         Sensor("battery", {"pct": "battery_pct", "voltage": "battery_v"}),
+    )
+    READ_ONLY_JOINTS: ClassVar[tuple[ReadOnlyJoint, ...]] = tuple(
+        ReadOnlyJoint(key, sensor, "rad") for key, sensor in LEG_SENSORS.items()
     )
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (
         READ_SENSORS,
@@ -178,11 +180,6 @@ class Spot(Driver):
         """Return a row by key, without what this robot has not: an arm."""
         row = dict(zip(self.axes, values, strict=False))
         return {key: value for key, value in row.items() if value == value}
-
-    def observed(self, observation: Observation) -> dict[str, float]:
-        """Return its legs, too, which nobody but its own controller moves."""
-        legs = {key: observation.sensors.get(sensor) for key, sensor in LEG_SENSORS.items()}
-        return {**super().observed(observation), **{key: row[0] for key, row in legs.items() if row}}
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
         target = self.as_json(values)

@@ -33,7 +33,7 @@ from .fallbacks import check_fallbacks, fallbacks_for
 from .options import DriverOptions, meanings, option, plain, read_options, secrets_of
 from .rotations import roll_pitch_yaw
 from .safe_state import SafeState
-from .sensors import Sensor
+from .sensors import ReadOnlyJoint, Sensor
 from .stop_channels import ConnectWhenNeeded, DuplicateDescriptor, KeptSession, WatchedFirmware
 from .stop_process import OwnProcess
 from .tool_verbs import MOVE_TO, SENSORS, SET_TORQUE, STATE, STATUS, STOP, ToolVerb
@@ -72,6 +72,7 @@ __all__ = [
     "Picture",
     "PictureSource",
     "ProcessSpent",
+    "ReadOnlyJoint",
     "Reason",
     "Refused",
     "SafeState",

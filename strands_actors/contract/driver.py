@@ -29,7 +29,7 @@ from .axis import Axis, AxisMode, Part, axes_of, finite, first_target, parse_act
 from .loading import load
 from .positions import SUFFIX
 from .safe_state import SafeState
-from .sensors import Sensor
+from .sensors import ReadOnlyJoint, Sensor
 from .tool_verbs import SENSORS, STATUS, STOP, ToolVerb
 from .wire import Observation, StopChannel, Wire
 
@@ -240,6 +240,8 @@ class Driver(ABC):
     SENSORS: ClassVar[tuple[Sensor, ...]] = ()
     """What the robot has beyond its axes, and where it is published; the rest of what is read is in
     ``health``."""
+    READ_ONLY_JOINTS: ClassVar[tuple[ReadOnlyJoint, ...]] = ()
+    """Joints that are observed beside the axes, and that no action may name."""
     ANSWERS_WITH: ClassVar[tuple[str, ...]] = ()
     """Sensors whose newest reading goes with the answer to an accepted command (``accepted``)."""
     GUARDED: ClassVar[tuple[str, ...]] = ()
@@ -399,8 +401,9 @@ class Driver(ABC):
         return dict(zip(self.axes, values, strict=True))
 
     def observed(self, observation: Observation) -> dict[str, float]:
-        """Return where the robot is, by public key: its axes, and joints that it only tells of."""
-        return self.as_json(observation.position)
+        """Return where the robot is, by public key: its axes, and its read-only joints that were read."""
+        rows = {joint.key: observation.sensors.get(joint.sensor) for joint in self.READ_ONLY_JOINTS}
+        return self.as_json(observation.position) | {key: row[0] for key, row in rows.items() if row}
 
     def as_telemetry(self, observation: Observation) -> dict[str, float]:
         """``observed`` for other hosts: a position stands under ``x`` and under ``x.pos``, since a

@@ -34,6 +34,15 @@ def number_of(sensors: Mapping[str, Row], name: str, missing: int = -1) -> int:
     return round(row[0]) if row and math.isfinite(row[0]) else missing
 
 
+class ReadOnlyJoint(msgspec.Struct, frozen=True):
+    """A joint that the robot reports and that nobody here moves. ``sensor``: the name in
+    ``Observation.sensors`` of the one number that is its position; ``unit``: what that counts."""
+
+    key: str
+    sensor: str
+    unit: str
+
+
 class Sensor(msgspec.Struct, frozen=True):
     """One topic. ``fields``: field on the topic -> name in ``Observation.sensors``; ``name[0]`` is
     one number of a row. ``prefix``: whatever sensors begin so are fields too, for a driver that

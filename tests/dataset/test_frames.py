@@ -4,13 +4,16 @@ missing."""
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
+from strands_actors.contract.sensors import ReadOnlyJoint
 from strands_actors.surfaces.dataset.frames import NS, PATIENCE_S, Assembler, Axes, missed
 from strands_actors.surfaces.dataset.staging import Row
 from strands_actors.surfaces.recording.rows import Command, Gap, Lifecycle, Safe, Seen
 
 PERIOD_NS = NS // 10
 AXES = Axes(("a", "v"), frozenset({"v"}))
+NONE: Mapping[str, list[float | None]] = {}
 
 
 def ms(value: float) -> int:
@@ -23,9 +26,17 @@ class Robot:
     def __init__(self, axes: Axes = AXES) -> None:
         self.assembler = Assembler(axes, 0.1)
 
-    def sees(self, at: float, a: float | None, v: float = 0.0, oldest: float | None = None) -> None:
+    def sees(
+        self,
+        at: float,
+        a: float | None,
+        v: float = 0.0,
+        oldest: float | None = None,
+        sensors: Mapping[str, list[float | None]] = NONE,
+    ) -> None:
         oldest_ns = ms(at if oldest is None else oldest)
-        self.assembler.hear([("observation", ms(at), Seen(ms(at), {"a": a, "v": v}, {}, {}, {}, oldest_ns))])
+        seen = Seen(ms(at), {"a": a, "v": v}, {}, dict(sensors), {}, oldest_ns)
+        self.assembler.hear([("observation", ms(at), seen)])
 
     def moves(self, at: float, a: float, accepted: float | None = None, lease: int = 1) -> None:
         """Asked to move to ``a``; refused unless ``accepted`` is given."""
@@ -62,6 +73,20 @@ def test_an_axis_that_the_robot_may_lack_is_left_out_when_it_was_never_read() ->
         ("a", "v"), frozenset({"v"}), ("rad", "m/s"), frozenset({"claw"})
     )
     assert robot.assembler.has_all and robot.rows(1000)[0].state == (1.0, 0.0)
+
+
+def test_joints_that_are_only_read_stand_in_the_state_alone() -> None:
+    legs = (ReadOnlyJoint("knee", "knee_rad", "rad"), ReadOnlyJoint("tail", "tail_rad", "rad"))
+    robot = Robot(Axes(("a", "v"), frozenset({"v"}), read_only=legs))
+    robot.sees(980, 1.0)
+    assert not robot.assembler.has_all, "nothing is read of either yet"
+    robot.sees(990, 1.0, sensors={"knee_rad": [-1.5]})
+    robot.moves(995, 5.0, accepted=5.0)
+    robot.sees(996, 2.0)
+    assert robot.assembler.leave_out_absent().state == ("a", "v", "knee")
+    (row,) = robot.rows(1000)
+    assert row.state == (1.0, 0.0, -1.5), "a reading without the knee is no state"
+    assert row.action == row.requested == (5.0, 0.5)
 
 
 def test_an_axis_that_was_read_once_is_the_robots_and_a_reading_without_it_is_no_state() -> None:

@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 
 from strands_actors import MeshConfig, Robot, list_native_drivers
+from strands_actors.drivers.spot.robots import LEGS, TABLES
 from strands_actors.testing import Twin
 from tests.answers import json_of, until
 from tests.house.test_packaging import build
@@ -140,6 +141,18 @@ def test_saf_014_a_loop_moves_the_twin_and_what_is_refused_is_never_on_the_wire(
     twin.log.no_setpoint_after_safe(begun_ns)
     same = {frame.data for frame in twin.log.host("setpoint") if frame.t_ns < begun_ns}
     assert {frame.data for frame in twin.log.host("setpoint", begun_ns)} <= same  # the goal, given again
+
+
+def test_joints_that_are_only_read_are_observed_in_degrees_and_are_no_action(make: Make, tmp_path: Path) -> None:
+    with Twin("spot", tmp_path, options={"arm": True}) as twin:
+        spot = make("strands_spot", port=twin.port)
+        assert list(spot.observation_features) == [*spot.action_features, *(f"{leg}.pos" for leg in LEGS)]
+        spot.connect()
+        seen = spot.get_observation()
+        assert list(seen) == list(spot.observation_features)
+        knee_rad = TABLES.table("spot")["sit_leg_rad"][2]
+        assert seen["hr_kn.pos"] == pytest.approx(math.degrees(knee_rad), abs=0.1), "it sits"
+        spot.disconnect()
 
 
 @pytest.mark.long

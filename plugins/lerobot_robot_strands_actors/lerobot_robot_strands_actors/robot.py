@@ -15,7 +15,7 @@ from lerobot.robots import Robot
 import strands_actors
 
 from .configs import LocalConfig, RemoteConfig, StrandsConfig
-from .units import features
+from .units import features, observed_features
 
 OLDEST_S = 2.0
 """A loop that is shown an older reading steers by what no longer is."""
@@ -41,6 +41,7 @@ class StrandsRobot(Robot):
         driver = self._handle().driver
         self._features = features(driver.robot, driver.table, driver.travel(), config.use_degrees)
         self._by_key = {feature.key: feature for feature in self._features}
+        self._observed = (*self._features, *observed_features(driver.READ_ONLY_JOINTS))
         self._accepted: dict[str, float] = {}
         self._refused = 0
 
@@ -53,7 +54,7 @@ class StrandsRobot(Robot):
     @property
     def observation_features(self) -> dict[str, Any]:
         sizes = {name: (one.height, one.width, 3) for name, one in self.config.cameras.items()}
-        return {**self.action_features, **sizes}
+        return {**{feature.key: float for feature in self._observed}, **sizes}
 
     @property
     def is_connected(self) -> bool:
@@ -174,10 +175,10 @@ class StrandsRobot(Robot):
             raise ConnectionError(
                 f"{self.name}: the newest reading is {state['age_s']:.1f} s old. check its cable and power"
             )
-        found = {feature.key: state["positions"].get(feature.axis) for feature in self._features}
-        if missing := [key for key, value in found.items() if value is None]:
+        found = {feature: state["positions"].get(feature.axis) for feature in self._observed}
+        if missing := [feature.key for feature, value in found.items() if value is None]:
             raise ConnectionError(f"{self.name}: {', '.join(missing)} was never read. check its cable and power")
-        return {key: self._by_key[key].to_lerobot(value) for key, value in found.items()}
+        return {feature.key: feature.to_lerobot(value) for feature, value in found.items()}
 
     def _require(self, what: str) -> None:
         if self._arm is None:

@@ -4,7 +4,7 @@ of the calibrated range. Pure."""
 import math
 from collections.abc import Mapping
 
-from strands_actors.contract import Axis, AxisMode
+from strands_actors.contract import Axis, AxisMode, ReadOnlyJoint
 
 DEGREES = {"rad": math.degrees(1.0), "rad/s": math.degrees(1.0)}
 """LeRobot counts angles in degrees; some of our robots in radians."""
@@ -13,10 +13,10 @@ DEGREES = {"rad": math.degrees(1.0), "rad/s": math.degrees(1.0)}
 class Feature:
     """One number of an action or observation. ``key``: its name in LeRobot."""
 
-    def __init__(self, axis: Axis, scale: float, offset: float) -> None:
-        self.axis = axis.key
-        self.is_velocity = axis.mode is AxisMode.VELOCITY
-        self.key = f"{axis.key}.{'vel' if self.is_velocity else 'pos'}"
+    def __init__(self, axis: str, scale: float, offset: float, is_velocity: bool = False) -> None:
+        self.axis = axis
+        self.is_velocity = is_velocity
+        self.key = f"{axis}.{'vel' if self.is_velocity else 'pos'}"
         self._scale = scale
         self._offset = offset
 
@@ -40,9 +40,15 @@ def features(
     return tuple(_feature(axis, None if use_degrees else travel.get(axis.key)) for axis in axes)
 
 
+def observed_features(joints: tuple[ReadOnlyJoint, ...]) -> tuple[Feature, ...]:
+    """Return a feature for each joint that is observed and takes no action, always in degrees."""
+    return tuple(Feature(joint.key, DEGREES.get(joint.unit, 1.0), 0.0) for joint in joints)
+
+
 def _feature(axis: Axis, travel: tuple[float, float] | None) -> Feature:
-    if travel is None or axis.unit == "percent" or axis.mode is AxisMode.VELOCITY:
-        return Feature(axis, DEGREES.get(axis.unit, 1.0), 0.0)
+    is_velocity = axis.mode is AxisMode.VELOCITY
+    if travel is None or axis.unit == "percent" or is_velocity:
+        return Feature(axis.key, DEGREES.get(axis.unit, 1.0), 0.0, is_velocity)
     low, high = travel
     scale = 200.0 / (high - low)
-    return Feature(axis, scale, -100.0 - scale * low)
+    return Feature(axis.key, scale, -100.0 - scale * low)

@@ -64,7 +64,7 @@ def columns_of(layout: Layout, table: pa.Table, episode: int, first: int, task: 
     dataset."""
     count = table.num_rows
     frames = np.arange(count, dtype=np.int64)
-    columns: dict[str, NDArray[Any]] = {name: _rows(table, name, layout.width_of(name)) for name in VECTORS}
+    columns: dict[str, NDArray[Any]] = {name: _rows(table, name, len(layout.names_of(name))) for name in VECTORS}
     return columns | {
         "timestamp": (frames / layout.fps).astype(np.float32),
         "frame_index": frames,

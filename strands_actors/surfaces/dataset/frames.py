@@ -14,6 +14,7 @@ from typing import TypeVar
 import msgspec
 import numpy as np
 
+from strands_actors.contract.sensors import ReadOnlyJoint
 from strands_actors.surfaces.recording.rows import Command, Gap, Lifecycle, Safe, Seen
 from strands_actors.surfaces.recording.views import Row as JournalRow
 
@@ -34,12 +35,19 @@ MOVING = ("armed",)
 
 class Axes(msgspec.Struct, frozen=True):
     """The robot's axes, in order. ``velocities``: those whose number is a speed; ``units``: of each,
-    where its driver says them; ``optional``: those that not every robot of this name has."""
+    where its driver says them; ``optional``: those that not every robot of this name has;
+    ``read_only``: joints of the state alone, which not every robot of this name has either."""
 
     keys: tuple[str, ...]
     velocities: frozenset[str] = frozenset()
     units: tuple[str, ...] = ()
     optional: frozenset[str] = frozenset()
+    read_only: tuple[ReadOnlyJoint, ...] = ()
+
+    @property
+    def state(self) -> tuple[str, ...]:
+        """What a state has: the axes, and behind them what is only read."""
+        return (*self.keys, *(joint.key for joint in self.read_only))
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -48,7 +56,9 @@ class Axes(msgspec.Struct, frozen=True):
     def without(self, absent: Collection[str]) -> Axes:
         kept = [at for at, key in enumerate(self.keys) if key not in absent]
         units = tuple(self.units[at] for at in kept) if self.units else ()
-        return msgspec.structs.replace(self, keys=tuple(self.keys[at] for at in kept), units=units)
+        read_only = tuple(joint for joint in self.read_only if joint.key not in absent)
+        keys = tuple(self.keys[at] for at in kept)
+        return msgspec.structs.replace(self, keys=keys, units=units, read_only=read_only)
 
 
 class Due(msgspec.Struct, frozen=True):
@@ -97,7 +107,8 @@ class Assembler:
 
     def __init__(self, axes: Axes, period_s: float) -> None:
         self._axes = axes
-        self._absent = axes.optional.intersection(axes.keys)  # optional ones that were never read
+        # What the robot may lack, and was never read.
+        self._absent = axes.optional.intersection(axes.keys).union(joint.key for joint in axes.read_only)
         self._period_ns = round(period_s * NS)
         self._states: _History[tuple[dict[str, float], int]] = _History()  # with when the oldest was read
         self._wanted: _History[_Wanted] = _History()
@@ -134,9 +145,10 @@ class Assembler:
             self._heard_ns = max(self._heard_ns, at_ns)
 
     def _see(self, row: Seen) -> None:
-        known = _numbers(row.position)
+        rows = {joint.key: row.sensors.get(joint.sensor) for joint in self._axes.read_only}
+        known = _numbers(row.position | {key: one[0] for key, one in rows.items() if one})
         self._absent = self._absent.difference(known)
-        self.unread = tuple(key for key in self._axes.keys if key not in known and key not in self._absent)
+        self.unread = tuple(key for key in self._axes.state if key not in known and key not in self._absent)
         if not self.unread:
             self._states.put(row.t_ns, (known, row.oldest_ns or row.t_ns))
 
@@ -214,16 +226,16 @@ class Assembler:
         stays = {key: 0.0 if key in self._axes.velocities else state[key] for key in self._axes.keys}
         action = stays if target is None else stays | target
         row = Row(
-            self._row(state),
-            self._row(action),
-            self._row(action | requested),
+            tuple(state[key] for key in self._axes.state),
+            self._action(action),
+            self._action(action | requested),
             tuple(age_ms.values()),
             self.take_gap(),
             tuple(name for name, age in age_ms.items() if age > late_ms),
         )
         return Made(row, due.pictures)
 
-    def _row(self, values: Mapping[str, float]) -> tuple[float, ...]:
+    def _action(self, values: Mapping[str, float]) -> tuple[float, ...]:
         return tuple(values[key] for key in self._axes.keys)
 
     def begin(self) -> None:

@@ -61,7 +61,8 @@ class CameraShape(msgspec.Struct, frozen=True):
 
 class Layout(msgspec.Struct, frozen=True):
     """What every frame of a dataset has. ``joints``: the names of an action and of a state, as
-    LeRobot spells them (``shoulder_pan.pos``); ``units``: theirs, one each, where they are known."""
+    LeRobot spells them (``shoulder_pan.pos``); ``units``: theirs, one each, where they are known;
+    ``read_only``: what a state alone has behind them, each with its unit."""
 
     robot_type: str
     fps: int
@@ -69,23 +70,32 @@ class Layout(msgspec.Struct, frozen=True):
     cameras: tuple[CameraShape, ...] = ()
     codec: str = "av1"
     units: tuple[str, ...] = ()
+    read_only: tuple[tuple[str, str], ...] = ()
 
     @property
     def sources(self) -> tuple[str, ...]:
         """Whose age each frame has: the robot's state, and each camera."""
         return ("state", *(camera.name for camera in self.cameras))
 
-    def width_of(self, vector: str) -> int:
-        return len(self.sources) if vector == AGE else len(self.joints)
+    def names_of(self, vector: str) -> tuple[str, ...]:
+        if vector == AGE:
+            return self.sources
+        return (*self.joints, *(name for name, _ in self.read_only)) if vector == STATE else self.joints
+
+    def units_of(self, vector: str) -> tuple[str, ...]:
+        """Return the unit of each of a vector's numbers; empty where they are not known."""
+        if vector == AGE or not self.units:
+            return ()
+        return (*self.units, *(unit for _, unit in self.read_only)) if vector == STATE else self.units
 
     def features(self) -> dict[str, Any]:
         """As ``info.json`` has them."""
         found: dict[str, Any] = {}
         for vector in (ACTION, REQUESTED, STATE, AGE):
-            names = self.sources if vector == AGE else self.joints
+            names = self.names_of(vector)
             found[vector] = {"dtype": "float32", "shape": [len(names)], "names": list(names)}
-            if self.units and vector != AGE:
-                found[vector][UNITS] = list(self.units)  # LeRobot keeps it, and does not look at it
+            if units := self.units_of(vector):
+                found[vector][UNITS] = list(units)  # LeRobot keeps it, and does not look at it
         for camera in self.cameras:
             found[camera.key] = {
                 "dtype": "video",
@@ -182,12 +192,22 @@ def layout_of(info: Info) -> Layout:
         if key.startswith(CAMERA)
     )
     codecs = {feature.codec for feature in info.features.values()} - {""}
-    action = info.features.get(ACTION)
-    joints, units = (tuple(action.flat_names), tuple(action.flat_units)) if action else ((), ())
-    layout = Layout(info.robot_type or "", int(info.fps), joints, cameras, min(codecs, default="av1"), units)
+    joints, units = _named(info, ACTION)
+    state, state_units = _named(info, STATE)
+    behind = state[len(joints) :]
+    read_only = tuple(zip(behind, state_units[len(joints) :] or ("",) * len(behind), strict=False))
+    layout = Layout(
+        info.robot_type or "", int(info.fps), joints, cameras, min(codecs, default="av1"), units, read_only
+    )
     if difference := difference_of(layout.typed_features(), info.features):
         raise DatasetError(f"its features are not those of a recording: {difference}")
     return layout
+
+
+def _named(info: Info, vector: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the names and the units of a vector's numbers."""
+    feature = info.features.get(vector)
+    return (tuple(feature.flat_names), tuple(feature.flat_units)) if feature else ((), ())
 
 
 def difference_of(ours: Mapping[str, Feature], theirs: Mapping[str, Feature]) -> str:

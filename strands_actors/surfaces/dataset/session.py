@@ -333,7 +333,15 @@ class DatasetSession:
     def _layout_of(self, axes: Axes) -> Layout:
         codec = self._dataset.codec_for(self._order.codec)
         return self._dataset.require(
-            Layout(self._kind, self._order.fps, axes.joints, self._shapes, codec, axes.units)
+            Layout(
+                self._kind,
+                self._order.fps,
+                axes.joints,
+                self._shapes,
+                codec,
+                axes.units,
+                tuple((f"{joint.key}.pos", joint.unit) for joint in axes.read_only),
+            )
         )
 
     def _nothing_read(self) -> str:
@@ -446,15 +454,17 @@ def axes_of(attached: Attached) -> Axes:
     """Which of the robot's axes are speeds, and what they count in: its driver says so, where it is
     known here."""
     try:
-        table = getattr(driver_from(attached), "table", ())
+        driver = driver_from(attached)
+        table, read_only = driver.table, driver.READ_ONLY_JOINTS
     except RecordingError:
-        table = ()
+        table, read_only = (), ()
     units = {axis.key: axis.unit for axis in table}
     return Axes(
         attached.axes,
         frozenset(axis.key for axis in table if axis.mode is AxisMode.VELOCITY),
         tuple(units[key] for key in attached.axes) if units.keys() >= set(attached.axes) else (),
         frozenset(axis.key for axis in table if axis.optional),
+        read_only,
     )
 
 

@@ -72,7 +72,7 @@ class Staged(msgspec.Struct, frozen=True):
 
 
 def schema_of(layout: Layout) -> pa.Schema:
-    vectors = {name: pa.list_(pa.float32(), layout.width_of(name)) for name in (STATE, ACTION, REQUESTED, AGE)}
+    vectors = {name: pa.list_(pa.float32(), len(layout.names_of(name))) for name in (STATE, ACTION, REQUESTED, AGE)}
     return pa.schema({**vectors, GAP: pa.int64(), STALE: pa.list_(pa.string())})
 
 
