@@ -12,6 +12,17 @@ PATIENCE_S = 20.0
 """Of a test that waits for something that takes far less on a free machine."""
 
 
+def resumed(robot: Any) -> None:
+    """Arm it. Legs on a busy machine are let go again, and are taken up anew; a failure says why each
+    attempt failed."""
+    refusals: list[str] = []
+    deadline_s = time.monotonic() + PATIENCE_S
+    while (answer := robot.resume())["status"] != "success":
+        refusals.append(why(answer))
+        assert time.monotonic() < deadline_s, f"not armed within {PATIENCE_S:g} s: {refusals}"
+        time.sleep(0.01)
+
+
 def until(look: Callable[[], T | None], what: str, within_s: float = PATIENCE_S) -> T:
     """Look until there is something to see."""
     deadline_s = time.monotonic() + within_s

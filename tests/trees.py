@@ -17,7 +17,7 @@ from strands_actors import Robot
 from strands_actors.caller.robot import RealRobot
 from strands_actors.testing import Twin, WireLog
 from strands_actors.testing.wirelog import Entry
-from tests.answers import PATIENCE_S, json_of, state, status, task, task_ended, until, why
+from tests.answers import PATIENCE_S, json_of, resumed, state, status, task, task_ended, until, why
 
 Step = Callable[[Mapping[str, float]], dict[str, float]]
 """A policy that is a function: from an observation to an action."""
@@ -77,7 +77,7 @@ def robot_on(port: str, name: str, **options: Any) -> Iterator[RealRobot]:
 def armed(robot: RealRobot) -> None:
     """Resume it, if it was disarmed."""
     if state(robot) not in ("armed", "holding"):
-        until(lambda: robot.resume()["status"] == "success", "it is armed")
+        resumed(robot)
 
 
 def nudge(robot: RealRobot, joint: str, step: float = 0.01) -> Mapping[str, Any]:

@@ -11,7 +11,7 @@ import pytest
 from strands_actors import Robot
 from strands_actors.caller.robot import RealRobot
 from strands_actors.testing import Twin
-from tests.answers import json_of, status, task, task_ended, until, why
+from tests.answers import json_of, resumed, status, task, task_ended, until, why
 
 from .test_reference_feetech import ask, hold
 
@@ -29,7 +29,7 @@ class Bench(NamedTuple):
 
     def armed(self) -> None:
         """Legs have no torque after a rollout: as after a stop, they are taken up by who asks."""
-        until(lambda: self.robot.resume()["status"] == "success", "it is armed")
+        resumed(self.robot)
 
     def released(self) -> None:
         assert json_of(self.robot.release_sport_mode())["sport_mode_released"] is True  # type: ignore[attr-defined]
@@ -95,62 +95,65 @@ def bench_of(kind: str, joint: str, other: str, directory: Any) -> Iterator[Benc
         assert not robot.is_connected
 
 
-@pytest.fixture(scope="module")
-def g1(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
-    yield from bench_of("unitree_g1", "left_elbow", "right_elbow", tmp_path_factory.mktemp("g1"))
+JOINTS = {"g1": ("left_elbow", "right_elbow"), "go2": ("FL_calf_joint", "FL_hip_joint")}
 
 
-@pytest.fixture(scope="module")
-def go2(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
-    yield from bench_of("unitree_go2", "FL_calf_joint", "FL_hip_joint", tmp_path_factory.mktemp("go2"))
+@pytest.fixture(scope="module", params=["g1", "go2"])
+def either(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
+    """One after the other: a tree at 500 Hz and its twin take a processor."""
+    name = request.param
+    yield from bench_of(f"unitree_{name}", *JOINTS[name], tmp_path_factory.mktemp(name))
 
 
-@pytest.fixture(params=["g1", "go2"])
-def bench(request: pytest.FixtureRequest) -> Bench:
-    """Either, ready to be moved: whichever test of this file ran before."""
-    robot: Bench = request.getfixturevalue(request.param)
-    if not status(robot.robot).get("sport_mode_released", True):
-        robot.released()
-    return robot
+@pytest.fixture
+def bench(either: Bench) -> Bench:
+    """Ready to be moved: whichever test of this file ran before."""
+    if not status(either.robot).get("sport_mode_released", True):
+        either.released()
+    return either
 
 
-def test_what_they_tell_of_themselves(g1: Bench, go2: Bench) -> None:
-    for bench, joints in ((g1, 29), (go2, 12)):
-        told = json_of(bench.robot.state())
-        assert len(told["joints"]) == len(told["joint_velocities"]) == joints
-        assert told["battery_pct"] == 80.0
-        assert len(told["imu"]["rpy"]) == 3 and len(told["imu"]["quaternion"]) == 4
-        said = status(bench.robot)
-        assert "network_interface" in said  # of a robot that was heard
-        assert sorted(said["motors"].values()) == list(range(joints))
-    assert json_of(g1.robot.state())["fsm_id"] == 801
-    # The wire's order, which is not that of the description: front right first.
-    legs = [f"{leg}_{part}_joint" for leg in ("FR", "FL", "RR", "RL") for part in ("hip", "thigh", "calf")]
-    assert list(status(go2.robot)["motors"]) == legs
+def test_what_they_tell_of_themselves(bench: Bench) -> None:
+    is_g1 = bench.robot.name == "unitree_g1"
+    joints = 29 if is_g1 else 12
+    told = json_of(bench.robot.state())
+    assert len(told["joints"]) == len(told["joint_velocities"]) == joints
+    assert told["battery_pct"] == 80.0
+    assert len(told["imu"]["rpy"]) == 3 and len(told["imu"]["quaternion"]) == 4
+    said = status(bench.robot)
+    assert "network_interface" in said  # of a robot that was heard
+    assert sorted(said["motors"].values()) == list(range(joints))
+    if is_g1:
+        assert json_of(bench.robot.state())["fsm_id"] == 801
+    else:  # The wire's order, which is not that of the description: front right first.
+        legs = [f"{leg}_{part}_joint" for leg in ("FR", "FL", "RR", "RL") for part in ("hip", "thigh", "calf")]
+        assert list(said["motors"]) == legs
 
 
-def test_until_it_is_released_a_go2_is_moved_by_no_verb(go2: Bench) -> None:
-    go2.twin.order("mode normal")
-    go2.sensor("sport_mode_released", 0.0)
-    assert status(go2.robot)["sport_mode_released"] is False
+@pytest.mark.parametrize("either", ["go2"], indirect=True)
+def test_until_it_is_released_a_go2_is_moved_by_no_verb(either: Bench) -> None:
+    either.twin.order("mode normal")
+    either.sensor("sport_mode_released", 0.0)
+    assert status(either.robot)["sport_mode_released"] is False
     for answer in (
-        go2.robot.send_action({go2.joint: go2.here()}),
-        go2.robot.run_policy(hold),
+        either.robot.send_action({either.joint: either.here()}),
+        either.robot.run_policy(hold),
     ):
         assert "sport mode" in why(answer) and "release_sport_mode" in why(answer)
-    assert go2.robot.start_task("walk")["status"] == "error"
+    assert either.robot.start_task("walk")["status"] == "error"
     for attempts in (0, -1, True, "3"):  # the robot is not asked
-        told = go2.robot.release_sport_mode(attempts=attempts)  # type: ignore[attr-defined]
+        told = either.robot.release_sport_mode(attempts=attempts)  # type: ignore[attr-defined]
         assert f"attempts is {attempts!r}" in why(told)
-    assert status(go2.robot)["sport_mode_released"] is False
-    go2.released()
+    assert status(either.robot)["sport_mode_released"] is False
+    either.released()
 
 
-def test_what_is_commanded_is_told(g1: Bench) -> None:
-    told = g1.moved(g1.joint, g1.other)
+@pytest.mark.parametrize("either", ["g1"], indirect=True)
+def test_what_is_commanded_is_told(either: Bench) -> None:
+    told = either.moved(either.joint, either.other)
     assert (told["topic"], told["fsm_id"]) == ("rt/lowcmd", 801)
-    assert told["joints"] == sorted([g1.joint, g1.other])
-    assert g1.moved(g1.joint, kp=20.0, kd=1.0, dq=0.1, tau=0.05)["joints"] == [g1.joint]
+    assert told["joints"] == sorted([either.joint, either.other])
+    assert either.moved(either.joint, kp=20.0, kd=1.0, dq=0.1, tau=0.05)["joints"] == [either.joint]
 
 
 def unusable(joint: str, q: float) -> list[tuple[Any, str]]:
@@ -226,18 +229,21 @@ def test_under_the_battery_floor_no_verb_moves_it(bench: Bench) -> None:
     bench.sensor("battery_pct", 80.0)
 
 
-def test_a_g1_is_moved_only_in_the_states_that_shake_hands(g1: Bench) -> None:
-    g1.armed()
+@pytest.mark.parametrize("either", ["g1"], indirect=True)
+def test_a_g1_is_moved_only_in_the_states_that_shake_hands(either: Bench) -> None:
+    either.armed()
     for fsm in (0, 1, 3, 4):
-        g1.twin.order(f"fsm {fsm}")
-        g1.sensor("fsm", fsm)
-        g1.refuses({g1.joint: g1.here()}, f"FSM {fsm} ")
-        assert all(each in why(g1.robot.send_action({g1.joint: g1.here()})) for each in ("500", "501", "801"))
-        assert g1.robot.run_policy(hold)["status"] == "error"
+        either.twin.order(f"fsm {fsm}")
+        either.sensor("fsm", fsm)
+        either.refuses({either.joint: either.here()}, f"FSM {fsm} ")
+        assert all(
+            each in why(either.robot.send_action({either.joint: either.here()})) for each in ("500", "501", "801")
+        )
+        assert either.robot.run_policy(hold)["status"] == "error"
     for fsm in (500, 501, 801):
-        g1.twin.order(f"fsm {fsm}")
-        g1.sensor("fsm", fsm)
-        assert g1.moved(g1.joint)["fsm_id"] == fsm
+        either.twin.order(f"fsm {fsm}")
+        either.sensor("fsm", fsm)
+        assert either.moved(either.joint)["fsm_id"] == fsm
 
 
 def test_an_agents_verbs_are_those_of_the_schema(bench: Bench) -> None:
