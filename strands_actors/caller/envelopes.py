@@ -85,6 +85,11 @@ class PendingAnswer(Mapping[str, Any], Coroutine[Any, Any, Answer]):
     def __len__(self) -> int:
         return len(self._future.result())
 
+    def __bool__(self) -> bool:
+        """True, without waiting: no answer is empty, and asyncio asks when it shows a task (Python
+        3.12)."""
+        return True
+
     def __repr__(self) -> str:
         return repr(self._future.result())
 

@@ -23,7 +23,7 @@ frozen.append(gc.get_freeze_count())
 other.__exit__(None, None, None)
 frozen.append(gc.get_freeze_count())
 before, first, second, between, after = frozen
-assert before == after == 0 < first < second - 1000 and between == second, frozen
+assert after == 0 <= before < first < second - 1000 and between == second, frozen
 """
 
 GARBAGE = """
@@ -49,7 +49,7 @@ from strands_actors.kernel.health.gc_freeze import left_alone
 gc.freeze()
 with left_alone():
     pass
-assert gc.get_freeze_count() > 0
+assert gc.get_freeze_count() > 1000
 """
 
 AN_ERROR_INSIDE = """

@@ -98,6 +98,23 @@ def test_what_is_under_way_reads_as_a_dict_once_it_is_done() -> None:
     pending.close()
 
 
+def test_a_task_that_waits_for_it_is_shown_without_waiting() -> None:
+    """Python 3.12 asks a task's coroutine whether it is true, which waited for a mapping's length."""
+
+    async def shown() -> str:
+        future: Future[Answer] = Future()
+        future.set_exception(OSError("who looks at the answer is told"))
+        pending = PendingAnswer(future)
+        assert pending
+        task = asyncio.create_task(pending)  # type: ignore[arg-type]
+        text = repr(task)
+        with pytest.raises(OSError, match="is told"):
+            await task
+        return text
+
+    assert "PendingAnswer" in asyncio.run(shown())
+
+
 def test_a_failure_is_raised_where_it_is_awaited() -> None:
     future: Future[Answer] = Future()
     future.set_exception(OSError("gone"))
