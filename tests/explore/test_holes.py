@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 import pytest
 
-from strands_actors.testing.explore.plan import plan_of
-from strands_actors.testing.explore.search import run_apart
-from strands_actors.testing.explore.shrink import shrink
+from tests.explorer.plan import plan_of
+from tests.explorer.search import run_apart
+from tests.explorer.shrink import shrink
 
 from . import holes
 

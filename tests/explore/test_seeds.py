@@ -11,9 +11,9 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from strands_actors.testing.explore.plan import Plan, plan_of
-from strands_actors.testing.explore.robots import ROBOTS
-from strands_actors.testing.explore.search import run_apart, run_here, run_seeds
+from tests.explorer.plan import Plan, plan_of
+from tests.explorer.robots import ROBOTS
+from tests.explorer.search import run_apart, run_here, run_seeds
 
 RUNS = tomllib.loads((Path(__file__).parent / "seeds.toml").read_text())["run"]
 SEEDS = {
@@ -49,8 +49,8 @@ DRAWN = [
     ),
 ]
 HASH = """
-from strands_actors.testing.explore.plan import plan_of
-from strands_actors.testing.explore.search import run_seeds
+from tests.explorer.plan import plan_of
+from tests.explorer.search import run_seeds
 print(*(result.digest for result in run_seeds(range(3), "so101")))
 """
 

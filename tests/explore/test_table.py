@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from rich.console import Console
 
-from strands_actors.testing.explore.invariants import Violation
-from strands_actors.testing.explore.table import history_table
-from strands_actors.testing.explore.world import BEGIN_S, Row
+from tests.explorer.invariants import Violation
+from tests.explorer.table import history_table
+from tests.explorer.world import BEGIN_S, Row
 
 
 def test_when_and_who_stand_in_every_line_of_a_narrow_table() -> None:

@@ -19,7 +19,7 @@ from strands_actors.drivers.common.rtps import messages, participant, wire_types
 from strands_actors.drivers.common.rtps.wire_types import Address
 from strands_actors.drivers.common.twin.dds import DdsServer
 from strands_actors.kernel.clock import VirtualClock
-from strands_actors.testing.memory_udp import Datagram, MemoryNetwork, MemorySocket, put_into
+from tests.memory_udp import Datagram, MemoryNetwork, MemorySocket, put_into
 
 from .peer import HostilePeer, HostileStream
 

@@ -14,7 +14,7 @@ from strands_actors.drivers import get_native_driver_class, list_native_drivers
 from strands_actors.kernel.messages import Refused
 from strands_actors.testing import Cell, Faults, Outcome, Victims, check_driver, checks
 from strands_actors.testing.checks import report
-from strands_actors.testing.fake_kinds import KindConfig
+from tests.fake_kinds import KindConfig
 
 from .blinky import Blinky
 
@@ -60,12 +60,12 @@ class OneIdTooMany(Blinky):
 
 
 class NamesNoWire(Blinky):
-    WIRE = "strands_actors.testing.fake_kinds:KindStopChannel"
+    WIRE = "tests.fake_kinds:KindStopChannel"
     config = KindConfig("", (), 0.0, 1.0, 1.0)
 
 
 class GivesAwayItself(Blinky):
-    WIRE = "strands_actors.testing.fake_kinds:KindWire"
+    WIRE = "tests.fake_kinds:KindWire"
 
     @property
     def config(self) -> Any:  # type: ignore[override]

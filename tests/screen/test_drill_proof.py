@@ -18,7 +18,7 @@ from strands_actors.supervisors.gate.messages import StopReport
 from strands_actors.surfaces.drill import steps
 from strands_actors.surfaces.drill.certificate import Figure
 from strands_actors.surfaces.drill.steps import RETURN_S, Drill
-from strands_actors.testing.fake_kinds import FakeBase
+from tests.fake_kinds import FakeBase
 
 BEGAN_NS = 1000
 

@@ -18,8 +18,8 @@ from strands_actors.supervisors.gate.messages import Accepted, Stop, StopReport
 from strands_actors.supervisors.root import stopping
 from strands_actors.testing import check_driver, open_inline_tree, run_virtual
 from strands_actors.testing.checks import report
-from strands_actors.testing.fake_kinds import LANDING_S, PEERS, FakeBase, FakeDrone, FakeHttp, Peer, _Kind
 from strands_actors.testing.inline import InlineTree
+from tests.fake_kinds import LANDING_S, PEERS, FakeBase, FakeDrone, FakeHttp, Peer, _Kind
 
 from .writer import Writer, armed
 

@@ -18,8 +18,8 @@ from strands_actors.supervisors.gate.messages import (
     StopReport,
 )
 from strands_actors.testing import open_inline_tree, run_virtual
-from strands_actors.testing.fake_kinds import FakeBase, Peer
 from strands_actors.testing.inline import InlineTree
+from tests.fake_kinds import FakeBase, Peer
 
 from .test_kinds import tree_of
 from .writer import Writer, armed

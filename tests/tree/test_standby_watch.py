@@ -19,7 +19,7 @@ from strands_actors.supervisors.page import Owed
 from strands_actors.supervisors.standby.messages import WatchOver
 from strands_actors.supervisors.standby.process import Standby
 from strands_actors.supervisors.standby.report import read
-from strands_actors.testing.fake_kinds import PEERS, FakeBase
+from tests.fake_kinds import PEERS, FakeBase
 from tests.kernel.kernel import real_time, until
 
 ROBOT = "fake_base"

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
-from strands_actors.testing.memory_udp import Address, Datagram, MemoryNetwork, MemorySocket
+from tests.memory_udp import Address, Datagram, MemoryNetwork, MemorySocket
 
 from .exhaustion import open_file
 from .hostile_peer import HostilePeer, Stream

@@ -35,7 +35,7 @@ from .plan import Event
 from .robot_model import Actions, RobotModel
 from .world import World
 
-PROVIDER = "strands_actors.testing.explore.askers:Sweep"
+PROVIDER = "tests.explorer.askers:Sweep"
 TASK_S = 10.0
 
 

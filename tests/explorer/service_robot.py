@@ -14,8 +14,8 @@ from typing import ClassVar
 from strands_actors.contract.axis import AxisMode
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.testing import fake_kinds
-from strands_actors.testing.fake_kinds import LANDING_S, FakeBase, FakeDrone, FakeHttp, Peer, Sent
+from tests import fake_kinds
+from tests.fake_kinds import LANDING_S, FakeBase, FakeDrone, FakeHttp, Peer, Sent
 
 from .plan import Event
 from .robot_model import Effect, Frame, RobotModel, Seam, put

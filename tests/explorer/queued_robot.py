@@ -16,7 +16,7 @@ from strands_actors.contract.axis import Axis, AxisMode, Part, PartKind
 from strands_actors.contract.driver import Driver, Reason, Service, Timing
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import Observation, Permit, WireDown
-from strands_actors.testing import fake_kinds
+from tests import fake_kinds
 
 from .service_robot import ALL, NotingPeer, ServiceRobot
 
@@ -53,7 +53,7 @@ class FakeQueue(fake_kinds._Kind):
     """Rolls on as it was last told, as ``FakeBase``."""
 
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = ("fake_queue",)
-    WIRE: ClassVar[str] = "strands_actors.testing.explore.queued_robot:QueueWire"
+    WIRE: ClassVar[str] = "tests.explorer.queued_robot:QueueWire"
     SERVICES: ClassVar[Mapping[str, Service]] = {
         "power_on": Service("switch the motors on", within_s=1.0, powers=True, in_motion=True, late_s=QUEUE_S)
     }

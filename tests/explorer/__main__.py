@@ -1,4 +1,4 @@
-"""``python -m strands_actors.testing.explore``: search for a seed that breaks a promise, or replay
+"""``python -m tests.explorer``: search for a seed that breaks a promise, or replay
 one."""
 
 from __future__ import annotations

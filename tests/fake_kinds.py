@@ -111,8 +111,8 @@ class KindConfig(msgspec.Struct, frozen=True):
 class _Kind(Driver):
     """What the three share."""
 
-    WIRE: ClassVar[str] = "strands_actors.testing.fake_kinds:KindWire"
-    STOP_CHANNEL: ClassVar[str] = "strands_actors.testing.fake_kinds:KindStopChannel"
+    WIRE: ClassVar[str] = "tests.fake_kinds:KindWire"
+    STOP_CHANNEL: ClassVar[str] = "tests.fake_kinds:KindStopChannel"
     ANSWER_S: ClassVar[float] = 0.001
 
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
