@@ -34,6 +34,7 @@ from .robots import AXES, TABLES, VZ, Z, part_of
 
 LIFETIME_S = 0.3
 """Of a command to a drone."""
+BY_USB = "a port radio:// or usb://"
 SERVICE_RANGES = {"height": (0.1, 2.0, "m"), "duration": (0.5, 10.0, "s")}
 
 
@@ -97,6 +98,9 @@ class Crazyflie(Driver):
         ),
     }
     BEFORE_MOTION: ClassVar[str] = "takeoff"
+    EXPERIMENTAL: ClassVar[Mapping[str, str]] = {
+        BY_USB: "nobody has seen it on a real drone. It was tried with a stand-in for the USB device"
+    }
 
     unit = "m/s (wz: rad/s, z: m)"
     fallbacks: Mapping[Reason, SafeState] = {
@@ -121,6 +125,8 @@ class Crazyflie(Driver):
         self.config = CrazyflieConfig(self.robot, port, hz, (low, high), battery_v, climb_m_s)
         self.setpoint_hz = hz
         self.declare(part_of(robot))
+        is_usb = bool(port) and _is_usb(port)
+        self.caveats = (self.experimental(BY_USB),) if is_usb else ()
         self.timing = Timing(
             control_hz=hz,
             keepalive_s=1 / hz,
@@ -128,7 +134,7 @@ class Crazyflie(Driver):
             oneshot_ttl_s=LIFETIME_S,
             state_ttl_s=self.config.fresh_s,
             arm_s=3.0,
-            call_s=0.2 if port and _is_usb(port) else 0.0,
+            call_s=0.2 if is_usb else 0.0,
             open_s=30.0,
             handover_s=10.0,
             safe_s=10.0,

@@ -32,6 +32,7 @@ from .gates import ARM_MS, DRIVES, TIME, all_gates, parse
 from .messages import CMD_VEL
 from .robots import ARM_JOINTS, BASE, TABLES, Servo, base_axes, servo_axes, table_of
 
+BY_ROS2 = "transport='ros2'"
 ROS2_SILENT_S = 3.0
 """[assumed]"""
 
@@ -70,6 +71,9 @@ class YahboomM3Pro(Driver):
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
     PORT_OPTIONAL: ClassVar[bool] = True
     TRANSPORTS: ClassVar[tuple[str, ...]] = (ROSBRIDGE, ROS2, "twin")
+    EXPERIMENTAL: ClassVar[Mapping[str, str]] = {
+        BY_ROS2: "nobody has seen it on a real robot. It was tried with a stand-in for rclpy"
+    }
     WIRE: ClassVar[str] = "strands_actors.drivers.yahboom.wire:YahboomWire"
     STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.yahboom.stop:YahboomStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.yahboom.twin:main"
@@ -128,6 +132,7 @@ class YahboomM3Pro(Driver):
         self.declare(
             Part(PartKind.BASE, base_axes(table)), Part(PartKind.ARM, arm), Part(PartKind.GRIPPER, gripper)
         )
+        self.caveats = (self.experimental(BY_ROS2),) if read.transport == ROS2 else ()
         self._time_ms = read.move_time_ms
         self.config = YahboomConfig(self.robot, port, read.transport, read.timeout_s, self.axes, self.ids, servos)
         timing = type(self).timing

@@ -14,6 +14,11 @@ from strands_actors.simulation.scene import placement
 
 BACKENDS = ("mujoco", "newton", "isaac")
 
+EXPERIMENTAL = {
+    "backend='isaac'": "nobody has seen it on Isaac Sim. It was tried with a stand-in for Isaac Sim's classes"
+}
+"""As ``Driver.EXPERIMENTAL``, of simulations."""
+
 ISAAC = (
     "Isaac Sim is not here. It needs Python 3.11 and an RTX graphics card: "
     "pip install 'isaacsim[all,extscache]>=5,<6' --extra-index-url https://pypi.nvidia.com"

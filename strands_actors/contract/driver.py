@@ -222,6 +222,9 @@ class Driver(ABC):
     """Why this robot runs no policies; empty: it does."""
     TASKS: ClassVar[str] = ""
     """Why this robot runs no policy in a process of its own; empty: it does."""
+    EXPERIMENTAL: ClassVar[Mapping[str, str]] = {}
+    """Ways to this robot that nobody has seen on a real one, and what each was tried with. A driver
+    that takes one says so in its ``caveats`` (``experimental``)."""
     SIMULATION: ClassVar[str] = ""
     """Why there is no simulation of this robot; empty: there is."""
     SIMULATED: ClassVar[bool] = False
@@ -399,6 +402,10 @@ class Driver(ABC):
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
         """Return a row in axis order as the public keys."""
         return dict(zip(self.axes, values, strict=True))
+
+    def experimental(self, way: str) -> str:
+        """Return what is said of a way of ``EXPERIMENTAL``."""
+        return f"{way} is experimental: {self.EXPERIMENTAL[way]}"
 
     def observed(self, observation: Observation) -> dict[str, float]:
         """Return where the robot is, by public key: its axes, and its read-only joints that were read."""

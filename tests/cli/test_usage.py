@@ -103,8 +103,9 @@ def test_list_tells_who_drives_which_robot(cli: Command) -> None:
     rows = {row["robot"]: row for row in cli.json("list", "--all")["robots"]}
     needed = "pip install 'lerobot[feetech]'"
     both = {"robot": "so101", "driver": "FeetechDriver", "coverage": ["lerobot", "strands"], "missing": needed}
-    assert rows["so101"] == both
-    assert rows["ability_hand"] == {"robot": "ability_hand", "driver": None, "coverage": [], "missing": None}
+    assert rows["so101"] == {**both, "experimental": {}}
+    nobody = {"robot": "ability_hand", "driver": None, "coverage": [], "missing": None}
+    assert rows["ability_hand"] == {**nobody, "experimental": {}}
     drawn = cli.run("list", "--all").stdout
     assert all(robot in drawn for robot in rows)
     assert "lerobot: pip install" in drawn  # who would drive it, and does not here
@@ -117,6 +118,16 @@ def test_list_shows_first_what_works_here(cli: Command) -> None:
     drawn = cli.run("list").stdout
     assert "ability_hand" not in drawn and "so101" in drawn
     assert f"{left} more" in drawn and "--all" in drawn
+
+
+def test_list_names_the_ways_that_nobody_has_seen_on_a_real_robot(cli: Command) -> None:
+    drawn = cli.run("list").stdout
+    ways = (
+        "crazyflie, a port radio:// or usb://",
+        "yahboom_m3pro, transport='ros2'",
+        "simulations, backend='isaac'",
+    )
+    assert all(f"experimental: {way}" in drawn for way in ways)
 
 
 def test_a_problem_is_the_exit_code_of_the_process(cli: Command) -> None:
@@ -164,7 +175,7 @@ def test_with_json_a_problem_is_an_object_too(
 @pytest.mark.parametrize(
     ("arguments", "keys"),
     [
-        (["list"], {"robots"}),
+        (["list"], {"robots", "experimental"}),
         (["tree"], {"robots"}),
         (["mesh", "status"], {"robots"}),
         (["doctor"], {"ok", "checks"}),

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from strands_actors.caller.simulated import EXPERIMENTAL
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.loading import load
 from strands_actors.drivers import (
@@ -36,12 +37,13 @@ def show_robots(as_json: bool, every: bool) -> None:
             "driver": drivers.get(robot),
             "coverage": list(coverage),
             "missing": lerobot_missing(robot) or None,
+            "experimental": _experimental(robot) if robot in drivers else {},
         }
         for robot, coverage in list_driver_coverage().items()
     ]
     shown = [row for row in rows if every or _drivers_here(row)]
     if as_json:
-        print(json.dumps({"robots": shown}))
+        print(json.dumps({"robots": shown, "experimental": EXPERIMENTAL}))
         return
     from rich import box
     from rich.console import Console
@@ -57,6 +59,14 @@ def show_robots(as_json: bool, every: bool) -> None:
     console.print(table)
     if not every and (left := len(rows) - len(shown)):
         console.print(f"{left} more are known by name and have no driver on this machine: --all shows them")
+    for robot, ways in (*((row["robot"], row["experimental"]) for row in shown), ("simulations", EXPERIMENTAL)):
+        for way, why in ways.items():
+            console.print(f"experimental: {robot}, {way}: {why}", highlight=False, markup=False)
+
+
+def _experimental(robot: str) -> Mapping[str, str]:
+    driver = get_native_driver_class(robot)
+    return driver.EXPERIMENTAL if driver is not None else {}
 
 
 def _drivers_here(row: Mapping[str, Any]) -> list[str]:

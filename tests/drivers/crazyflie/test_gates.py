@@ -211,3 +211,9 @@ def test_the_one_option() -> None:
         drone(setpoint_hz=5)
     with pytest.raises(TypeError, match="setpoint_hz"):
         drone(setpoint_hertz=20)
+
+
+def test_a_way_that_nobody_has_seen_on_a_drone_is_a_caveat() -> None:
+    assert drone().caveats == ()
+    (caveat,) = Crazyflie("crazyflie", "usb://0", Crazyflie.resolve("crazyflie", {})).caveats
+    assert caveat.startswith("a port radio:// or usb:// is experimental: nobody has seen it on a real drone")
