@@ -31,7 +31,7 @@ def show_robots(as_json: bool, every: bool) -> None:
         every: Show those, too, that nothing here drives, and what would.
     """
     drivers = list_native_drivers()
-    rows = [
+    rows: list[dict[str, Any]] = [
         {
             "robot": robot,
             "driver": drivers.get(robot),
