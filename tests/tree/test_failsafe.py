@@ -86,3 +86,49 @@ def test_what_was_lost_energised_is_made_safe_before_anything_else() -> None:
     assert TRANSITIONS[Mode.LOST, Event.LINK_UP].action is Action.MAKE_SAFE
     assert TRANSITIONS[Mode.ENDING, Event.LINK_UP].action is Action.MAKE_SAFE
     assert {row.mode for (mode, _), row in TRANSITIONS.items() if mode is Mode.FAILED} == {Mode.FAILED}
+
+
+# Where each event leads, from which modes; from any other mode nowhere. Here once more, by event: a
+# row that is lost from the table, or that leads elsewhere, is noticed.
+LEADS = {
+    Event.LINK_UP: {"disarmed": "down", "stopping": "lost", "ending": "ending", "ended": "ended"},
+    Event.LINK_LOST: {"down": "disarmed", "lost": "arming armed holding stopping unconfirmed"},
+    Event.RESUME: {"arming": "disarmed unconfirmed"},
+    Event.ARM_DONE: {"armed": "arming"},
+    Event.ARM_FAILED: {"stopping": "arming"},
+    Event.SETPOINT: {"armed": "armed holding"},
+    Event.HOLD: {"lost": "lost", "holding": "armed"},
+    Event.STOP: {
+        "down": "down",
+        "lost": "lost",
+        "stopping": "disarmed arming armed holding stopping unconfirmed",
+        "failed": "failed",
+        "ending": "ending ended",
+    },
+    Event.END: {
+        "ended": "down",
+        "ending": "lost disarmed arming armed holding stopping unconfirmed ending",
+        "failed": "failed",
+    },
+    Event.SAFE_CONFIRMED: {"disarmed": "stopping", "ended": "ending"},
+    Event.SAFE_UNCONFIRMED: {"unconfirmed": "stopping"},
+    Event.GIVE_UP: {"failed": "down lost disarmed arming armed holding stopping unconfirmed"},
+}
+ALWAYS_SAFE = {Event.ARM_FAILED, Event.HOLD, Event.STOP, Event.END, Event.GIVE_UP}
+
+
+def test_saf_008_every_event_leads_where_it_should_and_acts_as_it_should() -> None:
+    expected = {
+        (Mode(before), event): Mode(after)
+        for event, leads in LEADS.items()
+        for after, modes in leads.items()
+        for before in modes.split()
+    }
+    assert {place: row.mode for place, row in TRANSITIONS.items()} == expected
+    for (mode, event), row in TRANSITIONS.items():
+        back = event is Event.LINK_UP and mode is not Mode.DOWN  # nobody knows what it did meanwhile
+        makes_safe = event in ALWAYS_SAFE or back
+        assert row.action is (
+            Action.ARM if event is Event.RESUME else Action.MAKE_SAFE if makes_safe else Action.NONE
+        )
+        assert row.raises == (row.action is not Action.NONE or event is Event.LINK_LOST), (mode, event)
