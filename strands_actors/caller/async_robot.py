@@ -216,7 +216,7 @@ class AsyncRobot:
     async def use_tool(self, given: object, by: str, motion: str = "") -> Answer:
         """Do what a tool's input asks for. ``motion``: how to allow motion, where it is not
         allowed."""
-        call = read(self.driver, given)
+        call = read(self.driver, given, self.tool_name)
         if isinstance(call, Refused):
             return answers.refused(call)
         return await answered(call.verb.name, use, self._tree, call, self._approval, by, motion)

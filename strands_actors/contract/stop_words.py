@@ -1,71 +1,134 @@
 """Whether something that was sent as a tool's input, or over the mesh, asks for a stop, in whatever form. Pure.
 
-A model, a gateway or a person sends a stop as an object, as JSON text, as an object within another,
-in a list, in another case, or as a sentence of stop words alone. Each is understood. Nothing else
-is: a motion in another form than the declared one is refused.
+A model, a gateway or a person sends a stop as an object, as JSON text or nearly JSON, as an object
+within another, in a list, in another case, or as a sentence of stop words alone. Each is understood.
+Nothing else is: a motion in another form than the declared one is refused, and where an object names
+another verb, a text beside it is no stop.
 """
 
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Mapping
 
 import msgspec
 
 
-def _words(text: str) -> frozenset[str]:
-    return frozenset(re.findall(r"[a-z_]+", text))
+def _set(text: str) -> frozenset[str]:
+    return frozenset(text.split())
 
 
-STOPS = _words("stop halt estop")
-KEYS = _words(
-    "action command verb tool name input inputs arguments args parameters params tool_input function call"
+STOPS = _set("stop halt estop")
+VERB_KEYS = _set("action command cmd verb op operation intent")
+"""Words of a key whose value names the verb."""
+INPUT_KEYS = _set(
+    """tool tools name input inputs argument arguments args parameter parameters params function call calls use
+    type method text message msg content contents request payload body data task instruction prompt value"""
 )
-"""Keys whose value says what is asked for."""
-BESIDE = KEYS | _words(
-    """function type do please now immediately at once e emergency the this my your all everything every motor
-    motors robot arm moving motion it json true none null"""
+"""Words of a key whose value may be all that is asked for."""
+BESIDE = _set(
+    """action command verb tool tools name input inputs argument arguments args parameter parameters params function
+    type call calls use do please now immediately at once asap urgent urgently e emergency soft hard quick safe full
+    the this my your its all everything every motor motors robot robots arm arms joint joints moving motion motions
+    movement it and i you we must can could want need to hey ok json python true none null"""
 )
-"""Words that change nothing of a stop."""
-LONGEST = 400
-"""Characters: whoever says more than this says more than stop."""
-LONGEST_JSON = 4096
+"""Words that change nothing of a stop. So do the robot's own names, and numbers."""
+NO = _set("false no off n f 0")
+"""What a flag says that is not set."""
+ANY, IN_KEYS, INPUTS = STOPS | BESIDE, INPUT_KEYS | BESIDE, INPUT_KEYS - {"name"}
+LONGEST, LONGEST_JSON = 4096, 16384
+"""Characters: whoever says more than this says more than stop. JSON may have a long reason in it."""
+LONGEST_KEY = 40
 DEEPEST = 5
 WIDEST = 64
 
+_PAIR = re.compile(r"""\b(\w{1,40})["']?\s*[:=]\s*["']([^"']*)["']?""")
+_WORD = re.compile(r"[^\W_]+")
+_HUMP = re.compile(r"(?<=[a-z])(?=[A-Z])")
 
-def asks_for_stop(given: object, depth: int = 0) -> bool:
-    """Return whether ``given`` asks for a stop and for nothing else."""
+
+def asks_for_stop(given: object, names: str = "", depth: int = 0) -> bool:
+    """Return whether ``given`` asks for a stop and for nothing else. ``names``: of the
+    robot that is asked, which may be in it."""
     if depth > DEEPEST:
         return False
     match given:
-        case bytes():
-            return asks_for_stop(given[: LONGEST_JSON + 1].decode("utf-8", "replace"), depth)
+        case bytes() | bytearray() | memoryview():
+            return asks_for_stop(bytes(given[: LONGEST_JSON + 1]).decode("utf-8", "replace"), names, depth)
         case str():
-            return _is_stop(given) or _is_stop_as_json(given, depth)
+            return _is_stop(given, names) or _is_stop_as_json(given, names, depth) or _is_pairs(given, names, depth)
         case Mapping():
-            if any(
-                isinstance(key, str) and _is_stop(key) and value not in (False, 0) for key, value in given.items()
-            ):
-                return True
-            said = [given[key] for key in given if isinstance(key, str) and key.strip().lower() in KEYS]
-            return any(asks_for_stop(value, depth + 1) for value in said)
-        case list() | tuple():
-            return any(asks_for_stop(value, depth + 1) for value in given[:WIDEST])
+            return _is_stop_as_object(given, names, depth)
+        case list() | tuple() | set() | frozenset():
+            return any(asks_for_stop(value, names, depth + 1) for value in [*given][:WIDEST])
     return False
 
 
-def _is_stop(text: str) -> bool:
-    if len(text) > LONGEST:
-        return False
-    words = set(re.findall(r"[a-z]+", text.lower()))
-    return bool(words & STOPS) and words <= STOPS | BESIDE
+def _words(text: str) -> set[str]:
+    plain = text if text.isascii() else unicodedata.normalize("NFKC", text)
+    return {word for word in _WORD.findall(_HUMP.sub(" ", plain).lower()) if not word.isdigit()}
 
 
-def _is_stop_as_json(text: str, depth: int) -> bool:
-    if len(text) > LONGEST_JSON or text.lstrip()[:1] not in ("{", "[", '"'):
+def _add_nothing(words: set[str], names: str) -> bool:
+    more = words - ANY
+    return not more or more <= _words(names)
+
+
+def _changes_nothing(text: str, names: str) -> bool:
+    return len(text) <= LONGEST and _add_nothing(_words(text), names)
+
+
+def _is_stop(text: str, names: str) -> bool:
+    return len(text) <= LONGEST and _are_stop(_words(text), names)
+
+
+def _are_stop(words: set[str], names: str) -> bool:
+    return bool(words & STOPS) and _add_nothing(words, names)
+
+
+def _is_stop_as_object(given: Mapping[object, object], names: str, depth: int) -> bool:
+    words = {key: _words(key) for key in given if isinstance(key, str) and len(key) <= LONGEST_KEY}
+    verbs = [given[key] for key in words if words[key] & VERB_KEYS and not words[key] & INPUTS]
+    if any(asks_for_stop(value, names, depth + 1) for value in verbs):
+        return True
+    names_another = any(isinstance(value, str) and not _changes_nothing(value, names) for value in verbs)
+    if any(_are_stop(words[key], names) and _is_set(given[key], not names_another) for key in words):
+        return True
+    others = [given[key] for key in words if words[key] and words[key] <= IN_KEYS]
+    return any(
+        asks_for_stop(value, names, depth + 1) for value in others if not (names_another and isinstance(value, str))
+    )
+
+
+def _is_set(value: object, if_empty: bool) -> bool:
+    """Return whether a flag with this value is set. ``if_empty``: what an empty one means."""
+    match value:
+        case None | "":
+            return if_empty
+        case str():
+            return value.strip().lower() not in NO
+        case bool() | int() | float():
+            return bool(value)
+        case Mapping() | list() | tuple():
+            return if_empty or len(value) > 0
+    return if_empty
+
+
+def _is_stop_as_json(text: str, names: str, depth: int) -> bool:
+    """Also where a fence, a tag or a word of a stop stands around it."""
+    begin = min((at for at in map(text.find, '{["') if at >= 0), default=-1)
+    end = max(map(text.rfind, '}]"')) + 1
+    if begin < 0 or end - begin > LONGEST_JSON or not _changes_nothing(f"{text[:begin]} {text[end:]}", names):
         return False
     try:
-        return asks_for_stop(msgspec.json.decode(text), depth + 1)
+        return asks_for_stop(msgspec.json.decode(text[begin:end]), names, depth + 1)
     except (msgspec.DecodeError, RecursionError):
         return False  # it says nothing
+
+
+def _is_pairs(text: str, names: str, depth: int) -> bool:
+    """Read an object that is nearly JSON (in single quotes, cut off, with a comma too many), or a call."""
+    pairs = _PAIR.findall(text) if len(text) <= LONGEST else []
+    beside = _changes_nothing(_PAIR.sub(" ", text), names) if pairs else False
+    return beside and asks_for_stop(dict(pairs), names, depth + 1)

@@ -118,7 +118,7 @@ class Commands(Actor):
     async def _serve(self, received: Received) -> None:
         now_ns = self.context.clock.now_ns()
         self._busy_until_ns = now_ns + round(BUSY_FOR_S * NS)
-        said = read_loosely(received.payload)
+        said = read_loosely(received.payload, self._robot)
         if said.stops:
             self._stop(said, received)
             return

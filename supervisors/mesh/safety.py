@@ -159,7 +159,7 @@ class Safety(Actor):
         self._stop(StopOrder(True, _by(order), *_whom(order), sent))
 
     def _on_broadcast(self, payload: bytes) -> None:
-        said = read_loosely(payload)
+        said = read_loosely(payload, self._robot)
         if not said.means(self._robot):
             return
         if said.stops:

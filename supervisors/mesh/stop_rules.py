@@ -19,7 +19,7 @@ from .schemas import ACTIONS, MAX_TEXT, is_name
 
 STOPS = {"stop": False, "estop": True}
 """By the action: whether it locks."""
-_LOCKING = re.compile(rb"\be[-_ ]?stop\b|\bemergency\b")
+_LOCKING = re.compile(rb"(?<![a-z])(e[^a-z]{0,3}stop|emergency([-_ ]?stop)?)(?![a-z])")
 
 _UNREADABLE = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
 _NOTHING = msgspec.Raw(b"null")
@@ -68,7 +68,7 @@ class Said(msgspec.Struct, frozen=True):
         return self.target in ("", "*", robot)
 
 
-def read_loosely(payload: bytes) -> Said:
+def read_loosely(payload: bytes, robot: str = "") -> Said:
     """Return what it says, whatever else is in it. The action is that of the command; where there is
     no command, it may stand beside the names."""
     around = _read(_decode_around, payload) or _Around()
@@ -77,14 +77,14 @@ def read_loosely(payload: bytes) -> Said:
         _name(around.sender_id),
         _name(around.turn_id),
         _text(around.target_id),
-        _action(within.action, payload),
+        _action(within.action, payload, robot),
         _text(within.by)[:MAX_TEXT],
     )
 
 
-def _action(raw: msgspec.Raw, payload: bytes) -> str:
+def _action(raw: msgspec.Raw, payload: bytes, robot: str) -> str:
     action = _text(raw).strip().lower()
-    if action in STOPS or action in ACTIONS or not asks_for_stop(payload):
+    if action in STOPS or action in ACTIONS or not asks_for_stop(payload, robot):
         return action
     return "estop" if _LOCKING.search(payload.lower()) else "stop"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import numpy
@@ -125,6 +126,29 @@ STOPS: list[Any] = [
     {"stop": None},
     {"stop": {}},
     {"HALT": ""},
+    {"stop": {"lock": False}},
+    {"stop": "yes", "action": "fly"},
+    "stop the arms",
+    "I want you to stop!",
+    "STOP! " * 200,
+    "\uff33\uff34\uff2f\uff30",
+    "emergencyStop",
+    "my_tool.stop()",
+    'my_tool(action="stop", reason="a hand is there")',
+    bytearray(b"stop"),
+    {"stop", "now"},
+    {"cmd": "stop"},
+    {"toolUse": {"toolUseId": "t", "input": {"action": "stop"}}},
+    {"tool_calls": [{"type": "function", "function": {"name": "my_tool", "arguments": '{"action": "stop"}'}}]},
+    {"action": "my_tool", "action_input": "stop"},
+    {"role": "user", "content": [{"type": "text", "text": "stop"}]},
+    '{"action": "stop", "reason": "a hand is there",}',
+    '{"action": "stop", "reason": "a hand is th',
+    "{'action': 'stop', 'reason': 'a hand is there'}",
+    '```json\n{"action": "stop", "reason": "a hand is there"}\n```',
+    '<tool_call>\n{"name": "my_tool", "arguments": {"action": "stop", "reason": "smoke"}}\n</tool_call>',
+    '\ufeff{"action": "stop", "reason": "smoke"}',
+    json.dumps({"action": "stop", "reason": "smoke " * 1500}),
     {**{f"more{at}": at for at in range(1000)}, "Action": "stop"},
 ]
 
@@ -132,7 +156,8 @@ STOPS: list[Any] = [
 @pytest.mark.parametrize("given", STOPS, ids=lambda given: str(given)[:40])
 @pytest.mark.parametrize("driver", [ARM, GRIPPER], ids=["arm", "gripper"])
 def test_saf_006_a_stop_is_understood_in_every_form(driver: Driver, given: Any) -> None:
-    assert called(driver, given).kind == "stop"
+    found = read(driver, given, "my_tool")
+    assert isinstance(found, Call) and found.kind == "stop"
 
 
 NO_STOPS: list[Any] = [
@@ -149,12 +174,23 @@ NO_STOPS: list[Any] = [
     float("nan"),
     "[" * 4000,
     '{"action": "sto',
+    {"stop": "false"},
+    {"stop": None, "action": "fly"},
+    {"action": "fly", "name": "stop"},
+    {"action": "fly", "command": "faster", "input": "stop"},
+    "{'stop': False}",
+    "stop: false",
+    "stop_task",
+    'do not send {"action": "stop"}',
+    "{'action': 'fly', 'input': 'stop'}",
+    "\u043d\u0435 stop",
+    "stop another_tool",
 ]
 
 
 @pytest.mark.parametrize("given", NO_STOPS, ids=lambda given: str(given)[:40])
 def test_nothing_else_is_taken_for_a_stop(given: Any) -> None:
-    found = read(ARM, given)
+    found = read(ARM, given, "my_tool")
     assert isinstance(found, Refused) or found.kind != "stop"
 
 

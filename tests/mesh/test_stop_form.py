@@ -34,6 +34,9 @@ FORMS: list[tuple[Any, bool, str]] = [
     ({"input": "please stop"}, False, ""),
     (["e-stop"], True, ""),
     ("emergency stop", True, ""),
+    ({"op": "emergency_stop"}, True, ""),
+    ({"emergencyStop": True}, True, ""),
+    ("estop_all", True, ""),
     ({**NAMED, "padding": "x" * 20_000, "command": {"action": "stop"}}, False, "dash"),
 ]
 
@@ -100,6 +103,11 @@ def test_what_says_nothing_is_no_stop(payload: bytes) -> None:
 def test_no_other_command_is_a_stop(action: str) -> None:
     said = {"sender_id": "stop", "turn_id": "stop", "by": "stop", "command": {"action": action, "text": "stop"}}
     assert read_loosely(json.dumps(said).encode()).action == action
+
+
+def test_saf_006_a_robots_own_name_changes_nothing_of_a_stop() -> None:
+    assert read_loosely(b"stop left_arm_2", "left_arm_2").stops
+    assert not read_loosely(b"stop left_arm_2", "gantry").stops
 
 
 @pytest.mark.parametrize("action", ["stop_task", "stop_recording", "unstoppable", "do not stop"])

@@ -70,7 +70,7 @@ class Call:
         return self.verb.command(self.inputs) if self.means is None else dict(self.means)
 
 
-def read(driver: Driver, given: object) -> Call | Refused:
+def read(driver: Driver, given: object, tool_name: str = "") -> Call | Refused:
     """Return what a model asks for. A null is an input that is not given; a stop minds no input, and is
     understood in every form."""
     verbs = verbs_of(driver)
@@ -78,7 +78,7 @@ def read(driver: Driver, given: object) -> Call | Refused:
     said = given.get("action") if isinstance(given, Mapping) else None
     wanted = said.strip().lower() if isinstance(said, str) else said
     verb = next((verb for verb in verbs if verb.name == wanted), None)
-    if verb is None and asks_for_stop(given):
+    if verb is None and asks_for_stop(given, f"{driver.robot} {tool_name}"):
         verb = _stop_of(driver)
     if verb is not None and verb.does == "stop":
         return Call(verb)
