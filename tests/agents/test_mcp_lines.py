@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from strands_actors.surfaces.agents.mcp_lines import INVALID_REQUEST, PARSE_ERROR, understood
+from strands_actors.surfaces.agents.mcp_lines import INVALID_REQUEST, PARSE_ERROR, Stop, understood
 from strands_actors.testing import Twin
 from tests.cli.command import MAIN, ROOT
 from tests.robot.helpers import limps
@@ -31,25 +31,80 @@ def call(arguments: Any, number: int = 7) -> str:
         ("3\n", INVALID_REQUEST, None),
         ('{"id": 3, "method": "ping"}\n', INVALID_REQUEST, 3),
         ('{"id": [3], "method": "ping"}\n', INVALID_REQUEST, None),
+        ('{"jsonrpc": "2.0", "id": 1.5, "method": "ping"}', INVALID_REQUEST, None),
+        ('{"jsonrpc": "2.0", "id": null, "method": "ping"}', INVALID_REQUEST, None),
+        ('{"jsonrpc": "2.0", "id": 3}', INVALID_REQUEST, 3),
+        ('{"jsonrpc": "2.0", "id": 3, "method": "tools/call", "params": "status"}', INVALID_REQUEST, 3),
+        ('{"jsonrpc": "2.0", "id": 3, "method": "ping", "params": {"x": "\\ud800"}}', INVALID_REQUEST, 3),
+        ("\ufffd\ufffd", PARSE_ERROR, None),
     ],
-    ids=["words", "half", "nested", "a number", "another protocol", "an odd number"],
+    ids=lambda value: str(value)[:30],
 )
 def test_what_is_no_message_is_refused(line: str, code: int, number: int | None) -> None:
-    refusal = understood(line)
-    assert not isinstance(refusal, str)
+    refusal = understood(line, "so101")
+    assert not isinstance(refusal, str | Stop)
     assert (refusal.error.code, refusal.id) == (code, number)
 
 
 @pytest.mark.parametrize("line", [call({"action": "status"}), call(None), '{"jsonrpc": "2.0", "method": "x"}'])
 def test_what_is_one_is_left_as_it_is(line: str) -> None:
-    assert understood(line) == line
+    assert understood(line, "so101") == line
 
 
-@pytest.mark.parametrize("arguments", ["stop", '{"action": "stop"}', ["stop"]])
-def test_saf_006_arguments_in_another_form_reach_the_tool(arguments: Any) -> None:
-    found = understood(call(arguments))
-    assert isinstance(found, str)
-    assert json.loads(found)["params"]["arguments"] == {"input": arguments}
+STOP = {"action": "stop", "why": "a hand"}
+STOPS: list[tuple[Any, Any]] = [
+    ([json.loads(call(STOP))], 7),
+    ({"id": 7, "method": "tools/call", "params": {"name": "so101", "arguments": STOP}}, 7),
+    ({"jsonrpc": "2.0", "method": "tools/call", "params": {"name": "so101", "arguments": STOP}}, None),
+    ({"jsonrpc": "2.0", "id": 1.5, "method": "tools/call", "params": {"arguments": STOP}}, None),
+    ({"jsonrpc": "2.0", "id": 7, "method": "tools/call", "params": {"name": "so101", **STOP, "_meta": 5}}, 7),
+    ({"jsonrpc": "2.0", "id": 7, "method": "tools/call", "params": ["so101", STOP]}, 7),
+    ({"jsonrpc": "2.0", "id": 7, "method": "tools/call", "params": {"name": "so101_stop", "arguments": {}}}, 7),
+    ({"jsonrpc": "2.0", "id": 7, "method": "Tools/Call", "params": {"name": "stop"}}, 7),
+    ({"jsonrpc": "2.0", "id": 7, "method": "stop"}, 7),
+    ({"action": "stop", "speed": float("nan")}, None),
+    ("stop", None),
+]
+
+
+@pytest.mark.parametrize(("said", "number"), STOPS, ids=lambda value: str(value)[:60])
+def test_saf_006_a_stop_that_is_no_call_is_a_stop(said: Any, number: Any) -> None:
+    for line in (json.dumps(said), "\ufeff" + json.dumps(said)):
+        assert understood(line, "so101") == Stop(number)
+
+
+@pytest.mark.parametrize("line", ["stop\n", "Stop the robot!\n", '{"action": "stop", "why": "a hand'])
+def test_saf_006_a_stop_that_is_no_json_is_a_stop(line: str) -> None:
+    assert understood(line, "so101") == Stop(None)
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        {"jsonrpc": "2.0", "id": 7, "method": "prompts/get", "params": {"name": "stop"}},
+        {"jsonrpc": "2.0", "id": "stop", "method": "ping"},
+        {"jsonrpc": "2.0", "method": "notifications/cancelled", "params": {"requestId": 7, "reason": "stop"}},
+        json.loads(call({"action": "say", "text": "stop"})),
+        {"jsonrpc": "2.0", "id": 7, "method": "tools/call", "params": {"name": "so100", "arguments": STOP}},
+    ],
+)
+def test_another_request_is_no_stop(said: Any) -> None:
+    assert json.loads(str(understood(json.dumps(said), "so101"))) == said
+
+
+FORMS: list[dict[str, Any]] = [
+    {"input": {"action": "stop"}},
+    {"action": "move_to"},
+    {"arguments": ["stop"]},
+    {"arguments": '{"action": "stop"}'},
+]
+
+
+@pytest.mark.parametrize("params", FORMS)
+def test_saf_006_arguments_in_another_form_reach_the_tool(params: Any) -> None:
+    request = {"jsonrpc": "2.0", "id": 7, "method": "tools/call", "params": {"name": "so101", **params}}
+    found = json.loads(str(understood(json.dumps(request), "so101")))
+    assert found["params"]["arguments"] == {"input": params.get("arguments", params)}
 
 
 def test_saf_006_a_stop_as_text_stops_and_each_line_is_answered(twin: Twin, run_dir: Path) -> None:
@@ -57,9 +112,10 @@ def test_saf_006_a_stop_as_text_stops_and_each_line_is_answered(twin: Twin, run_
     lines = [
         json.dumps({"jsonrpc": "2.0", "id": 1, "method": "initialize", "params": greeting}),
         json.dumps({"jsonrpc": "2.0", "method": "notifications/initialized"}),
-        "hello",
+        "hello \udcff",
         call({"action": "move_to", "targets": {"shoulder_pan": 5.0}}, 2),
         call('{"action": "stop"}', 3),
+        '{"jsonrpc": "2.0", "id": 4, "method": "stop"}',
     ]
     with subprocess.Popen(
         [sys.executable, "-c", MAIN, "mcp", "so101", "--port", twin.port, "--allow-motion"],
@@ -67,10 +123,11 @@ def test_saf_006_a_stop_as_text_stops_and_each_line_is_answered(twin: Twin, run_
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
+        errors="surrogateescape",
     ) as server:
         assert server.stdin is not None and server.stdout is not None
         answers: dict[Any, dict[str, Any]] = {}
-        for line, number in zip(lines, (1, 0, None, 2, 3), strict=True):
+        for line, number in zip(lines, (1, 0, None, 2, 3, 4), strict=True):
             server.stdin.write(line + "\n")
             server.stdin.flush()
             while number != 0 and number not in answers:
@@ -79,6 +136,7 @@ def test_saf_006_a_stop_as_text_stops_and_each_line_is_answered(twin: Twin, run_
         server.stdin.close()
         assert server.wait(20.0) == 0
     assert answers[None]["error"]["code"] == PARSE_ERROR
-    told = answers[3]["result"]["structuredContent"]
-    assert told["content"][0]["json"]["safe_state"] == "limp", told
+    for number in (3, 4):
+        told = answers[number]["result"]["structuredContent"]
+        assert told["content"][0]["json"]["safe_state"] == "limp", told
     assert limps(twin.log)

@@ -1,30 +1,43 @@
 """Standard input of an MCP server, line by line. A line that is no JSON-RPC message is answered as the
-protocol says, and a tool's input in another form than an object reaches the tool all the same: it may
-be a stop."""
+protocol says. A stop in any form is obeyed, and a tool's input in another form than an object
+reaches the tool all the same."""
 
 from __future__ import annotations
 
+import json
 import sys
-from collections.abc import AsyncIterator, Callable
-from typing import Any
+from collections.abc import AsyncIterator, Awaitable, Callable
+from typing import Any, NamedTuple
 
-import msgspec
 import trio
 from mcp.shared.message import SessionMessage
-from mcp.types import ErrorData, JSONRPCError
+from mcp.types import CallToolResult, ErrorData, JSONRPCError, JSONRPCResponse, jsonrpc_message_adapter
+
+from strands_actors.contract.stop_words import asks_for_stop
 
 PARSE_ERROR, INVALID_REQUEST = -32700, -32600
+CALL, STOP = "tools/call", "stop"
+OF_A_CALL = ("name", "arguments", "task", "_meta")
+"""Parameters of a call, by the protocol."""
 PENDING = 16
-"""Refusals that wait to be written. Then no line is read until the client reads."""
+"""Answers that wait to be written. Then no line is read until the client reads."""
+
+
+class Stop(NamedTuple):
+    """A stop that is no call as the SDK reads one. ``id``: what its answer gets."""
+
+    id: str | int | None
 
 
 class Lines:
     """The lines, and the answers to those that are none. Who waits for a line can be cancelled: a
     thread that hangs in it is left."""
 
-    def __init__(self) -> None:
-        self._readline: Callable[[], str] = sys.stdin.readline
-        self._refused, self._refusals = trio.open_memory_channel[JSONRPCError](PENDING)
+    def __init__(self, tool: str, stop: Callable[[], Awaitable[CallToolResult]]) -> None:
+        self._tool = tool
+        self._stop = stop
+        self._readline: Callable[[], bytes] = sys.stdin.buffer.readline
+        self._answered, self._answers = trio.open_memory_channel[JSONRPCResponse | JSONRPCError](PENDING)
 
     def __aiter__(self) -> AsyncIterator[str]:
         return self
@@ -36,34 +49,91 @@ class Lines:
                 raise StopAsyncIteration
             if not line.strip():
                 continue
-            found = understood(line)
+            found = understood(line.decode("utf-8", "replace"), self._tool)
             if isinstance(found, str):
                 return found
-            await self._refused.send(found)
+            if isinstance(found, Stop):
+                result = (await self._stop()).model_dump(mode="json", by_alias=True, exclude_none=True)
+                number = STOP if found.id is None else found.id  # a client passes over what it has not asked
+                await self._answered.send(JSONRPCResponse(jsonrpc="2.0", id=number, result=result))
+            else:
+                await self._answered.send(found)
 
     async def answer(self, outgoing: Any) -> None:
-        """Send what refused lines are answered with, until cancelled."""
-        async for refusal in self._refusals:
-            await outgoing.send(SessionMessage(refusal))
+        """Send what such lines are answered with, until cancelled."""
+        async for answer in self._answers:
+            await outgoing.send(SessionMessage(answer))
 
 
-def understood(line: str) -> str | JSONRPCError:
-    """Return a line as the server reads it, or how it is refused. Pure."""
+def understood(line: str, tool: str) -> str | Stop | JSONRPCError:
+    """Return a line as the server reads it, or a stop, or how it is refused. Pure.
+
+    Args:
+        line: As it was received.
+        tool: The name of the robot's tool.
+    """
     try:
-        said = msgspec.json.decode(line)
-    except (msgspec.DecodeError, RecursionError) as error:
+        said = json.loads(line.lstrip("\ufeff"))
+    except (ValueError, RecursionError) as error:
+        if asks_for_stop(line, tool):
+            return Stop(None)
         return _refusal(PARSE_ERROR, f"no JSON: {error}. send one JSON-RPC message a line")
-    if not isinstance(said, dict) or said.get("jsonrpc") != "2.0":
-        id = said.get("id") if isinstance(said, dict) else None
-        why = 'no JSON-RPC message. send an object with "jsonrpc": "2.0" a line'
-        return _refusal(INVALID_REQUEST, why, id if isinstance(id, str | int) else None)
+    is_message = isinstance(said, dict) and said.get("jsonrpc") == "2.0"
+    stops = [part for part in (said if isinstance(said, list) else [said]) if _is_stop(part, tool)]
+    if stops and not (is_message and _reaches_tool(said, tool)):
+        return Stop(_id_of(stops[0]))
+    if not is_message:
+        return _refusal(
+            INVALID_REQUEST, 'no JSON-RPC message. send an object with "jsonrpc": "2.0" a line', _id_of(said)
+        )
+    if "id" in said and _id_of(said) is None:
+        return _refusal(INVALID_REQUEST, "the id is neither text nor a whole number. give it as one of these")
+    return _checked(_with_object(said), _id_of(said))
+
+
+def _reaches_tool(said: dict[str, Any], tool: str) -> bool:
+    """Return whether it is a call that the SDK passes on."""
     given = said.get("params")
-    if said.get("method") != "tools/call" or not isinstance(given, dict):
-        return line
-    if isinstance(given.get("arguments", {}), dict | None):
-        return line
-    given["arguments"] = {"input": given["arguments"]}
-    return msgspec.json.encode(said).decode()
+    if said.get("method") != CALL or _id_of(said) is None or not isinstance(given, dict):
+        return False
+    return given.get("name") == tool and isinstance(given.get("_meta"), dict | None)
+
+
+def _is_stop(said: object, tool: str) -> bool:
+    if not isinstance(said, dict):
+        return asks_for_stop(said, tool)
+    method = said.get("method", CALL)
+    if isinstance(method, str) and method.strip().lower() != CALL:
+        return asks_for_stop(method, tool)
+    given = said.get("params") if "params" in said else said
+    name = given.get("name") if isinstance(given, dict) else None
+    is_of_another = isinstance(name, str) and not asks_for_stop(f"stop {name}", tool)
+    return not is_of_another and asks_for_stop(given, tool)
+
+
+def _with_object(said: dict[str, Any]) -> dict[str, Any]:
+    """Return a call with arguments in an object, wherever they stood."""
+    given = said.get("params")
+    if said.get("method") != CALL or not isinstance(given, dict) or isinstance(given.get("arguments"), dict):
+        return said
+    beside = {key: value for key, value in given.items() if key not in OF_A_CALL}
+    sent = beside if given.get("arguments") is None else given["arguments"]
+    return {**said, "params": {**given, "arguments": {"input": sent}}} if sent != {} else said
+
+
+def _checked(said: dict[str, Any], number: str | int | None) -> str | JSONRPCError:
+    """Return it as a line, where the SDK reads that: it answers nothing to what it does not read."""
+    try:
+        line = json.dumps(said)
+        jsonrpc_message_adapter.validate_json(line, by_name=False)
+    except (ValueError, RecursionError):
+        return _refusal(INVALID_REQUEST, "no JSON-RPC request. send a method, and params in an object", number)
+    return line
+
+
+def _id_of(said: object) -> str | int | None:
+    id = said.get("id") if isinstance(said, dict) else None
+    return id if isinstance(id, str | int) and not isinstance(id, bool) else None
 
 
 def _refusal(code: int, why: str, number: str | int | None = None) -> JSONRPCError:

@@ -16,7 +16,7 @@ from strands_actors.caller.async_robot import AsyncRobot
 from strands_actors.caller.envelopes import Answer
 from strands_actors.version import __version__
 
-from .mcp_lines import Lines
+from .mcp_lines import STOP, Lines
 
 ALLOW_MOTION = "start the server with --allow-motion"
 
@@ -47,7 +47,11 @@ async def serve(robot: AsyncRobot, allow_motion: bool) -> None:
         on_list_tools=list_tools,
         on_call_tool=call_tool,
     )
-    lines = Lines()
+
+    async def stop() -> types.CallToolResult:
+        return _result(await robot.use_tool(STOP, "mcp"))
+
+    lines = Lines(robot.tool_name, stop)
     async with (
         stdio_server(stdin=lines) as (incoming, outgoing),  # type: ignore[arg-type]
         trio.open_nursery() as nursery,
