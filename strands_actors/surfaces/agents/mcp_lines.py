@@ -36,7 +36,9 @@ class Lines:
     def __init__(self, tool: str, stop: Callable[[], Awaitable[CallToolResult]]) -> None:
         self._tool = tool
         self._stop = stop
-        self._readline: Callable[[], bytes] = sys.stdin.buffer.readline
+        # A file of its own: at exit the interpreter closes sys.stdin, which a waiting thread may not hold.
+        own = open(sys.stdin.fileno(), "rb", closefd=False)  # noqa: SIM115
+        self._readline: Callable[[], bytes] = own.readline
         self._answered, self._answers = trio.open_memory_channel[JSONRPCResponse | JSONRPCError](PENDING)
 
     def __aiter__(self) -> AsyncIterator[str]:
