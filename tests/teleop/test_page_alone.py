@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import os
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 
 import pytest
@@ -23,6 +23,7 @@ class Served:
     def __init__(self, address: str, told: list[Operate]) -> None:
         self.host, _, self.token = address.removeprefix("http://").partition("/?token=")
         self.told = told
+        self.stops = 0
         self.streams: list[trio.SocketStream] = []
 
     async def ask(self, path: str, host: str, *headers: str) -> tuple[trio.SocketStream, str]:
@@ -40,15 +41,22 @@ class Served:
         return await self.ask("/operate", self.host, *upgrade, *own)
 
 
+async def confirm_stop() -> str:
+    return "limp, 6 motors confirmed"
+
+
 @asynccontextmanager
-async def served(host: str = "127.0.0.1") -> AsyncIterator[Served]:
+async def served(
+    host: str = "127.0.0.1", stop: Callable[[], Awaitable[str]] = confirm_stop
+) -> AsyncIterator[Served]:
     told: list[Operate] = []
 
-    async def stop() -> str:
-        return "limp, 6 motors confirmed"
+    async def count_stop() -> str:
+        page.stops += 1
+        return await stop()
 
     serving = server.Page(
-        MonotonicClock(), told.append, lambda *_: None, stop, lambda: {"state": "idle"}, ["a"], "t"
+        MonotonicClock(), told.append, lambda *_: None, count_stop, lambda: {"state": "idle"}, ["a"], "t"
     )
     async with trio.open_nursery() as nursery:
         tell, addresses = trio.open_memory_channel[str](1)

@@ -82,6 +82,71 @@ def test_a_client_ends_its_own_connection_alone(malice: str, caplog: pytest.LogC
     assert not caplog.records, caplog.text
 
 
+async def stopped(page: Served) -> None:
+    await heard(lambda: page.stops > 0)
+
+
+STOP = json.dumps({**HELD, "at_ms": 52.0, "stop": True})
+MANY = b"".join(frame(json.dumps({**HELD, "at_ms": 51.0 + at, "rates": {"a": 0.5}})) for at in range(200))
+
+
+@pytest.mark.parametrize(
+    "pieces",
+    [
+        (frame(STOP)[:20], frame(STOP)[20:]),
+        tuple(frame(STOP)[at : at + 1] for at in range(len(frame(STOP)))),
+        (frame(STOP[:9], first=0) + frame(STOP[9:], kind=0),),
+        (MANY + frame(STOP),),
+        (frame('{"held": null, "stop": true}'),),
+        (frame('{"stop": true'),),
+        (frame("STOP"),),
+    ],
+    ids=["two reads", "bytes", "fragments", "after a jam", "no more than a stop", "cut off", "a word"],
+)
+def test_saf_002_a_stop_is_heard_however_a_network_cuts_it(pieces: tuple[bytes, ...]) -> None:
+    async def test() -> None:
+        async with served() as page:
+            stream = await begin(page)
+            for piece in pieces:
+                await stream.send_all(piece)
+                await trio.sleep(0.005)
+            await stopped(page)
+
+    trio.run(test)
+
+
+def test_a_message_that_a_network_cuts_lets_go_of_nothing() -> None:
+    async def test() -> None:
+        async with served() as page:
+            stream = await begin(page)
+            for at, byte in enumerate(frame(json.dumps(HELD))):
+                await stream.send_all(bytes([byte]))
+                await trio.sleep(0.002 * (at % 2))
+            await stream.send_all(MANY)
+            await heard(lambda: len(page.told) == 203)
+            assert page.told[-1].held
+            assert not page.stops
+
+    trio.run(test)
+
+
+def test_a_stop_that_fails_leaves_the_page_and_says_so() -> None:
+    async def fail() -> str:
+        raise RuntimeError("no root")
+
+    async def test() -> None:
+        async with served(stop=fail) as page:
+            stream = await begin(page)
+            for count in (1, 2):
+                shown = b""
+                await stream.send_all(frame(STOP))
+                await heard(lambda count=count: page.stops == count)  # type: ignore[misc]
+                while b"NOT CONFIRMED: RuntimeError('no root')" not in shown:
+                    shown += await stream.receive_some(4096)
+
+    trio.run(test)
+
+
 def test_a_reset_ends_its_own_connection_alone() -> None:
     async def test() -> None:
         async with served() as page:

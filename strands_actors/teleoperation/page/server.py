@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import logging
 import os
 import secrets
 from collections.abc import Awaitable, Callable
@@ -17,11 +18,14 @@ from wsproto import ConnectionType, WSConnection
 from wsproto.events import AcceptConnection, CloseConnection, Message, Ping, Request, TextMessage
 from wsproto.utilities import ProtocolError
 
+from strands_actors.contract.stop_words import asks_for_stop
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.serving import GONE, Client, serve_clients
 from strands_actors.supervisors.root.messages import Operate
 
 from .requests import HEAD_END, MAX_HEAD, Lateness, parse, refuse
+
+_log = logging.getLogger("strands_actors")
 
 HEAD_S = 5.0
 SEND_S = 1.0
@@ -57,6 +61,7 @@ class _Operator:
 
     def __init__(self) -> None:
         self.lateness = Lateness()
+        self.text = ""
         self.has_let_go = False
         """One that begins with the dead-man held has pressed nothing."""
 
@@ -151,9 +156,14 @@ class Page:
                         elif isinstance(event, Ping):
                             await client.send(end.send(event.response()))
                         elif isinstance(event, Message):
-                            if not isinstance(event, TextMessage) or not event.message_finished:
+                            if not isinstance(event, TextMessage):
                                 return
-                            self._take(event.data, operator)
+                            operator.text += event.data  # a part of a message, where the network has cut it
+                            if len(operator.text) > MAX_MESSAGE:
+                                return
+                            if event.message_finished:
+                                text, operator.text = operator.text, ""
+                                self._take(text, operator)
                         elif isinstance(event, CloseConnection):
                             await client.send(end.send(event.response()))
                             return
@@ -169,19 +179,32 @@ class Page:
 
     def _take(self, text: str, operator: _Operator) -> None:
         now_ns = self._clock.now_ns()
-        told = msgspec.json.decode(text, type=Told)
+        try:
+            told = msgspec.json.decode(text, type=Told)
+        except (msgspec.MsgspecError, RecursionError):
+            if asks_for_stop(text):
+                self._begin_stop()
+            raise
         operator.has_let_go = operator.has_let_go or not told.held
         held = told.held and operator.has_let_go
         t_ns = now_ns - operator.lateness.of(told.at_ms, now_ns)
         self._operate(Operate(t_ns, held, told.rates))
         if told.episode:
             self._press(t_ns, told.episode)
-        if told.stop and not self._stopping:
+        if told.stop:
+            self._begin_stop()
+
+    def _begin_stop(self) -> None:
+        if not self._stopping:
             self._stopping, self._stopped = True, ASKED
             self._stops.start_soon(self._stop_robot)
 
     async def _stop_robot(self) -> None:
-        self._stopped = await self._stop()
+        try:
+            self._stopped = await self._stop()
+        except Exception as failure:  # the server stays, and the operator can press again
+            _log.exception("the page's stop failed")
+            self._stopped = f"NOT CONFIRMED: {failure!r}. cut its power if it still moves"
         self._stopping = False
         self._stopped_ns = self._clock.now_ns()
 
