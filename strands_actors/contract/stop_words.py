@@ -44,6 +44,7 @@ DEEPEST = 5
 WIDEST = 64
 
 _PAIR = re.compile(r"""\b(\w{1,40})["']?\s*[:=]\s*["']([^"']*)["']?""")
+_LOCKING = re.compile(r"(?<![a-z])(e[^a-z]{0,3}stop|emergency([-_ ]?stop)?)(?![a-z])")
 _WORD = re.compile(r"[^\W_]+")
 _HUMP = re.compile(r"(?<=[a-z])(?=[A-Z])")
 
@@ -63,6 +64,11 @@ def asks_for_stop(given: object, names: str = "", depth: int = 0) -> bool:
         case list() | tuple() | set() | frozenset():
             return any(asks_for_stop(value, names, depth + 1) for value in [*given][:WIDEST])
     return False
+
+
+def names_estop(text: str) -> bool:
+    """Return whether the stop that ``text`` asks for is one that locks."""
+    return bool(_LOCKING.search(text.lower()))
 
 
 def _words(text: str) -> set[str]:

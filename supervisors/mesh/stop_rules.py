@@ -8,18 +8,16 @@ was wrong. What is no command at all is a stop, too, when it says so in any othe
 
 from __future__ import annotations
 
-import re
 from typing import Any
 
 import msgspec
 
-from strands_actors.contract.stop_words import asks_for_stop
+from strands_actors.contract.stop_words import asks_for_stop, names_estop
 
 from .schemas import ACTIONS, MAX_TEXT, is_name
 
 STOPS = {"stop": False, "estop": True}
 """By the action: whether it locks."""
-_LOCKING = re.compile(rb"(?<![a-z])(e[^a-z]{0,3}stop|emergency([-_ ]?stop)?)(?![a-z])")
 
 _UNREADABLE = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
 _NOTHING = msgspec.Raw(b"null")
@@ -86,7 +84,7 @@ def _action(raw: msgspec.Raw, payload: bytes, robot: str) -> str:
     action = _text(raw).strip().lower()
     if action in STOPS or action in ACTIONS or not asks_for_stop(payload, robot):
         return action
-    return "estop" if _LOCKING.search(payload.lower()) else "stop"
+    return "estop" if names_estop(payload.decode("utf-8", "replace")) else "stop"
 
 
 def _read(decode: Any, data: bytes | msgspec.Raw) -> Any:

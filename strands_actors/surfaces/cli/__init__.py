@@ -17,6 +17,7 @@ from strands_actors.surfaces.recording.errors import RecordingError
 
 from .errors import Problem
 from .options import All, Every, Json, Kind, Mesh, What, Which, finite, one_or_all
+from .stop_forms import spelled
 
 USAGE = 2
 INTERRUPTED = 130
@@ -498,7 +499,9 @@ class Ended(Exception):
 
 def _run(arguments: Sequence[str]) -> int:
     try:
-        code = app(list(arguments) or ["--help"], prog_name="strands-actors", standalone_mode=False)
+        command = typer.main.get_command(app)
+        given = spelled(arguments, getattr(command, "commands", {}))
+        code = command(given or ["--help"], prog_name="strands-actors", standalone_mode=False)
     except (KeyboardInterrupt, typer.Abort):
         return INTERRUPTED
     except BaseExceptionGroup as group:
