@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import os
 import signal
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
+from strands_actors.supervisors.gate.messages import Status
+from strands_actors.supervisors.root.messages import TreeReport
+from strands_actors.surfaces.cli.top.feed import Seen
+from strands_actors.surfaces.cli.top.rows import state as top_state
+from strands_actors.surfaces.cli.trees import state_of
 from tests.trees import ATTEMPTS
 
 from .command import Command, RobotProcess
@@ -87,3 +92,13 @@ def test_a_frozen_root_is_listed_as_unreachable(cli: Command, robot: RobotProces
 def test_two_robots(cli: Command, robot: RobotProcess) -> None:
     with RobotProcess(cli):
         assert [tree["robot"] for tree in cli.json("tree")["robots"]] == ["so101", "so101-2"]
+
+
+@pytest.mark.parametrize("state", ["unconfirmed", "failed", "lost", "stopping", "unreachable"])
+def test_an_e_stop_hides_no_state_that_is_not_safe(state: str) -> None:
+    assert state_of(state, "me").plain == f"{state}, e-stopped by me"
+    assert state_of("disarmed", "me").plain == "e-stopped by me"
+    for mode, shown in (("disarmed", "e-stopped"), (state, state)):
+        status = Status(mode, 1, True, "", "me", "", "", None, -1.0, (), 0, 0, 0, "", None)
+        tree = TreeReport("so101", mode, 1, (), ())
+        assert top_state(Seen(0.0, cast(Any, None), tree, status, {})).plain == shown

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from rich.text import Text
     from rich.tree import Tree
 
+DISARMED = "disarmed"
 STATE_STYLES = {
     "armed": "bold green",
     "holding": "bold yellow",
@@ -97,10 +98,13 @@ def draw(report: TreeReport, states: Mapping[int, str] | None = None, introspect
 
 
 def state_of(state: str, locked_by: str) -> Text:
-    """A robot's state, as people are shown it: an e-stop is more than a stop."""
+    """A robot's state, as people are shown it. An e-stop hides no state that is not safe."""
     from rich.text import Text
 
-    return Text(f"e-stopped by {locked_by}", "bold magenta") if locked_by else styled(state)
+    if not locked_by:
+        return styled(state)
+    lock = Text(f"e-stopped by {locked_by}", "bold magenta")
+    return lock if state == DISARMED else Text.assemble(styled(state), ", ", lock)
 
 
 def styled(state: str) -> Text:

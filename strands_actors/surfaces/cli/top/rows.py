@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from strands_actors.supervisors.gate.messages import StopReport
-from strands_actors.surfaces.cli.trees import styled
+from strands_actors.surfaces.cli.trees import DISARMED, styled
 
 from .feed import Seen
 
@@ -105,7 +105,7 @@ def state(seen: Seen) -> Text:
     """Return the failsafe mode; the gate's word is newer than the root's."""
     if seen.status is None:
         return styled(seen.tree.state)
-    if seen.status.locked_by:
+    if seen.status.locked_by and seen.status.mode == DISARMED:
         return Text("e-stopped", "bold magenta")
     return styled(seen.status.mode)
 
