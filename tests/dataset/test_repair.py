@@ -142,6 +142,7 @@ def test_a_copy_has_the_same_frames_in_few_files(root: Path, tmp_path: Path) -> 
     done = compact(root, copy)
     assert (done.episodes, done.frames, done.files, done.files_before) == (3, 60, 7, 15)
     assert check(copy) == 3 and check(root) == 3
+    assert copy.stat().st_mode & 0o777 == 0o700
     rows = pq.read_table(copy / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
     assert [each["videos/observation.images.front/from_timestamp"] for each in rows] == [0.0, 33 / 30, 40 / 30]
     assert info_of(copy) == info_of(root) and show(copy).good == [0, 1, 2]

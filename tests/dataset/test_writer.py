@@ -55,6 +55,20 @@ def test_each_episode_is_one_parquet_one_video_a_camera_and_one_row(root: Path) 
     assert info["features"]["observation.images.front"]["info"]["video.codec"] == DEFAULT
 
 
+def test_a_new_one_is_its_owners_alone(root: Path) -> None:
+    before = os.umask(0)
+    try:
+        dataset = Dataset(root)
+        add_episode(dataset, 3)
+        dataset.close()
+    finally:
+        os.umask(before)
+    assert root.stat().st_mode & 0o777 == 0o700
+    root.chmod(0o755)
+    Dataset(root).close()
+    assert root.stat().st_mode & 0o777 == 0o755, "a folder that was there keeps its mode"
+
+
 def test_what_was_given_is_what_is_read(root: Path) -> None:
     dataset = Dataset(root)
     add_episode(dataset, 40)

@@ -71,7 +71,7 @@ def copy_dataset(index: Index, copy: Path, document: dict[str, Any], storage: St
         raise DatasetError(f"{copy} is there already. give another name, or remove it")
     staged = copy.with_name(copy.name + STAGED_SUFFIX)
     try:
-        staged.mkdir(parents=True)
+        staged.mkdir(0o700, parents=True)
     except FileExistsError:
         why = "another copy is being made there, or one was ended"
         raise DatasetError(f"{staged} is there already: {why}. give another name, or remove it") from None

@@ -65,7 +65,7 @@ class Dataset:
         self.root = root
         self.storage = storage or Storage()
         self._made = [folder for folder in (root, *root.parents) if not folder.exists()]
-        root.mkdir(parents=True, exist_ok=True)
+        root.mkdir(0o700, parents=True, exist_ok=True)  # as a recording: it shows where it was made
         self._lock = Lock(root)
         self.swept: list[str] = []
         self.recovered: list[Episode] = []
