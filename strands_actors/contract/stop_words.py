@@ -110,9 +110,7 @@ def _is_stop_as_object(given: Mapping[object, object], names: str, depth: int) -
 def _is_set(value: object, if_empty: bool) -> bool:
     """Return whether a flag with this value is set. ``if_empty``: what an empty one means."""
     match value:
-        case None | "":
-            return if_empty
-        case str():
+        case str() if value.strip():
             return value.strip().lower() not in NO
         case bool() | int() | float():
             return bool(value)

@@ -127,6 +127,7 @@ STOPS: list[Any] = [
     {"stop": {}},
     {"HALT": ""},
     {"stop": {"lock": False}},
+    {"stop": numpy.array([1, 2])},
     {"stop": "yes", "action": "fly"},
     "stop the arms",
     "I want you to stop!",
@@ -185,6 +186,7 @@ NO_STOPS: list[Any] = [
     "{'action': 'fly', 'input': 'stop'}",
     "\u043d\u0435 stop",
     "stop another_tool",
+    {"action": numpy.array([1, 2])},
 ]
 
 

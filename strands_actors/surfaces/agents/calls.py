@@ -76,7 +76,7 @@ def read(driver: Driver, given: object, tool_name: str = "") -> Call | Refused:
     verbs = verbs_of(driver)
     names = ", ".join(verb.name for verb in verbs)
     said = given.get("action") if isinstance(given, Mapping) else None
-    wanted = said.strip().lower() if isinstance(said, str) else said
+    wanted = said.strip().lower() if isinstance(said, str) else None
     verb = next((verb for verb in verbs if verb.name == wanted), None)
     if verb is None and asks_for_stop(given, f"{driver.robot} {tool_name}"):
         verb = _stop_of(driver)
