@@ -19,7 +19,7 @@ from .info import Info
 from .layout import DATA_PATH, INFO, STATS, TASKS, VIDEO_PATH, FileSlot, is_own_name, read_info, tasks_of
 from .rows import EpisodeRow, OlderFigures, OlderRow, OlderTask, decode_row, older_row, slot_stated
 from .storage import STAGED_SUFFIX
-from .tables import read_rows, read_table, refuse_damage
+from .tables import JSON_DAMAGE, decode_json, read_rows, read_table, refuse_damage
 
 EPISODES = "meta/episodes.jsonl"
 OLDER_TASKS = "meta/tasks.jsonl"
@@ -84,8 +84,8 @@ class Index:
     def figures(self) -> dict[str, Any]:
         """Return ``stats.json``, for a dataset whose index has no figures; empty when it cannot be read."""
         try:
-            return msgspec.json.decode((self.root / STATS).read_bytes(), type=dict[str, Any])
-        except (OSError, msgspec.MsgspecError, RecursionError):
+            return decode_json((self.root / STATS).read_bytes(), dict[str, Any])
+        except (OSError, *JSON_DAMAGE):
             return {}
 
     def require_certain(self) -> None:
@@ -193,8 +193,8 @@ class Index:
         found = []
         for number, line in enumerate(data, 1):
             try:
-                found += [msgspec.json.decode(line, type=kind)] if line.strip() else []
-            except (msgspec.MsgspecError, RecursionError, UnicodeError) as damage:
+                found += [decode_json(line, kind)] if line.strip() else []
+            except JSON_DAMAGE as damage:
                 self._unread.append(f"{path}, line {number}: {damage}")
         return found
 
