@@ -124,6 +124,49 @@ def test_a_nan_is_a_value_and_is_copied(version: str, tmp_path: Path) -> None:
     assert math.isnan(state[LENGTHS[0] + 2][0]) and state[LENGTHS[0] + 2][1:] == [1.0, math.inf]
 
 
+POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 99\n"
+
+
+@pytest.mark.parametrize("name", [SECOND, f"videos/chunk-000/{KEY}/episode_000001.mp4"])
+def test_a_pointer_of_git_lfs_is_told(name: str, tmp_path: Path) -> None:
+    write_older(tmp_path / "older")
+    (tmp_path / "older" / name).write_text(POINTER)
+    assert (
+        show(tmp_path / "older")
+        .episodes[1]
+        .damaged.endswith("git-lfs pointer, not the file itself. run: git lfs pull")
+    )
+    with pytest.raises(DamagedError, match="git lfs pull"):
+        convert(tmp_path / "older", tmp_path / "new")
+
+
+@pytest.mark.parametrize("name", ["meta/tasks.parquet", "meta/episodes/chunk-000/file-000.parquet"])
+def test_a_pointer_in_the_place_of_an_index_is_told(name: str, tmp_path: Path) -> None:
+    write_older(tmp_path / "older")
+    convert(tmp_path / "older", tmp_path / "new")
+    (tmp_path / "new" / name).write_text(POINTER)
+    assert any("git lfs pull" in fault for fault in show(tmp_path / "new").faults)
+
+
+@pytest.mark.parametrize("name", ["meta/info.json", "meta/episodes.jsonl"])
+def test_a_pointer_in_the_place_of_a_text_is_told(name: str, tmp_path: Path) -> None:
+    write_older(tmp_path / "older")
+    (tmp_path / "older" / name).write_text(POINTER)
+    with pytest.raises(DatasetError, match="git lfs pull"):
+        convert(tmp_path / "older", tmp_path / "new")
+
+
+def test_what_a_mac_puts_beside_each_file_damages_nothing(tmp_path: Path) -> None:
+    write_older(tmp_path / "older")
+    convert(tmp_path / "older", tmp_path / "new")
+    names = ["data/chunk-000/._file-000.parquet", "meta/episodes/chunk-000/._file-000.parquet"]
+    for name in names:
+        (tmp_path / "new" / name).write_bytes(b"\0\5\x16\7")
+    shown = show(tmp_path / "new")
+    assert (shown.good, shown.faults, shown.strange) == ([0, 1, 2], [], names)
+    assert compact(tmp_path / "new", tmp_path / "again").frames == sum(LENGTHS)
+
+
 def test_a_link_that_leads_to_itself_is_a_missing_video(tmp_path: Path) -> None:
     write_older(tmp_path / "older")
     path = tmp_path / f"older/videos/chunk-000/{KEY}/episode_000001.mp4"

@@ -169,6 +169,19 @@ def test_the_command_takes_one_id_for_who_has_one() -> None:
             leader_of(text, "right")
 
 
+def test_a_twin_with_an_id_is_no_port() -> None:
+    assert vars(leader_of("so101_leader:twin:left"))["_port"] is None
+    with pytest.raises(ValueError, match="name two ids"):
+        leader_of("so101_leader:twin:left", "right")
+
+
+def test_a_leaders_id_names_a_file_in_its_folder() -> None:
+    for text in ("../left", "a/b", "x" * 200, "a\nb"):
+        with pytest.raises(ValueError, match="a calibration's file is called so: give 1 to 100 characters"):
+            leader_of("so101_leader:/dev/null", text)
+    assert repr(leader_of("so101_leader:/dev/null", "my left arm.v2")) == "<Teleoperator so101_leader (/dev/null)>"
+
+
 def test_the_command_wants_to_know_where() -> None:
     with pytest.raises(ValueError, match="does not say where it is"):
         leader_of("so101_leader")

@@ -187,7 +187,9 @@ class ServoDriver(Driver):
 
     @classmethod
     def calibration_file(cls, robot: str, robot_id: str) -> Path:
-        """Return where lerobot looks for the calibration of one robot."""
+        """Return where lerobot looks for the calibration of one robot. Raise ``ValueError`` for an id
+        that names no file."""
+        lerobot.require_id(robot_id)
         return lerobot.folder() / cls.CALIBRATIONS / cls.lerobot_types(robot)[0] / f"{robot_id}.json"
 
     @classmethod

@@ -28,7 +28,7 @@ from .video import Pictures, checksums, look
 DRIFT_S = 1e-4
 """How far from 1 / fps a period may be: what LeRobot accepts."""
 _NUMBER = re.compile(r"(float|u?int)\d+|bool")
-NO_FIGURES = "meta/stats.json cannot be read"
+NO_FIGURES = "meta/stats.json cannot be read, or lacks figures"
 
 
 class Checked(msgspec.Struct):
@@ -80,7 +80,7 @@ def check(index: Index, read_pictures: bool = True) -> Checked:
         for key in index.info.videos:
             _check_videos(index, index.info, key, found, read_pictures)
         _check_neighbours(index, found)
-        if index.rows and not index.info.is_older and not index.figures():
+        if index.rows and not index.info.is_older and not index.has_figures():
             found.faults.append(NO_FIGURES)
     return found
 

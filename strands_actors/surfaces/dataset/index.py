@@ -13,11 +13,13 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from strands_actors.contract.lfs import pointer_reason
+
 from .episode import Episode, Marks, decode_marks
 from .errors import DamagedError, DatasetError
 from .info import Info
 from .layout import DATA_PATH, INFO, STATS, TASKS, VIDEO_PATH, FileSlot, is_own_name, read_info, tasks_of
-from .rows import EpisodeRow, OlderFigures, OlderRow, OlderTask, decode_row, older_row, slot_stated
+from .rows import EpisodeRow, OlderFigures, OlderRow, OlderTask, decode_row, older_row, slot_stated, usable_figures
 from .storage import STAGED_SUFFIX
 from .tables import JSON_DAMAGE, decode_json, read_rows, read_table, refuse_damage
 
@@ -81,6 +83,12 @@ class Index:
             for number, row in sorted(self.rows.items())
         ]
 
+    def has_figures(self) -> bool:
+        """Return True if ``stats.json`` has every figure that can be made of those of the episodes."""
+        figures = self.figures()
+        stated = set.intersection(*(set(row.figures) for row in self.rows.values())) if self.rows else set()
+        return bool(figures) and all(usable_figures(figures.get(key)) for key in stated)
+
     def figures(self) -> dict[str, Any]:
         """Return ``stats.json``, for a dataset whose index has no figures; empty when it cannot be read."""
         try:
@@ -116,7 +124,7 @@ class Index:
     def _read(self, info: Info) -> None:
         found: dict[int, list[tuple[Path, dict[str, Any]]]] = defaultdict(list)
         in_order: list[int] = []
-        for path in sorted((self.root / "meta/episodes").glob("*/*.parquet")):
+        for path in sorted((self.root / "meta/episodes").glob("*/[!.]*.parquet")):
             try:
                 table = read_rows(path)
                 numbers = msgspec.convert([row.get("episode_index") for row in table.rows], list[int])
@@ -186,9 +194,13 @@ class Index:
     def _lines(self, name: str, kind: type[Line]) -> list[Line]:
         path = self.root / name
         try:
+            pointer = pointer_reason(path)
             data = path.read_bytes().splitlines()
         except OSError as failure:
             self._unread.append(f"{path} cannot be read: {failure.strerror}")
+            return []
+        if pointer:
+            self._unread.append(pointer)
             return []
         found = []
         for number, line in enumerate(data, 1):

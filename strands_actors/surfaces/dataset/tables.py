@@ -5,9 +5,9 @@ Whatever is wrong with a file, the caller gets a ``DatasetError`` of one line.
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any, TypeVar
 
@@ -17,6 +17,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
+
+from strands_actors.contract.lfs import pointer_reason
 
 from .errors import DatasetError
 
@@ -31,7 +33,7 @@ class Rows(msgspec.Struct, frozen=True):
     metadata: dict[bytes, bytes]
 
 
-@contextmanager
+@contextlib.contextmanager
 def refuse_damage(path: Path) -> Iterator[None]:
     """Turn what pyarrow raises for a damaged file into a ``DatasetError``."""
     try:
@@ -39,7 +41,15 @@ def refuse_damage(path: Path) -> Iterator[None]:
     except FileNotFoundError as missing:
         raise DatasetError(f"{path} is missing") from missing
     except (pa.ArrowException, OSError, ValueError, KeyError, TypeError, OverflowError, MemoryError) as damage:
-        raise DatasetError(f"{path} cannot be read: {' '.join(str(damage).split())[:200]}") from damage
+        raise DatasetError(unreadable(path, damage)) from damage
+
+
+def unreadable(path: Path, damage: BaseException) -> str:
+    """Return in one line why a file cannot be read."""
+    with contextlib.suppress(OSError):
+        if pointer := pointer_reason(path):
+            return pointer
+    return f"{path} cannot be read: {' '.join(str(damage).split())[:200].rstrip('.')}"
 
 
 def read_table(path: Path, without: Collection[str] = ()) -> pa.Table:
