@@ -94,7 +94,11 @@ def test_its_calibration_is_lerobots_of_a_teleoperator(tmp_path: Path, monkeypat
     assert other.driver.travel() == {}
     (caveat,) = other.caveats
     assert "so101_leader is not calibrated" in caveat and "calibrated are the ids left: give one of them" in caveat
-    assert "calibrate so101_leader --port /dev/null" in caveat
+    assert caveat.endswith("run `strands-actors calibrate so101_leader --port /dev/null`")
+    named = Teleoperator("so101_leader", port="/dev/null", id="my right")
+    assert named.caveats[0].endswith("calibrate so101_leader --port /dev/null --id 'my right'`"), (
+        "it has its file then"
+    )
     for by_command in (leader_of("so101_leader:/dev/null:left"), leader_of("so101_leader:/dev/null", "left")):
         assert by_command.driver.travel() == calibrated.travel() and by_command.caveats == ()
     assert Teleoperator("so101_leader", transport="twin").caveats == ()
