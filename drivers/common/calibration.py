@@ -13,6 +13,8 @@ from typing import Any
 
 import msgspec
 
+from strands_actors.contract.shown import shown
+
 
 class MotorCalibration(msgspec.Struct, frozen=True):
     """One motor of the file. ``range_min`` and ``range_max``: its real travel."""
@@ -32,6 +34,7 @@ class MotorCalibration(msgspec.Struct, frozen=True):
             raise ValueError(f"range_min {self.range_min} must be below range_max {self.range_max}")
 
 
+LONGEST_ID = 100
 MAX_BYTES = 1 << 20
 """A file of forty motors has 6 kB."""
 FIELDS = MotorCalibration.__struct_fields__
@@ -58,13 +61,24 @@ LEADERS = "teleoperators"
 
 
 def find(robot_types: Iterable[str], robot_id: str, root: Path | None = None, kind: str = ROBOTS) -> Path | None:
-    """Return the file of robot ``robot_id`` under the first of ``robot_types`` that has one."""
+    """Return the file of robot ``robot_id`` under the first of ``robot_types`` that has one. Raise
+    ``ValueError`` for an id that names no file."""
     base = folder() if root is None else root
+    require_id(robot_id)
     for robot_type in robot_types:
         path = base / kind / robot_type / f"{robot_id}.json"
         if path.is_file():
             return path
     return None
+
+
+def require_id(robot_id: str) -> None:
+    """Raise ``ValueError`` unless an id can be the name of a file in its folder, and of none elsewhere."""
+    if not 0 < len(robot_id) <= LONGEST_ID or not robot_id.isprintable() or set(robot_id) & set("/\\"):
+        raise ValueError(
+            f"id is {shown(robot_id)}, and a calibration's file is called so: give 1 to {LONGEST_ID} characters "
+            "without a slash"
+        )
 
 
 def ids(robot_types: Iterable[str], root: Path | None = None, kind: str = ROBOTS) -> list[str]:
@@ -82,10 +96,23 @@ def load(path: Path, motors: Mapping[str, int], max_offset: int) -> dict[str, Mo
     return check(content, motors, max_offset, str(path))
 
 
+def prepare(path: Path) -> None:
+    """Make the folder of a file, and write into it, before work is done that ``save`` would lose. Raise
+    ``OSError``."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    trial = _beside(path)
+    trial.write_bytes(b"")
+    trial.unlink()
+
+
+def _beside(path: Path) -> Path:
+    return path.with_suffix(f".{os.getpid()}.new")
+
+
 def save(path: Path, motors: Mapping[str, MotorCalibration]) -> None:
     """Write a file as lerobot does, whole or not at all. Raise ``OSError``."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    new = path.with_suffix(f".{os.getpid()}.new")
+    new = _beside(path)
     content = {key: {field: getattr(motor, field) for field in FIELDS} for key, motor in motors.items()}
     with new.open("w") as file:
         json.dump(content, file, indent=4)

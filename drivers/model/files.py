@@ -6,19 +6,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from strands_actors.contract.lfs import pointer_reason
 from strands_actors.drivers.common.xml_text import Element
 
 MOST_CELLS = 1 << 26
 """Of a height field or a texture, 8192 x 8192. MuJoCo takes several copies of each."""
-
-_POINTER = b"version https://git-lfs.github.com/spec/"
-
-
-def pointer_reason(file: Path) -> str:
-    """Return why this is not the file itself but git-lfs's pointer to it; empty: it is the file."""
-    with file.open("rb") as opened:
-        is_pointer = opened.read(len(_POINTER)) == _POINTER
-    return f"{file} is a git-lfs pointer, not the file itself. run: git lfs pull" if is_pointer else ""
 
 
 def pointer_among(spec: Any, folder: Path) -> str:

@@ -12,11 +12,12 @@ import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from strands_actors.contract.lfs import pointer_reason
 from strands_actors.drivers.common.lean_mujoco import mujoco
 from strands_actors.drivers.common.simulation_control.protocol import TIMESTEP_S
 from strands_actors.drivers.common.xml_text import Element, NotXml, parse
 
-from .files import pointer_among, pointer_reason, refuse_sizes
+from .files import pointer_among, refuse_sizes
 from .floor import add_floor
 from .urdf import LeftOut, readable_urdf
 

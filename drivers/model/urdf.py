@@ -13,9 +13,8 @@ from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import unquote
 
+from strands_actors.contract.lfs import pointer_reason
 from strands_actors.drivers.common.xml_text import Edit, Element, edited, escaped
-
-from .files import pointer_reason
 
 READABLE = (".stl", ".obj", ".msh")
 """Meshes that MuJoCo reads."""

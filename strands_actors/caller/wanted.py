@@ -38,6 +38,11 @@ MODE_VARIABLE = "STRANDS_ROBOT_MODE"
 """What ``mode="auto"`` means on this machine: ``sim`` or ``real``. No other mode reads it."""
 _log = logging.getLogger("strands_actors")
 _TOOL_NAME = re.compile(r"[A-Za-z0-9_-]{1,64}\Z")
+TOOL_NAMES = "1 to 64 of A-Z a-z 0-9 _ -"
+
+
+def is_tool_name(name: str) -> bool:
+    return _TOOL_NAME.match(name) is not None
 
 
 @dataclass(frozen=True)
@@ -111,8 +116,8 @@ def read(
             raise ValueError("Robot: tool_name and peer_id are both given. they are the same: give one of them")
         tool_name = peer_id
     chosen = robot if tool_name is None else tool_name
-    if not isinstance(chosen, str) or not _TOOL_NAME.match(chosen):
-        raise ValueError(f"Robot: tool_name is {chosen!r}. use 1 to 64 of A-Z a-z 0-9 _ -")
+    if not isinstance(chosen, str) or not is_tool_name(chosen):
+        raise ValueError(f"Robot: tool_name is {chosen!r}. use {TOOL_NAMES}")
     _check_keywords(driver_class, options)
     options, spelled = _spelled(driver_class, options)
     if mesh is False:

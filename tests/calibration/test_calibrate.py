@@ -3,8 +3,10 @@ a robot then connects with it."""
 
 from __future__ import annotations
 
+import errno
 import importlib
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -234,6 +236,62 @@ def test_a_joint_that_passed_the_end_of_its_encoder_is_named() -> None:
         ranges.take({axis.key: count for axis in setup.axes})
     assert set(ranges.problems()) == set(JOINTS) - {"wrist_roll"}
     assert "end of its encoder" in ranges.problems()["gripper"]
+
+
+def test_a_joint_that_jumped_by_half_a_turn_between_two_readings_passed_the_end() -> None:
+    """A quick hand: neither end of the encoder was read."""
+    setup = setup_of("so101", "/dev/null")
+    ranges = Ranges(setup.axes, ("wrist_roll",))
+    for count in (2047, 2900, 3700, 300, 700):
+        ranges.take({axis.key: count for axis in setup.axes})
+    assert set(ranges.problems()) == set(JOINTS) - {"wrist_roll"}
+    assert "end of its encoder" in ranges.problems()["gripper"]
+
+
+def test_a_range_is_what_was_read_and_no_more() -> None:
+    ranges = Ranges(setup_of("so101", "/dev/null").axes, ("wrist_roll",))
+    for count in (4100, 4700):
+        ranges.take(dict.fromkeys(JOINTS, count))
+    assert "went from 4100 to 4700" in ranges.problems()["gripper"]
+
+
+@pytest.mark.parametrize(
+    ("robot", "robot_id", "why"),
+    [
+        ("so101", "my.arm", "so101 cannot be called so. use 1 to 64 of A-Z"),
+        ("so101", "../left", "so101 cannot be called so"),
+        ("so101", "", "so101 cannot be called so"),
+        ("so101_leader", "../../left", "a calibration's file is called so"),
+        ("koch_leader", "", "a calibration's file is called so"),
+    ],
+)
+def test_an_id_that_nothing_could_use_is_refused_before_the_work(robot: str, robot_id: str, why: str) -> None:
+    with pytest.raises(commands.Problem, match=why):
+        commands.calibrate(robot, "/dev/null", robot_id, as_json=True)
+
+
+def test_a_file_that_cannot_be_written_is_told_before_the_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("HF_LEROBOT_CALIBRATION", str(tmp_path / "file"))
+    with pytest.raises(commands.Problem, match=r"so_leader/left.json cannot be written \(Not a directory\). Make"):
+        commands.calibrate("so101_leader", "/dev/null", "left", as_json=True)
+
+
+def test_a_file_that_cannot_be_written_after_the_work_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The disk was filled meanwhile."""
+    monkeypatch.setenv("HF_LEROBOT_CALIBRATION", str(tmp_path))
+
+    def no_space(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(commands, "_run", lambda *_: {})
+    monkeypatch.setattr("strands_actors.drivers.common.calibration.save", no_space)
+    with pytest.raises(commands.Problem, match=r"the servos are calibrated, and .*left.json could not be written"):
+        commands.calibrate("so101_leader", "/dev/null", "left", as_json=True)
 
 
 @pytest.mark.parametrize(("robot", "new_id"), [("so101", 11), ("koch", 11)])

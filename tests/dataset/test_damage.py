@@ -269,11 +269,24 @@ def test_an_episode_beside_a_damaged_one_is_repaired(recorded: Path) -> None:
 def test_figures_that_are_lost_are_written_anew(recorded: Path) -> None:
     before = json.loads((recorded / "meta/stats.json").read_bytes())
     (recorded / "meta/stats.json").write_bytes(b"{")
-    assert show(recorded).faults == ["meta/stats.json cannot be read"]
+    assert show(recorded).faults == ["meta/stats.json cannot be read, or lacks figures"]
     assert repair(recorded).is_sound and show(recorded).faults == []
     after = json.loads((recorded / "meta/stats.json").read_bytes())
     assert after.keys() == before.keys() and after["action"]["count"] == [36]
     assert after["action"]["mean"] == pytest.approx(before["action"]["mean"])
+
+
+@pytest.mark.parametrize("value", [None, {}, [], {"mean": [1.0, 2.0, 3.0]}])
+def test_figures_of_one_feature_that_are_lost_are_written_anew(value: object, recorded: Path) -> None:
+    path = recorded / "meta/stats.json"
+    before = json.loads(path.read_bytes())
+    changed = before | {"action": value}
+    path.write_text(
+        json.dumps(changed if value is not None else {k: v for k, v in before.items() if k != "action"})
+    )
+    assert "lacks figures" in show(recorded).faults[0]
+    assert repair(recorded).is_sound and show(recorded).faults == []
+    assert json.loads(path.read_bytes())["action"].keys() == before["action"].keys()
 
 
 def test_in_a_copy_damage_costs_the_episode_in_which_it_is(originals: dict[str, Original], tmp_path: Path) -> None:

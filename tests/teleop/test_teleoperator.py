@@ -94,7 +94,11 @@ def test_its_calibration_is_lerobots_of_a_teleoperator(tmp_path: Path, monkeypat
     assert other.driver.travel() == {}
     (caveat,) = other.caveats
     assert "so101_leader is not calibrated" in caveat and "calibrated are the ids left: give one of them" in caveat
-    assert "calibrate so101_leader --port /dev/null" in caveat
+    assert caveat.endswith("run `strands-actors calibrate so101_leader --port /dev/null`")
+    named = Teleoperator("so101_leader", port="/dev/null", id="my right")
+    assert named.caveats[0].endswith("calibrate so101_leader --port /dev/null --id 'my right'`"), (
+        "it has its file then"
+    )
     for by_command in (leader_of("so101_leader:/dev/null:left"), leader_of("so101_leader:/dev/null", "left")):
         assert by_command.driver.travel() == calibrated.travel() and by_command.caveats == ()
     assert Teleoperator("so101_leader", transport="twin").caveats == ()
@@ -167,6 +171,19 @@ def test_the_command_takes_one_id_for_who_has_one() -> None:
     for text in ("keyboard", "phone", "phone:127.0.0.1"):
         with pytest.raises(TypeError, match="has no id"):
             leader_of(text, "right")
+
+
+def test_a_twin_with_an_id_is_no_port() -> None:
+    assert vars(leader_of("so101_leader:twin:left"))["_port"] is None
+    with pytest.raises(ValueError, match="name two ids"):
+        leader_of("so101_leader:twin:left", "right")
+
+
+def test_a_leaders_id_names_a_file_in_its_folder() -> None:
+    for text in ("../left", "a/b", "x" * 200, "a\nb"):
+        with pytest.raises(ValueError, match="a calibration's file is called so: give 1 to 100 characters"):
+            leader_of("so101_leader:/dev/null", text)
+    assert repr(leader_of("so101_leader:/dev/null", "my left arm.v2")) == "<Teleoperator so101_leader (/dev/null)>"
 
 
 def test_the_command_wants_to_know_where() -> None:

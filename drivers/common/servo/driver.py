@@ -4,6 +4,7 @@ firmware."""
 from __future__ import annotations
 
 import importlib
+import shlex
 from collections.abc import Mapping
 from itertools import groupby
 from pathlib import Path
@@ -116,6 +117,7 @@ class ServoDriver(Driver):
             "max_jump": _max_jump_deg(robot, options.get("max_jump")),
             "calibration": motors and {key: _plain(motor) for key, motor in motors.items()},
             "calibration_source": source,
+            "tool_name": options.get("tool_name"),
             "calibrated_ids": [] if motors else lerobot.ids(cls.lerobot_types(name), kind=cls.CALIBRATIONS),
         }
 
@@ -143,9 +145,11 @@ class ServoDriver(Driver):
         if calibration is None:
             known = ", ".join(resolved.get("calibrated_ids", ()))
             hint = f"calibrated are the ids {known}: give one of them, or " if known else ""
+            name = resolved.get("tool_name") or self.robot
+            own_id = "" if name == self.robot else f" --id {shlex.quote(str(name))}"
             self.caveats = (
                 f"{self.robot} is not calibrated: its limits are those of its model, and 0 degrees is the middle "
-                f"of each servo. {hint}run `strands-actors calibrate {self.robot} --port {port or 'P'}`",
+                f"of each servo. {hint}run `strands-actors calibrate {self.robot} --port {port or 'P'}{own_id}`",
             )
         self.gates = all_gates(self.joints, self.timing.state_ttl_s, self.FAULT_CODES, resolved["max_jump"])
 
@@ -187,7 +191,9 @@ class ServoDriver(Driver):
 
     @classmethod
     def calibration_file(cls, robot: str, robot_id: str) -> Path:
-        """Return where lerobot looks for the calibration of one robot."""
+        """Return where lerobot looks for the calibration of one robot. Raise ``ValueError`` for an id
+        that names no file."""
+        lerobot.require_id(robot_id)
         return lerobot.folder() / cls.CALIBRATIONS / cls.lerobot_types(robot)[0] / f"{robot_id}.json"
 
     @classmethod

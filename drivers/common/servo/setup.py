@@ -166,16 +166,22 @@ class Ranges:
     no end of their own."""
 
     def __init__(self, axes: Sequence[Axis], whole_turn: Sequence[str]) -> None:
-        self.low = {axis.key: TOP for axis in axes}
-        self.high = dict.fromkeys(self.low, 0)
+        self.low = {axis.key: MIDDLE for axis in axes}
+        self.high = dict(self.low)
         self.now: Mapping[str, int] = {}
         self._whole_turn = frozenset(whole_turn)
+        self._wrapped: set[str] = set()
 
     def take(self, positions: Mapping[str, int]) -> None:
-        self.now = positions
+        """Take what was read next. Between two readings no hand turns a joint by half a turn."""
         for key, count in positions.items():
-            self.low[key] = min(self.low[key], count)
-            self.high[key] = max(self.high[key], count)
+            before = self.now.get(key, count)
+            if abs(count - before) > MIDDLE:
+                self._wrapped.add(key)
+            first = key not in self.now
+            self.low[key] = count if first else min(self.low[key], count)
+            self.high[key] = count if first else max(self.high[key], count)
+        self.now = dict(positions)
 
     def of(self, key: str) -> tuple[int, int]:
         return (0, TOP) if key in self._whole_turn else (self.low[key], self.high[key])
@@ -192,6 +198,6 @@ class Ranges:
                 told[key] = f"went from {span}, past its encoder's 0 to {TOP}: begin with it in its middle"
             elif counts < LEAST_COUNTS:
                 told[key] = "was hardly moved"
-            elif counts > MOST_COUNTS:
+            elif key in self._wrapped or counts > MOST_COUNTS:
                 told[key] = "passed the end of its encoder: begin with it in its middle"
         return told

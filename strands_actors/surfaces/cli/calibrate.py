@@ -13,6 +13,7 @@ from typing import Any
 
 import trio
 
+from strands_actors.caller.wanted import TOOL_NAMES, is_tool_name
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.loading import load
 from strands_actors.contract.shown import closest, shown
@@ -30,6 +31,7 @@ from strands_actors.kernel.clock import MonotonicClock
 from .errors import Problem
 
 CALIBRATE = "strands_actors.drivers.common.servo.calibrating:calibrate"
+PREPARE = "strands_actors.drivers.common.calibration:prepare"
 SAVE = "strands_actors.drivers.common.calibration:save"
 TURN_S = 0.05
 BY_ID = "/dev/serial/by-id/*"
@@ -41,7 +43,7 @@ def calibrate(robot: str, port: str, robot_id: str | None, as_json: bool) -> int
     setup = _setup(driver_class, name, port)
     table = driver_class.TABLES.robots[name]
     person = Terminal(quiet=as_json)
-    path: Path = driver_class.calibration_file(name, robot_id or name)
+    path = _file(driver_class, name, name if robot_id is None else robot_id)
 
     async def run() -> Any:
         try:
@@ -52,13 +54,36 @@ def calibrate(robot: str, port: str, robot_id: str | None, as_json: bool) -> int
             setup.close()
 
     found = _run(run, "calibrate")
-    load(SAVE)(path, found)
+    try:
+        load(SAVE)(path, found)
+    except OSError as failure:
+        raise Problem(
+            f"calibrate: the servos are calibrated, and {path} could not be written ({failure.strerror}). "
+            "Make room for it, then calibrate again"
+        ) from failure
     if as_json:
         ranges = {key: [motor.range_min, motor.range_max] for key, motor in found.items()}
         print(json.dumps({"robot": name, "file": str(path), "ranges": ranges}))
     else:
         print(f"calibrated. LeRobot's file of it: {path}")
     return 0
+
+
+def _file(driver_class: Any, name: str, robot_id: str) -> Path:
+    """Return the file of a calibration, which can be written. Raise ``Problem``."""
+    if leader_name(name) is None and not is_tool_name(robot_id):
+        raise Problem(f"calibrate: --id is {shown(robot_id)}, and {name} cannot be called so. use {TOOL_NAMES}")
+    try:
+        path: Path = driver_class.calibration_file(name, robot_id)
+        load(PREPARE)(path)
+    except ValueError as refusal:
+        raise Problem(f"calibrate: --id: {refusal}") from refusal
+    except OSError as failure:
+        raise Problem(
+            f"calibrate: {path} cannot be written ({failure.strerror}). Make its folder writable, or name "
+            "another by HF_LEROBOT_CALIBRATION"
+        ) from failure
+    return path
 
 
 def setup_motors(robot: str, port: str, joints: Sequence[str], as_json: bool) -> int:

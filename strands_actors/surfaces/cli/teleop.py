@@ -96,13 +96,13 @@ def leader_of(text: str, leader_id: str | None = None, relative: bool = False) -
         return Teleoperator(text, relative=relative, id=leader_id)
     if not where:
         raise ValueError(f"--from {text} does not say where it is. give {text}:/dev/ttyACM1, or {text}:twin")
-    if where == TWIN:
-        return Teleoperator(name, transport=TWIN, relative=relative, id=leader_id)
     if ":" in where and not os.path.exists(where):  # udev's names of ports by path have colons, too
         where, _, own_id = where.rpartition(":")
         if leader_id not in (None, own_id):
             raise ValueError(f"--from {text} and --leader-id {leader_id} name two ids. give one")
         leader_id = own_id
+    if where == TWIN:
+        return Teleoperator(name, transport=TWIN, relative=relative, id=leader_id)
     return Teleoperator(name, port=where, relative=relative, id=leader_id)
 
 

@@ -8,6 +8,8 @@ which this does not hold is damaged. The others are good, whatever happened besi
 from __future__ import annotations
 
 import itertools
+import math
+import re
 from collections import Counter, defaultdict
 from pathlib import Path
 
@@ -20,12 +22,13 @@ from .errors import DamagedError, DatasetError
 from .index import RESTORE, Index
 from .info import Info
 from .rows import EpisodeRow
-from .tables import integers, read_groups, read_table, refuse_damage
+from .tables import integers, numbers_in, read_groups, read_table, refuse_damage
 from .video import Pictures, checksums, look
 
 DRIFT_S = 1e-4
 """How far from 1 / fps a period may be: what LeRobot accepts."""
-NO_FIGURES = "meta/stats.json cannot be read"
+_NUMBER = re.compile(r"(float|u?int)\d+|bool")
+NO_FIGURES = "meta/stats.json cannot be read, or lacks figures"
 
 
 class Checked(msgspec.Struct):
@@ -58,6 +61,7 @@ class _Data(msgspec.Struct, frozen=True):
     index: NDArray[np.int64]
     task: NDArray[np.int64]
     seconds: NDArray[np.float64]
+    incomplete: dict[str, NDArray[np.bool_]]  # the frames that lack a number, by the name of their column
     wrong: str  # what holds for all of its episodes; empty: nothing
     unread: str  # why a part of it cannot be read; empty: all was read
 
@@ -76,7 +80,7 @@ def check(index: Index, read_pictures: bool = True) -> Checked:
         for key in index.info.videos:
             _check_videos(index, index.info, key, found, read_pictures)
         _check_neighbours(index, found)
-        if index.rows and not index.info.is_older and not index.figures():
+        if index.rows and not index.info.is_older and not index.has_figures():
             found.faults.append(NO_FIGURES)
     return found
 
@@ -150,19 +154,31 @@ def _read(path: Path, info: Info) -> _Data:
         seconds = frame / info.fps
         if "timestamp" in columns:
             seconds = np.ravel(table["timestamp"].cast(pa.float64()).to_numpy())
-        return _Data(episode, frame, number, task, seconds, _schema_difference(table.schema, info), unread)
+        incomplete, wrong = _read_numbers(table, info)
+        return _Data(episode, frame, number, task, seconds, incomplete, wrong, unread)
 
 
-def _schema_difference(schema: pa.Schema, info: Info) -> str:
+def _read_numbers(table: pa.Table, info: Info) -> tuple[dict[str, NDArray[np.bool_]], str]:
+    """Return which frames lack a number, by the name of the column, and what is wrong with all frames."""
+    incomplete = {}
     for key, feature in info.features.items():
         if feature.dtype in ("video", "image"):
             continue
-        if key not in schema.names:
-            return f"it has no column {key}"
-        kind = schema.field(key).type
-        if pa.types.is_fixed_size_list(kind) and len(feature.shape) == 1 and kind.list_size != feature.shape[0]:
-            return f"{key} has {kind.list_size} numbers, not {feature.shape[0]}"
-    return ""
+        if key not in table.column_names:
+            return {}, f"it has no column {key}"
+        if not _NUMBER.fullmatch(feature.dtype):
+            continue
+        cells = numbers_in(table[key])
+        if cells is None:
+            return {}, f"{key} is {table.schema.field(key).type}, info.json states {feature.dtype}"
+        width = math.prod(feature.shape)
+        counted = np.unique(cells.counted)
+        if len(counted) == 1 and counted[0] != width:
+            return {}, f"{key} has {counted[0]} numbers, not {width}"
+        lacking = (cells.counted != width) | (cells.valid != width)
+        if lacking.any():
+            incomplete[key] = lacking
+    return incomplete, ""
 
 
 def _compare(row: EpisodeRow, data: _Data, index: Index, info: Info) -> tuple[int, str]:
@@ -182,6 +198,10 @@ def _compare(row: EpisodeRow, data: _Data, index: Index, info: Info) -> tuple[in
     late = np.abs(data.seconds[places] - order / info.fps)
     if not bool((late <= DRIFT_S * np.maximum(order, 1)).all()):  # a NaN is not below it
         return row.frames, f"its timestamps are not those of {info.fps:g} fps"
+    for key, lacking in data.incomplete.items():
+        if lacking[places].any():
+            at = int(np.argmax(lacking[places]))
+            return row.frames - int(lacking[places].sum()), f"frame {at} has not all numbers of {key}"
     return row.frames, _task_difference(row, data.task[places], index)
 
 

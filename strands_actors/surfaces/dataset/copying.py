@@ -17,6 +17,8 @@ import msgspec
 import numpy as np
 import pyarrow as pa
 
+from strands_actors.contract.shown import shown
+
 from .check import check
 from .episode import Marks, index_table
 from .errors import DamagedError, DatasetError
@@ -26,7 +28,7 @@ from .layout import DATA_MB, INFO, STAGING, STATS, TASKS, VIDEO_MB, FileSlot, ta
 from .rows import EpisodeRow, VideoSpan, frames_of
 from .statistics import Figures, PictureFigures, aggregate, of_column
 from .storage import STAGED_SUFFIX, Storage
-from .tables import integers, parquet, refuse_damage
+from .tables import integers, is_list, is_same, parquet, read_schema, refuse_damage
 from .video import Span, concatenate, decode_image, pictures_of, setup_of
 
 MB = 1_000_000
@@ -105,6 +107,7 @@ class _Copy:
             self._episodes.append(_New(row, msgspec.structs.replace(row, first=first), {}, {}))
             first += row.frames
         self._frames = first
+        self._schema = pa.schema([])
 
     def write(self) -> list[Path]:
         """Write all files, compare them with the source, and return them."""
@@ -148,11 +151,12 @@ class _Copy:
         paths = [self._index.root / one.source.data for one in self._episodes]
         shared = {path: paths.count(path) for path in set(paths)} if len(set(paths)) < len(paths) else {}
         sizes = [path.stat().st_size // shared.get(path, 1) for path in paths]
+        self._schema = _common_schema(self._index.root, [one.source.data for one in self._episodes])
         for slot, group in _slotted(_groups(sizes, DATA_MB)):
             tables = []
             for number in group:
                 one = self._episodes[number]
-                table = self._renumbered(frames_of(self._index.root, one.source), one.row.first)
+                table = self._frames_of(one)
                 tables.append(table)
                 one.slots["data"] = slot
                 tasks = one.row.tasks or tuple(
@@ -162,10 +166,14 @@ class _Copy:
             with refuse_damage(self._index.root):
                 self._write(slot.data, parquet(*tables))
 
-    def _renumbered(self, table: pa.Table, first: int) -> pa.Table:
-        numbers = pa.array(np.arange(first, first + table.num_rows))
+    def _frames_of(self, one: _New) -> pa.Table:
+        """Return the frames of an episode as the copy has them: numbered anew, with the types of all."""
+        table = frames_of(self._index.root, one.source)
+        numbers = pa.array(np.arange(one.row.first, one.row.first + table.num_rows))
         at = table.schema.get_field_index("index")
-        return table.set_column(at, "index", numbers) if at >= 0 else table.append_column("index", numbers)
+        table = table.set_column(at, "index", numbers) if at >= 0 else table.append_column("index", numbers)
+        with refuse_damage(self._index.root / one.source.data):
+            return table.select(self._schema.names).cast(self._schema)
 
     # -- videos
 
@@ -222,7 +230,7 @@ class _Copy:
             return pictures.figures()
         with refuse_damage(self._index.root / row.data):
             values = table[key].combine_chunks()
-            while pa.types.is_list(values.type) or pa.types.is_fixed_size_list(values.type):
+            while is_list(values.type):
                 values = values.flatten()
             numeric = pa.types.is_integer(values.type) or pa.types.is_floating(values.type)
             if not numeric and not pa.types.is_boolean(values.type):
@@ -264,8 +272,7 @@ class _Copy:
             raise DamagedError(f"the copy has {copied.frames} frames of {self._index.frames}: {found.faults[:1]}")
         for one in self._episodes:
             written = frames_of(self._staged, copied.rows[one.row.number])
-            source = self._renumbered(frames_of(self._index.root, one.source), one.row.first)
-            if not written.equals(source):
+            if not is_same(written, self._frames_of(one)):
                 raise DamagedError(
                     f"episode {one.row.number} has other values in the copy than in {one.source.data}"
                 )
@@ -273,6 +280,28 @@ class _Copy:
 
 def _first(one: _New, key: str, fps: float) -> int:
     return round(one.source.videos[key].start_s * fps)
+
+
+def _common_schema(root: Path, paths: Sequence[Path]) -> pa.Schema:
+    """Return the columns of every file, in types that hold the values of each.
+
+    Raises:
+        DatasetError: A file has other columns than the first, or types that do not go together.
+    """
+    common = pa.schema([])
+    for path in dict.fromkeys(paths):
+        schema = read_schema(root / path)
+        at = schema.get_field_index("index")
+        number = pa.field("index", pa.int64())
+        schema = schema.set(at, number) if at >= 0 else schema.append(number)
+        if strange := sorted(set(schema.names) ^ set(common.names)) if common.names else []:
+            which = "has" if strange[0] in schema.names else "lacks"
+            raise DatasetError(
+                f"{root / path} {which} the column {shown(strange[0])}, unlike {paths[0]}. Make them the same"
+            )
+        with refuse_damage(root / path):
+            common = pa.unify_schemas([common, schema], promote_options="permissive") if common.names else schema
+    return common
 
 
 def _groups(sizes: Sequence[int], most_mb: float, kinds: Sequence[bytes] = ()) -> Iterator[list[int]]:

@@ -211,7 +211,7 @@ class Dataset:
                 self.storage.place(self.root / path, _free(self.staging / ASIDE / path))
                 self.swept.append(str(path))
             swept = True
-        has_figures = bool(index.figures()) or not self._figures
+        has_figures = index.has_figures() or not self._figures
         if (swept or not has_figures) and self._info is not None:
             self._write(self.root / TASKS, parquet(tasks_table(self._tasks)))
             self._write(self.root / STATS, _json(self._figures))

@@ -13,13 +13,15 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from strands_actors.contract.lfs import pointer_reason
+
 from .episode import Episode, Marks, decode_marks
 from .errors import DamagedError, DatasetError
 from .info import Info
 from .layout import DATA_PATH, INFO, STATS, TASKS, VIDEO_PATH, FileSlot, is_own_name, read_info, tasks_of
-from .rows import EpisodeRow, OlderFigures, OlderRow, OlderTask, decode_row, older_row, slot_stated
+from .rows import EpisodeRow, OlderFigures, OlderRow, OlderTask, decode_row, older_row, slot_stated, usable_figures
 from .storage import STAGED_SUFFIX
-from .tables import read_rows, read_table, refuse_damage
+from .tables import JSON_DAMAGE, decode_json, read_rows, read_table, refuse_damage
 
 EPISODES = "meta/episodes.jsonl"
 OLDER_TASKS = "meta/tasks.jsonl"
@@ -81,11 +83,17 @@ class Index:
             for number, row in sorted(self.rows.items())
         ]
 
+    def has_figures(self) -> bool:
+        """Return True if ``stats.json`` has every figure that can be made of those of the episodes."""
+        figures = self.figures()
+        stated = set.intersection(*(set(row.figures) for row in self.rows.values())) if self.rows else set()
+        return bool(figures) and all(usable_figures(figures.get(key)) for key in stated)
+
     def figures(self) -> dict[str, Any]:
         """Return ``stats.json``, for a dataset whose index has no figures; empty when it cannot be read."""
         try:
-            return msgspec.json.decode((self.root / STATS).read_bytes(), type=dict[str, Any])
-        except (OSError, msgspec.MsgspecError, RecursionError):
+            return decode_json((self.root / STATS).read_bytes(), dict[str, Any])
+        except (OSError, *JSON_DAMAGE):
             return {}
 
     def require_certain(self) -> None:
@@ -116,7 +124,7 @@ class Index:
     def _read(self, info: Info) -> None:
         found: dict[int, list[tuple[Path, dict[str, Any]]]] = defaultdict(list)
         in_order: list[int] = []
-        for path in sorted((self.root / "meta/episodes").glob("*/*.parquet")):
+        for path in sorted((self.root / "meta/episodes").glob("*/[!.]*.parquet")):
             try:
                 table = read_rows(path)
                 numbers = msgspec.convert([row.get("episode_index") for row in table.rows], list[int])
@@ -186,15 +194,19 @@ class Index:
     def _lines(self, name: str, kind: type[Line]) -> list[Line]:
         path = self.root / name
         try:
+            pointer = pointer_reason(path)
             data = path.read_bytes().splitlines()
         except OSError as failure:
             self._unread.append(f"{path} cannot be read: {failure.strerror}")
             return []
+        if pointer:
+            self._unread.append(pointer)
+            return []
         found = []
         for number, line in enumerate(data, 1):
             try:
-                found += [msgspec.json.decode(line, type=kind)] if line.strip() else []
-            except (msgspec.MsgspecError, RecursionError, UnicodeError) as damage:
+                found += [decode_json(line, kind)] if line.strip() else []
+            except JSON_DAMAGE as damage:
                 self._unread.append(f"{path}, line {number}: {damage}")
         return found
 

@@ -15,6 +15,8 @@ from typing import Any
 import msgspec
 import pyarrow as pa
 
+from strands_actors.contract.lfs import pointer_reason
+
 from .errors import DatasetError
 from .info import VERSION, Feature, Info, decode_info
 
@@ -171,6 +173,8 @@ def read_info(root: Path) -> Info | None:
     """Return what the dataset states about itself; None: it has no ``info.json``. Raise
     ``DatasetError``."""
     try:
+        if pointer := pointer_reason(root / INFO):
+            raise DatasetError(pointer)
         return decode_info((root / INFO).read_bytes(), root / INFO)
     except FileNotFoundError:
         return None

@@ -150,8 +150,10 @@ def figures_in(row: Mapping[str, Any]) -> dict[str, Figures]:
     return {feature: usable for feature, values in found.items() if (usable := usable_figures(values))}
 
 
-def usable_figures(values: Mapping[str, Any]) -> Figures | None:
+def usable_figures(values: object) -> Figures | None:
     """Return figures if they have all that is needed, in one shape; else None."""
+    if not isinstance(values, Mapping):
+        return None
     try:
         arrays = {name: np.asarray(value, dtype=np.float64) for name, value in values.items() if value is not None}
         count = np.ravel(arrays.pop("count"))

@@ -108,11 +108,11 @@ def _camera(feature: Feature) -> str:
 
 
 def _bytes(root: Path) -> int:
-    """Of all files. A recorder beside us may take some away."""
+    """Of all files that are there: a recorder may take some away, and a link may lead nowhere."""
     total = 0
     for folder, below, names in os.walk(root):
         below[:] = [name for name in below if name != STAGING.name]
         for name in names:
-            with contextlib.suppress(FileNotFoundError):
+            with contextlib.suppress(OSError):
                 total += os.stat(os.path.join(folder, name)).st_size
     return total

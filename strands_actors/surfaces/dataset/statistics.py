@@ -17,6 +17,7 @@ Figures = dict[str, Any]
 """min, max, mean, std, count and the quantiles, as nested lists."""
 
 
+@np.errstate(invalid="ignore", over="ignore")  # of an infinity: its figures are no numbers
 def of_column(values: NDArray[Any]) -> Figures:
     """``values``: a row a frame."""
     rows = np.asarray(values, dtype=np.float64).reshape(len(values), -1)
@@ -76,6 +77,7 @@ def aggregate(episodes: Sequence[Mapping[str, Figures]]) -> dict[str, Figures]:
     return found
 
 
+@np.errstate(invalid="ignore", over="ignore")
 def _merge(parts: Sequence[Figures]) -> Figures:
     counts = np.array([part["count"][0] for part in parts], dtype=np.float64)
     names = set.intersection(*(set(part) for part in parts))

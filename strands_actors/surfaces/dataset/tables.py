@@ -5,18 +5,25 @@ Whatever is wrong with a file, the caller gets a ``DatasetError`` of one line.
 
 from __future__ import annotations
 
+import contextlib
+import json
 from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, TypeVar
 
 import msgspec
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from strands_actors.contract.lfs import pointer_reason
+
 from .errors import DatasetError
+
+Decoded = TypeVar("Decoded")
+JSON_DAMAGE = (msgspec.MsgspecError, ValueError, RecursionError)
 
 
 class Rows(msgspec.Struct, frozen=True):
@@ -26,7 +33,7 @@ class Rows(msgspec.Struct, frozen=True):
     metadata: dict[bytes, bytes]
 
 
-@contextmanager
+@contextlib.contextmanager
 def refuse_damage(path: Path) -> Iterator[None]:
     """Turn what pyarrow raises for a damaged file into a ``DatasetError``."""
     try:
@@ -34,7 +41,15 @@ def refuse_damage(path: Path) -> Iterator[None]:
     except FileNotFoundError as missing:
         raise DatasetError(f"{path} is missing") from missing
     except (pa.ArrowException, OSError, ValueError, KeyError, TypeError, OverflowError, MemoryError) as damage:
-        raise DatasetError(f"{path} cannot be read: {' '.join(str(damage).split())[:200]}") from damage
+        raise DatasetError(unreadable(path, damage)) from damage
+
+
+def unreadable(path: Path, damage: BaseException) -> str:
+    """Return in one line why a file cannot be read."""
+    with contextlib.suppress(OSError):
+        if pointer := pointer_reason(path):
+            return pointer
+    return f"{path} cannot be read: {' '.join(str(damage).split())[:200].rstrip('.')}"
 
 
 def read_table(path: Path, without: Collection[str] = ()) -> pa.Table:
@@ -84,6 +99,12 @@ def read_groups(path: Path, without: Collection[str] = ()) -> tuple[pa.Table, st
         return table, unread
 
 
+def read_schema(path: Path) -> pa.Schema:
+    """Return the columns of a table. Raise ``DatasetError`` when it is missing or damaged."""
+    with refuse_damage(path), pq.ParquetFile(path) as file:
+        return file.schema_arrow
+
+
 def _read_group(file: pq.ParquetFile, group: int, names: list[str]) -> pa.Table:
     table = file.read_row_group(group, columns=names)
     table.validate(full=True)
@@ -102,6 +123,57 @@ def read_rows(path: Path) -> Rows:
 def integers(table: pa.Table, name: str) -> NDArray[np.int64]:
     """Return a column of whole numbers; a value that is missing is -1. Raise what pyarrow raises."""
     return np.asarray(table[name].cast(pa.int64()).fill_null(-1).to_numpy(), dtype=np.int64)
+
+
+class Numbers(msgspec.Struct, frozen=True):
+    """How many numbers each row of a column has, and how many of them are not null."""
+
+    counted: NDArray[np.int64]
+    valid: NDArray[np.int64]
+
+
+def numbers_in(column: pa.ChunkedArray) -> Numbers | None:
+    """Count the numbers of each row, in lists of any depth. None: the column holds something else."""
+    rows, row = len(column), np.arange(len(column))
+    while is_list(column.type):
+        row = row[pc.list_parent_indices(column).to_numpy()]
+        column = pc.list_flatten(column)
+    kind = column.type
+    if not (pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind)):
+        return None
+    valid = pc.is_valid(column).to_numpy()
+    return Numbers(np.bincount(row, minlength=rows), np.bincount(row[valid], minlength=rows))
+
+
+def is_list(kind: pa.DataType) -> bool:
+    return bool(pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind))
+
+
+def is_same(one: pa.Table, other: pa.Table) -> bool:
+    """Return True if two tables have the same values. A NaN is the same as another NaN."""
+    return one.schema.equals(other.schema) and all(map(_is_same, one.columns, other.columns))
+
+
+def _is_same(one: pa.ChunkedArray, other: pa.ChunkedArray) -> bool:
+    if one.equals(other):
+        return True
+    while is_list(one.type):
+        if not pc.list_value_length(one).equals(pc.list_value_length(other)):
+            return False
+        one, other = pc.list_flatten(one), pc.list_flatten(other)
+    if not pa.types.is_floating(one.type) or not pc.is_valid(one).equals(pc.is_valid(other)):
+        return False
+    return np.array_equal(one.to_numpy(), other.to_numpy(), equal_nan=True)
+
+
+def decode_json(data: bytes, kind: type[Decoded]) -> Decoded:
+    """Decode JSON as Python's ``json`` writes it, with NaN and Infinity. Raise what ``JSON_DAMAGE`` has."""
+    try:
+        return msgspec.json.decode(data, type=kind)
+    except msgspec.ValidationError:
+        raise
+    except msgspec.DecodeError:
+        return msgspec.convert(json.loads(data), kind)
 
 
 def parquet(*tables: pa.Table) -> Callable[[IO[bytes]], object]:

@@ -20,6 +20,7 @@ from strands_actors.kernel.health.realtime import run_as_before
 
 from .errors import DatasetError
 from .layout import CameraShape
+from .tables import unreadable
 
 os.environ.setdefault("SVT_LOG", "1")  # errors only: the encoder greets on stderr otherwise
 
@@ -161,7 +162,7 @@ def _reading(path: Path) -> Iterator[tuple[Any, VideoStream]]:
     except (VideoError, OSError, ValueError, OverflowError, MemoryError) as damage:
         if getattr(damage, "errno", None) in DISK:  # of a file that is being written
             raise
-        raise DatasetError(f"{path} cannot be read: {' '.join(str(damage).split())[:200]}") from damage
+        raise DatasetError(unreadable(path, damage)) from damage
 
 
 def look(path: Path) -> Pictures:

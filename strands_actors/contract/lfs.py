@@ -1,0 +1,18 @@
+"""Recognise what git leaves in the place of a large file when git-lfs is not installed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+_POINTER = b"version https://git-lfs.github.com/spec/"
+
+
+def pointer_reason(file: Path) -> str:
+    """Return why this is not the file itself but git-lfs's pointer to it; empty: it is the file.
+
+    Raises:
+        OSError: It cannot be read.
+    """
+    with file.open("rb") as opened:
+        is_pointer = opened.read(len(_POINTER)) == _POINTER
+    return f"{file} is a git-lfs pointer, not the file itself. run: git lfs pull" if is_pointer else ""
