@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import importlib
+from typing import Any
 
 import pytest
 
 import strands_actors
 from strands_actors import Robot
-from strands_actors.caller import reference_names
+from strands_actors.caller import reference_names, verbs
+from strands_actors.caller.vocabulary import call_of
 from strands_actors.contract.driver import GateState
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers import get_native_driver_class, list_native_drivers
@@ -72,6 +74,13 @@ def test_a_name_of_a_simulation_is_here_or_says_what_to_use() -> None:
     assert missing(Robot("so101"), f"{ROBOT} {SIM}") == []
 
 
+@pytest.mark.parametrize("name", ["spot.stand", "reachy_mini.wake_up", "crazyflie.takeoff", "unitree_go2.stand_up"])
+def test_a_simulation_says_that_a_service_is_of_the_real_robot(name: str) -> None:
+    robot, service = name.split(".")
+    with pytest.raises(AttributeError, match=f"a service of the real {robot}.*transport='twin'"):
+        getattr(Robot(robot), service)
+
+
 def test_a_slip_is_not_taken_for_a_name_of_theirs() -> None:
     arm = Robot("so101")
     assert not hasattr(arm, "conect") and not hasattr(arm, "connect") and not hasattr(arm, "volume")
@@ -107,10 +116,36 @@ def test_a_robot_is_on_the_mesh_as_they_say_it() -> None:
         Robot("so101", tool_name="a", peer_id="b")
 
 
-def test_a_crazyflies_twist_is_a_command() -> None:
+@pytest.mark.parametrize(("given", "commanded"), [({}, {}), ({"z": None}, {}), ({"z": 0.4}, {"z": 0.4})])
+def test_a_crazyflies_twist_is_a_command(given: dict[str, Any], commanded: dict[str, Any]) -> None:
     drone = get_native_driver_class("crazyflie")("crazyflie", "usb://0", {})  # type: ignore[misc]
-    service = drone.SERVICES["set_twist"]
-    assert service.acts and drone.check_service("set_twist", {"vx": 0.2}) is None
+    assert drone.check_service("set_twist", given) is None
+    action = verbs.action_of_service(drone.SERVICES["set_twist"], {"vx": 0.2, **given})
+    assert action == {"vx": 0.2, "vy": 0.0, "wz": 0.0, **commanded}
     seen = Observation(0, (0.0,) * len(drone.axes), (1,) * len(drone.axes))
     state = GateState(0, seen, (0.0,) * (len(drone.axes) + 1), 0, stream=False)
-    assert not hasattr(drone.parse({**service.arguments, "vx": 0.2}, state), "refusal")
+    assert not hasattr(drone.parse(action, state), "refusal")
+
+
+def reachy(**inputs: Any) -> Any:
+    driver = get_native_driver_class("reachy_mini")("reachy_mini", "192.0.2.1", {})  # type: ignore[misc]
+    return call_of(driver, "goto", (), inputs)
+
+
+def test_a_reachy_goes_to_a_pose_in_their_words() -> None:
+    call = reachy(head={"pitch": 5.0, "z": 10}, antennas=(20, -20), body_yaw=3, duration=1.0)
+    ears = {"antenna_right": 20, "antenna_left": -20}
+    assert call.action == {"head_pitch": 5.0, "head_z": 10, **ears, "body_yaw": 3, "duration": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("inputs", "why"),
+    [
+        ({"head": {"tilt": 1}}, "head has no 'tilt'"),
+        ({"antennas": [1]}, "antennas has 1 numbers"),
+        ({"head": {"yaw": 1}, "head_yaw": 2}, "head_yaw is given twice"),
+        ({"head": 5}, "head is"),
+    ],
+)
+def test_a_pose_that_is_none_is_refused(inputs: dict[str, Any], why: str) -> None:
+    assert why in reachy(**inputs).reason
