@@ -91,16 +91,33 @@ PACKAGE: Mapping[str, str] = {
     **dict.fromkeys(
         ("list_backends", "register_backend"), "give Robot(name, backend=...) 'mujoco', 'newton' or 'isaac'"
     ),
-    "get_robot": "use list_driver_coverage()",
-    "list_providers": "create_policy('?') names them",
+    **dict.fromkeys(("get_robot", "list_discoverable", "is_discoverable"), "use list_driver_coverage()"),
+    "list_urdf_only": "a URDF is a file of yours: Robot(name, urdf_path=...)",
+    **dict.fromkeys(("list_providers", "list_policy_types"), "create_policy('?') names them"),
     "run_policy": "call run_policy() of a robot",
     "robot_mesh": "use get_peers(), tell() and estop()",
     "gr00t_inference": "start its server yourself, then policy_provider='remote'",
     **dict.fromkeys(("lerobot_train", "train_policy"), "train with LeRobot's own tools"),
     **dict.fromkeys(("lerobot_camera", "lerobot_teleoperate"), "use cameras= and Teleoperator(...)"),
     **dict.fromkeys(("pose_tool", "serial_tool", "use_lerobot"), "give the agent Robot(...) itself"),
-    **dict.fromkeys(("use_ros", "use_rosbridge", "HardwareRosBridge"), "robots on ROS have a driver: Robot(...)"),
-    "stream_dataset": "use LeRobot's own dataset classes",
+    **dict.fromkeys(
+        ("use_ros", "use_rosbridge", "use_rtps", "HardwareRosBridge", "HardwareRtpsBridge"),
+        "robots on ROS have a driver: Robot(...)",
+    ),
+    **dict.fromkeys(
+        ("stream_dataset", "StreamingDatasetReader", "load_episode", "sample_frames"),
+        "use LeRobot's own dataset classes",
+    ),
+    **dict.fromkeys(
+        ("create_judge_agent", "read_predicate_verdict", "write_label", "harness_memory"),
+        "episodes are not judged here: `strands-actors dataset` shows, repairs and converts them",
+    ),
+    "sync_dataset_to_bucket": "nothing is uploaded: copy the folder of the dataset",
+    **dict.fromkeys(
+        ("init_device_connect", "init_device_connect_sync", "RobotDeviceDriver", "SimulationDeviceDriver"),
+        "robots meet on the mesh: see docs/mesh.md",
+    ),
+    "ReachyMiniDriver": "use Robot('reachy_mini', mode='real')",
     "download_assets": "nothing is fetched: models are of this package, or a file of yours",
 }
 

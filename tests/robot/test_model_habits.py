@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from strands_actors.drivers.common.physics import Plant
+from strands_actors.drivers.common.simulation_control.renderer import CannotRender, SceneRenderer
 from strands_actors.drivers.common.simulation_control.scene import View, decorate
 from strands_actors.drivers.common.simulation_control.scenery import Object, Scenery
 from strands_actors.drivers.model.reading import Read, read_model
@@ -168,6 +169,20 @@ def test_main_defaults_of_a_model_are_none_of_what_is_put_beside_it(tmp_path: Pa
     assert (int(geom.group[0]), int(geom.condim[0]), geom.quat.tolist()) == (0, 3, [1.0, 0.0, 0.0, 0.0])
     assert plant.data.body("cube").xpos[2] == pytest.approx(-0.02 + 0.05, abs=0.005)  # the floor is below the links
     assert plant.model.equality("one_jam").solref.tolist() == [0.02, 1.0]
+
+
+def test_a_models_own_camera_is_seen_by_its_name(tmp_path: Path) -> None:
+    """``front`` is also a view of ours, of the whole robot."""
+    camera = "".join(f'<camera name="{name}" pos="0 0 5" quat="0 1 0 0"/>' for name in ("front", "lens"))
+    spec = read(tmp_path, mjcf(TWO_SERVOS, world=camera)).spec
+    spec.compile()
+    view = View((0.0, 0.0, 0.0), 1.0)
+    renderer = SceneRenderer(decorate(spec, view).compile(), view, 32, 32)
+    front, lens, side = (renderer.shoot([0.0, 0.0], 32, 32, name) for name in ("front", "lens", "side"))
+    with pytest.raises(CannotRender, match="there are front, side, top, lens, and None"):
+        renderer.shoot([0.0, 0.0], 32, 32, "back")
+    renderer.close()
+    assert front == lens != side
 
 
 def test_a_model_with_a_sky_a_ground_and_no_names_is_drawn(tmp_path: Path) -> None:

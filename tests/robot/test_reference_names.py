@@ -40,6 +40,15 @@ load_state mj_model move_object move_to open_viewer policy_result register_urdf 
 render render_depth reset robot_joint_names run_multi_policy save_episode save_state
 set_gravity set_joint_positions start_policy start_recording step stop_policy stream_dataset
 verify_dataset_episodes"""
+PACKAGE = """Policy MockPolicy create_policy list_providers register_policy Robot HardwareRosBridge
+HardwareRtpsBridge Teleoperator list_policy_types Simulation SimWorld SimRobot SimObject SimCamera
+list_robots get_robot list_discoverable is_discoverable list_urdf_only create_simulation list_backends
+register_backend download_assets harness_memory create_judge_agent load_episode sample_frames
+read_predicate_verdict write_label lerobot_camera lerobot_teleoperate lerobot_train run_policy
+serial_tool train_policy use_lerobot use_ros use_rosbridge use_rtps pose_tool robot_mesh
+init_device_connect init_device_connect_sync RobotDeviceDriver SimulationDeviceDriver
+ReachyMiniDriver StreamingDatasetReader stream_dataset sync_dataset_to_bucket"""
+"""Its ``__all__``."""
 PORTS = {"serial": "/dev/ttyACM0", "address": "192.0.2.1"}
 OWN_PORTS = {
     "crazyflie": "radio://0/80/2M/E7E7E7E7E7",
@@ -107,6 +116,11 @@ def test_an_import_of_theirs_says_what_to_use(name: str) -> None:
         exec(f"from strands_actors import {name}")
     assert name not in dir(importlib.import_module("strands_actors"))
     assert not hasattr(strands_actors, "Simulatoin")
+
+
+def test_a_name_of_the_package_is_here_or_says_what_to_use() -> None:
+    here = dir(strands_actors)
+    assert [name for name in PACKAGE.split() if name not in here and name not in reference_names.PACKAGE] == []
 
 
 def test_a_robot_is_on_the_mesh_as_they_say_it() -> None:
