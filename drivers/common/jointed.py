@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from .lean_mujoco import mujoco
+from .lean_mujoco import PLAIN, mujoco
 from .solver import Solver, new_solver
 
 LONGEST_CATCH_UP_S = 0.25
@@ -29,6 +29,7 @@ class Jointed:
         self.spec = spec
         for name in self.joints:
             spec.add_equality(  # switched on, it jams the joint where it is
+                default=PLAIN.default,
                 type=mujoco.mjtEq.mjEQ_JOINT,
                 objtype=mujoco.mjtObj.mjOBJ_JOINT,
                 name=f"{name}_jam",
@@ -41,6 +42,7 @@ class Jointed:
         self._solver: Solver = new_solver(spec, self.model, self.data)
         self._step_s = float(self.model.opt.timestep)
         self._origin_s: float | None = None
+        self.placed: tuple[Any, Any] | None = None  # position and quaternion that the robot was put to
         self._bind()
 
     def _bind(self) -> None:

@@ -28,6 +28,10 @@ finally:
 
 mujoco: Any = _mujoco
 
+PLAIN: Any = mujoco.MjSpec()
+"""Its ``default`` is MuJoCo's own. Elements that are added to a user's model get it: otherwise the
+main default of that model (a gear, a control range, no contacts) would apply to them."""
+
 for _library in Path(_mujoco.__file__).parent.glob("libmujoco*"):
     # a global of MuJoCo's C interface, documented there; ``mujoco.set_mjcb_time`` sets no null
     ctypes.c_void_p.in_dll(ctypes.CDLL(str(_library)), "mjcb_time").value = None

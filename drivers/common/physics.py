@@ -29,8 +29,10 @@ class Plant(Jointed):
         bandwidth_rad_s: float = 30.0,
         home_rad: Sequence[float] = (),
         gains: Sequence[tuple[float, float]] = (),
+        home_qpos: Sequence[float] = (),
     ) -> None:
-        """``gains``: stiffness and damping of each servo; stiffness 0: as the bandwidth has it."""
+        """``gains``: stiffness and damping of each servo; stiffness 0: as the bandwidth has it.
+        ``home_qpos``: where all of the model begins, free bodies and passive joints included."""
         super().__init__(spec, joints, solimp=[0.999, 0.9999, 0.001, 0.5, 2.0])
         self._kp = self.model.dof_M0[self._dof] * bandwidth_rad_s**2
         self._kv = self.model.dof_M0[self._dof] * bandwidth_rad_s * 2  # critically damped
@@ -40,6 +42,7 @@ class Plant(Jointed):
             self._kv = np.where(own, [kv for _, kv in gains], self._kv)
         self._hand = [Hand.NONE] * len(self.joints)
         self._home_rad = tuple(home_rad)
+        self._home_qpos = tuple(home_qpos)
         self.go_home()
 
     @classmethod
@@ -63,12 +66,25 @@ class Plant(Jointed):
         self._rewind()
         if self._home_rad:
             self.data.qpos[self._qpos] = self._home_rad
+        self.data.qpos[: len(self._home_qpos)] = self._home_qpos
+        if self._home_qpos and self.placed is not None:
+            self._place_free_bodies(*self.placed)
         for index, (joint, address) in enumerate(zip(self._joint, self._qpos, strict=True)):
             if self.model.jnt_limited[joint]:
                 self.data.qpos[address] = np.clip(self.data.qpos[address], *self.model.jnt_range[joint])
             self.set_target(index, float(self.data.qpos[address]))
             self._pass_to(index, Hand.NONE)
         mujoco.mj_forward(self.model, self.data)
+
+    def _place_free_bodies(self, position: Any, turn: Any) -> None:
+        """Put the free bodies of ``home_qpos`` where the robot was put."""
+        model, qpos = self.model, self.data.qpos
+        for at in model.jnt_qposadr[model.jnt_type == mujoco.mjtJoint.mjJNT_FREE]:
+            if at < len(self._home_qpos):
+                moved, turned = np.zeros(3), np.zeros(4)
+                mujoco.mju_rotVecQuat(moved, qpos[at : at + 3], turn)
+                mujoco.mju_mulQuat(turned, turn, qpos[at + 3 : at + 7])
+                qpos[at : at + 3], qpos[at + 3 : at + 7] = moved + position, turned
 
     @property
     def time_s(self) -> float:

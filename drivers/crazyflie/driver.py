@@ -83,9 +83,9 @@ class Crazyflie(Driver):
             late_s=LATE_S,
         ),
         "set_twist": Service(
-            f"fly at vx and vy (m/s) and wz (rad/s) for {LIFETIME_S * 1e3:g} ms, then hover",
+            f"fly at vx and vy (m/s) and wz (rad/s) for {LIFETIME_S * 1e3:g} ms, then hover; z: at this height (m)",
             within_s=1.0,
-            arguments={"vx": 0.0, "vy": 0.0, "wz": 0.0},
+            arguments={"vx": 0.0, "vy": 0.0, "wz": 0.0, "z": None},
             acts=True,
         ),
         "land": Service(

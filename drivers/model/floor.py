@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from strands_actors.drivers.common.lean_mujoco import mujoco
+from strands_actors.drivers.common.lean_mujoco import PLAIN, mujoco
 
 _TOUCHING_M = 1e-3
 _OBJECTS = 2
@@ -27,6 +27,7 @@ def add_floor(spec: Any, model: Any) -> None:
     falls = any(kind == mujoco.mjtJoint.mjJNT_FREE for kind in model.jnt_type)
     touches = _OBJECTS | 1 if falls else _OBJECTS
     spec.worldbody.add_geom(
+        default=PLAIN.default,
         type=mujoco.mjtGeom.mjGEOM_PLANE,
         size=[0, 0, 0.05],
         pos=[0, 0, lowest if lowest < -_TOUCHING_M else 0.0],

@@ -9,11 +9,12 @@ the model's mass.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from strands_actors.contract.lfs import pointer_reason
-from strands_actors.drivers.common.lean_mujoco import mujoco
+from strands_actors.drivers.common.lean_mujoco import PLAIN, mujoco
 from strands_actors.drivers.common.simulation_control.protocol import TIMESTEP_S
 from strands_actors.drivers.common.xml_text import Element, NotXml, parse
 
@@ -40,33 +41,28 @@ class Joint(NamedTuple):
 class Read(NamedTuple):
     spec: Any
     joints: tuple[Joint, ...]
-    keyframes: dict[str, tuple[float, ...]]  # by name: the position of each joint
+    keyframes: dict[str, tuple[float, ...]]  # by name: ``qpos`` of the whole model
     left_out: tuple[LeftOut, ...] = ()
 
 
 def read_model(path: str | Path) -> Read:
     """Raise ``ValueError`` that says what is wrong with the file."""
     place = Path(path).expanduser().resolve()
-    spec, left_out = _load(place)
+    spec, own, left_out = _load(place)
     try:
-        keyframes = _keyframes(spec)
-        joints = _drive(spec)
+        keyframes = _keyframes(spec, own)
+        joints = _drive(spec, own)
         model = spec.compile()
     except REFUSALS as error:
         raise _refused(place, error) from None
     if not joints:
         raise ValueError(f"{place} has no joint that can be driven. a hinge or a slide is needed")
-    named = {
-        name: tuple(float(qpos[model.jnt_qposadr[model.joint(joint.name).id]]) for joint in joints)
-        for name, qpos in keyframes.items()
-        if len(qpos) == model.nq
-    }
     add_floor(spec, model)
-    return Read(spec, joints, named, left_out)
+    return Read(spec, joints, keyframes, left_out)
 
 
-def _load(place: Path) -> tuple[Any, tuple[LeftOut, ...]]:
-    """Return the model, compiled once, and what was left out of it."""
+def _load(place: Path) -> tuple[Any, Any, tuple[LeftOut, ...]]:
+    """Return the model, the same as MuJoCo compiles it, and what was left out of it."""
     if not place.is_file():
         raise ValueError(f"there is no model {place}. give an MJCF or a URDF file")
     if place.suffix.lower() == ".xacro":
@@ -87,22 +83,24 @@ def _load(place: Path) -> tuple[Any, tuple[LeftOut, ...]]:
         spec = mujoco.MjSpec.from_file(str(place))
     except REFUSALS as error:
         raise _refused(place, error) from None
+    _name_joints(spec)
     try:
-        spec.copy().compile()
+        return spec, spec.copy().compile(), ()
     except REFUSALS as error:
         raise ValueError(pointer_among(spec, place.parent) or _refused(place, error)) from None
-    return spec, ()
 
 
-def _load_urdf(place: Path, text: str, root: Element) -> tuple[Any, tuple[LeftOut, ...]]:
+def _load_urdf(place: Path, text: str, root: Element) -> tuple[Any, Any, tuple[LeftOut, ...]]:
     """As ``_load``. A visual mesh that MuJoCo refuses is left out: by itself it would not read it."""
     unreadable: tuple[Path, ...] = ()
     while True:
         urdf = readable_urdf(place, text, root, unreadable)
         try:
             spec = mujoco.MjSpec.from_string(urdf.text)
-            exclude_neighbours_of_base(spec, spec.copy().compile())
-            return spec, urdf.left_out
+            _name_joints(spec)
+            model = spec.copy().compile()
+            exclude_neighbours_of_base(spec, model)
+            return spec, model, urdf.left_out
         except REFUSALS as error:
             found = tuple(mesh for mesh in dict.fromkeys(urdf.visuals) if not _reads(mesh))
             if not found or unreadable:
@@ -147,46 +145,65 @@ def _refused(place: Path, error: Exception) -> ValueError:
     return ValueError(text if text.startswith(str(place)) else f"{place}: MuJoCo does not take it: {text}")
 
 
-def _keyframes(spec: Any) -> dict[str, tuple[float, ...]]:
-    """By name, and by number where one has none. What they say of actuators is dropped: those are
-    exchanged."""
+def _name_joints(spec: Any) -> None:
+    """Name each joint that has none, since an axis needs a name."""
+    taken = {joint.name for joint in spec.joints}
+    for at, joint in enumerate(spec.joints):
+        if not joint.name and _turns(joint):
+            joint.name = _free_name(f"joint{at}", taken)
+            taken.add(joint.name)
+
+
+def _keyframes(spec: Any, model: Any) -> dict[str, tuple[float, ...]]:
+    """Return the positions of each keyframe, by name, and by number where it has none. What it says
+    of actuators is dropped, since those are exchanged."""
     found = {}
     for at, key in enumerate(spec.keys):
-        found[key.name or str(at)] = tuple(float(value) for value in key.qpos)
+        found[key.name or str(at)] = tuple(model.key_qpos[at].tolist())
         key.ctrl, key.act = [], []
     return found
 
 
-def _drive(spec: Any) -> tuple[Joint, ...]:
-    """Exchange what drives the joints. Returns the axes, in the model's order."""
+def _drive(spec: Any, model: Any) -> tuple[Joint, ...]:
+    """Exchange what drives the joints.
+
+    Args:
+        spec: The user's model. It is changed.
+        model: The same as MuJoCo compiles it, where damping ratios, gains of defaults and ranges in
+            degrees are numbers in SI units.
+
+    Returns:
+        The axes, in the model's order.
+    """
     spec.option.timestep = TIMESTEP_S
     if spec.option.integrator == mujoco.mjtIntegrator.mjINT_EULER:
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST  # stiff servos stay calm in it
-    for at, joint in enumerate(spec.joints):
-        joint.name = joint.name or f"joint{at}"
     by_name = {joint.name: joint for joint in spec.joints if _turns(joint)}
-    driven: dict[str, Any] = {}
-    for actuator in list(spec.actuators):
-        name = _target(spec, actuator)
-        if name in by_name:
-            driven.setdefault(name, _gains(actuator, by_name[name]))
-            _forget(spec, actuator)
+    actuators: dict[str, list[tuple[int, Any]]] = {}
+    for at, actuator in enumerate(spec.actuators):
+        actuators.setdefault(_target(spec, actuator), []).append((at, actuator))
+    actuators = {name: found for name, found in actuators.items() if name in by_name}
     led = {equality.name1 for equality in spec.equalities if _couples(equality)}
-    if not driven:
-        driven = {name: _gains(None, joint) for name, joint in by_name.items() if name not in led}
+    if not actuators:
+        actuators = {name: [] for name in by_name if name not in led}
         for body in spec.bodies[1:]:  # as its own controller would: what says nothing of motors is carried
             body.gravcomp = 1.0
+    gains = {name: _gains(model, model.joint(name).id, found) for name, found in actuators.items()}
+    for _, actuator in (pair for found in actuators.values() for pair in found):
+        _forget(spec, actuator)
+    names = {actuator.name for actuator in spec.actuators}
     joints = []
     for name, joint in by_name.items():
-        if name not in driven:
+        if name not in gains:
             continue
-        kp, kv, effort = driven[name]
-        limited = joint.range[0] < joint.range[1] and joint.limited != mujoco.mjtLimited.mjLIMITED_FALSE
-        low, high = (float(joint.range[0]), float(joint.range[1])) if limited else (-math.inf, math.inf)
-        if spec.compiler.degree and joint.type == mujoco.mjtJoint.mjJNT_HINGE:
-            low, high = math.radians(low), math.radians(high)
+        kp, kv, effort = gains[name]
+        at = model.joint(name).id
+        low, high = model.jnt_range[at].tolist() if model.jnt_limited[at] else (-math.inf, math.inf)
         joints.append(Joint(name, low, high, joint.type == mujoco.mjtJoint.mjJNT_SLIDE, kp, kv, effort))
-        servo = spec.add_actuator(name=_free_name(spec, name), trntype=mujoco.mjtTrn.mjTRN_JOINT, target=name)
+        servo = spec.add_actuator(
+            default=PLAIN.default, name=_free_name(name, names), trntype=mujoco.mjtTrn.mjTRN_JOINT, target=name
+        )
+        names.add(servo.name)
         servo.set_to_position(kp=kp or 1.0, kv=kv)
         if math.isfinite(effort):
             servo.forcelimited, servo.forcerange = True, [-effort, effort]
@@ -214,28 +231,39 @@ def _target(spec: Any, actuator: Any) -> str:
     return joints[0] if joints else ""
 
 
-def _gains(actuator: Any, joint: Any) -> tuple[float, float, float]:
-    """kp and kv of the model's own position actuator at a joint, and what it pushes with."""
-    effort = math.inf
-    if joint.actfrcrange[0] < joint.actfrcrange[1]:
-        effort = float(joint.actfrcrange[1])
-    if actuator is None:
-        return 0.0, 0.0, effort
-    at_joint = actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT
-    if at_joint and actuator.forcerange[0] < actuator.forcerange[1]:
-        effort = min(effort, float(actuator.forcerange[1]) * (abs(float(actuator.gear[0])) or 1.0))
+def _gains(model: Any, joint: int, actuators: Sequence[tuple[int, Any]]) -> tuple[float, float, float]:
+    """Return kp and kv of the model's own position servo at a joint, and what it pushes with.
+
+    A force is ``gain * control + bias[0] + bias[1] * length + bias[2] * speed``. The stiffness at the
+    joint is that of the bias. The gain only scales the control (0 to 255), which is exchanged. A
+    velocity actuator beside the servo is its damping.
+    """
+    kinds = mujoco.mjtTrn
+    at_joint = [pair for pair in actuators if pair[1].trntype in (kinds.mjTRN_JOINT, kinds.mjTRN_JOINTINPARENT)]
+    biased = [pair for pair in at_joint if pair[1].biastype == mujoco.mjtBias.mjBIAS_AFFINE]
+    servos = [pair for pair in biased if model.actuator_biasprm[pair[0], 1] < 0 and pair[1].gear[0]]
+    kp, kv = (
+        sum(-float(model.actuator_biasprm[at, row]) * float(actuator.gear[0]) ** 2 for at, actuator in biased)
+        if servos
+        else 0.0
+        for row in (1, 2)
+    )
+    effort = sum(_effort(actuator) for _, actuator in servos or at_joint) or math.inf
+    if model.jnt_actfrclimited[joint]:
+        effort = min(effort, float(abs(model.jnt_actfrcrange[joint]).max()))
+    return kp, max(kv, 0.0), effort
+
+
+def _effort(actuator: Any) -> float:
+    """Return what an actuator pushes its joint with, in the stronger direction. Infinite: no limit."""
     gear = abs(float(actuator.gear[0]))
-    # A force of ``gain * control + bias[0] + bias[1] * length + bias[2] * speed``: the stiffness at the
-    # joint is that of the bias. The gain only scales the control (0 to 255), which is exchanged.
-    is_position = actuator.biastype == mujoco.mjtBias.mjBIAS_AFFINE and actuator.biasprm[1] < 0
-    if is_position and at_joint and gear > 0:
-        return -float(actuator.biasprm[1]) * gear**2, -float(actuator.biasprm[2]) * gear**2, effort
-    is_motor = actuator.biastype == mujoco.mjtBias.mjBIAS_NONE and actuator.ctrlrange[0] < actuator.ctrlrange[1]
-    if is_motor and at_joint:
-        effort = min(
-            effort, float(actuator.ctrlrange[1]) * abs(float(actuator.gear[0])) * float(actuator.gainprm[0])
-        )
-    return 0.0, 0.0, effort
+    effort = math.inf
+    if actuator.forcerange[0] < actuator.forcerange[1]:
+        effort = float(abs(actuator.forcerange).max()) * (gear or 1.0)
+    is_motor = (actuator.biastype, actuator.gaintype) == (mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtGain.mjGAIN_FIXED)
+    if is_motor and actuator.ctrlrange[0] < actuator.ctrlrange[1]:
+        effort = min(effort, float(abs(actuator.ctrlrange).max()) * gear * abs(float(actuator.gainprm[0])))
+    return effort
 
 
 def _forget(spec: Any, actuator: Any) -> None:
@@ -246,6 +274,7 @@ def _forget(spec: Any, actuator: Any) -> None:
     spec.delete(actuator)
 
 
-def _free_name(spec: Any, name: str) -> str:
-    taken = {actuator.name for actuator in spec.actuators}
-    return name if name not in taken else f"{name}_servo"
+def _free_name(name: str, taken: Iterable[str]) -> str:
+    while name in taken:
+        name += "_"
+    return name

@@ -20,7 +20,7 @@ from .reading import Read, read_model
 
 class ModelTwinOptions(TwinOptions, frozen=True):
     model: Annotated[str, option("path of the MJCF or URDF")] = ""
-    home: Annotated[tuple[float, ...], option("where its joints begin, in radians and metres")] = ()
+    home: Annotated[tuple[float, ...], option("``qpos`` where all of it begins")] = ()
 
 
 BANDWIDTH_RAD_S = 30.0
@@ -40,8 +40,8 @@ class ModelServer:
             read.spec,
             [joint.name for joint in read.joints],
             BANDWIDTH_RAD_S,
-            home,
             gains=[(joint.kp, joint.kv) for joint in read.joints],
+            home_qpos=home,
         )
         self.body: Body = JointedBody(self._plant, self._pass_time)
 

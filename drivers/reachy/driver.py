@@ -136,6 +136,9 @@ class Reachy(Driver):
     def check_port(self) -> None:
         self.config.addresses()
 
+    def action_of(self, verb: ToolVerb, inputs: Mapping[str, Any]) -> dict[str, Any] | Refused:
+        return verbs.plain_goto(inputs) if verb.name == "goto" else super().action_of(verb, inputs)
+
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         return parse(action, self.robot, self.table, self._index, state)
 

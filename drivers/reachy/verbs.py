@@ -123,7 +123,15 @@ _VERBS: tuple[ToolVerb, ...] = (
         "goto",
         "action",
         "Move head, body and antennas together.",
-        {**_HEAD, "body_yaw": _ANGLE, "antenna_left": _ANGLE, "antenna_right": _ANGLE, "duration": _DURATION},
+        {
+            **_HEAD,
+            "body_yaw": _ANGLE,
+            "antenna_left": _ANGLE,
+            "antenna_right": _ANGLE,
+            "duration": _DURATION,
+            "head": {"type": "object", "description": "instead of head_...: pitch, roll, yaw, x, y, z"},
+            "antennas": {"type": "array", "description": "instead of antenna_...: right, left"},
+        },
     ),
     ToolVerb("home", "action", "Head, body and antennas straight.", {"duration": _DURATION}, action=_REST),
     ToolVerb("wake", "service", "Wake up; the motors must have torque."),
@@ -171,6 +179,24 @@ TOOL_VERBS: tuple[ToolVerb, ...] = (
     *_VERBS,
     *(replace(verb, name=also) for also, name in ALSO.items() for verb in _VERBS if verb.name == name),
 )
+
+
+def plain_goto(inputs: Mapping[str, Any]) -> dict[str, Any] | Refused:
+    """Return the command of a ``goto`` that may name head and antennas as scripts of strands-robots do."""
+    command = dict(inputs)
+    pose, antennas = command.pop("head", {}), command.pop("antennas", ())
+    if antennas and len(antennas) != 2:
+        what = f"antennas has {len(antennas)} numbers"
+        return Refused(Code.BAD_INPUT, what, "give right and left, in degrees", str(len(antennas)), "2")
+    spread = {f"head_{axis}": value for axis, value in pose.items()}
+    if unknown := sorted(spread.keys() - _HEAD.keys()):
+        axis = unknown[0].removeprefix("head_")
+        known = ", ".join(name.removeprefix("head_") for name in _HEAD)
+        return Refused(Code.BAD_INPUT, f"head has no {axis!r}", f"give some of {known}", axis, known)
+    spread |= zip(("antenna_right", "antenna_left"), antennas, strict=False)
+    if twice := sorted(spread.keys() & command.keys()):
+        return Refused(Code.BAD_INPUT, f"{twice[0]} is given twice", "give it once", twice[0], "once")
+    return command | spread
 
 
 def check_arguments(service: str, arguments: Mapping[str, Any], tts_url: str) -> Refused | None:

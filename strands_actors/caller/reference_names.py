@@ -32,6 +32,8 @@ ALIASES: Mapping[str, str] = {
 
 _SCENE = "put it into a model file: Robot(name, urdf_path='scene.xml')"
 _PHYSICS = "state(), save_state() and load_state() give and set what moves"
+_FILE = "load the model file with MuJoCo itself: the simulation runs in a process"
+_FILM = "call start_recording(), or render() in a loop"
 _RECORD = "use record_dataset() of strands_actors"
 _CAMERA = "make the robot with cameras= and call read_camera(name)"
 _TELEOP = "one leader at a time: call attach_teleop() and stop_task()"
@@ -77,6 +79,18 @@ INSTEAD: Mapping[str, str] = {
         ("list_cameras", "list_cameras_info", "remove_camera"), "render() of another name names the cameras"
     ),
     **dict.fromkeys(("open_viewer", "close_viewer"), "call view()"),
+    **dict.fromkeys(
+        ("start_cameras_recording", "start_cameras_recording_synchronous", "stop_cameras_recording"), _FILM
+    ),
+    "get_cameras_recording_status": _FILM,
+    **dict.fromkeys(("get_camera_params", "get_world_point"), "the camera is the one that add_camera() made"),
+    **dict.fromkeys(("patch_scene_mjcf", "replace_scene_mjcf", "randomize", "set_obs_noise"), _SCENE),
+    **dict.fromkeys(("get_ground_height", "list_bodies", "list_urdfs", "get_total_mass"), _FILE),
+    **dict.fromkeys(("raycast", "multi_raycast", "get_contact_forces", "get_sensor_data", "get_energy"), _FILE),
+    **dict.fromkeys(("forward_kinematics", "get_jacobian", "get_mass_matrix", "inverse_dynamics"), _FILE),
+    **dict.fromkeys(("get_features", "describe", "capabilities"), "call get_observation() and get_status()"),
+    **dict.fromkeys(("rotate_wrist", "actuate_robot", "saturated_actuators"), "call move_to(targets, seconds=)"),
+    **dict.fromkeys(("register_benchmark_from_file", "register_builtin_benchmarks"), "call eval_policy()"),
     **dict.fromkeys(("set_joint_positions", "set_joint_velocities", "apply_force"), _PHYSICS),
     **dict.fromkeys(
         ("mj_model", "mj_data", "get_body_state", "get_contacts"), "it runs in a process: call state()"
@@ -91,16 +105,33 @@ PACKAGE: Mapping[str, str] = {
     **dict.fromkeys(
         ("list_backends", "register_backend"), "give Robot(name, backend=...) 'mujoco', 'newton' or 'isaac'"
     ),
-    "get_robot": "use list_driver_coverage()",
-    "list_providers": "create_policy('?') names them",
+    **dict.fromkeys(("get_robot", "list_discoverable", "is_discoverable"), "use list_driver_coverage()"),
+    "list_urdf_only": "a URDF is a file of yours: Robot(name, urdf_path=...)",
+    **dict.fromkeys(("list_providers", "list_policy_types"), "create_policy('?') names them"),
     "run_policy": "call run_policy() of a robot",
     "robot_mesh": "use get_peers(), tell() and estop()",
     "gr00t_inference": "start its server yourself, then policy_provider='remote'",
     **dict.fromkeys(("lerobot_train", "train_policy"), "train with LeRobot's own tools"),
     **dict.fromkeys(("lerobot_camera", "lerobot_teleoperate"), "use cameras= and Teleoperator(...)"),
     **dict.fromkeys(("pose_tool", "serial_tool", "use_lerobot"), "give the agent Robot(...) itself"),
-    **dict.fromkeys(("use_ros", "use_rosbridge", "HardwareRosBridge"), "robots on ROS have a driver: Robot(...)"),
-    "stream_dataset": "use LeRobot's own dataset classes",
+    **dict.fromkeys(
+        ("use_ros", "use_rosbridge", "use_rtps", "HardwareRosBridge", "HardwareRtpsBridge"),
+        "robots on ROS have a driver: Robot(...)",
+    ),
+    **dict.fromkeys(
+        ("stream_dataset", "StreamingDatasetReader", "load_episode", "sample_frames"),
+        "use LeRobot's own dataset classes",
+    ),
+    **dict.fromkeys(
+        ("create_judge_agent", "read_predicate_verdict", "write_label", "harness_memory"),
+        "episodes are not judged here: `strands-actors dataset` shows, repairs and converts them",
+    ),
+    "sync_dataset_to_bucket": "nothing is uploaded: copy the folder of the dataset",
+    **dict.fromkeys(
+        ("init_device_connect", "init_device_connect_sync", "RobotDeviceDriver", "SimulationDeviceDriver"),
+        "robots meet on the mesh: see docs/mesh.md",
+    ),
+    "ReachyMiniDriver": "use Robot('reachy_mini', mode='real')",
     "download_assets": "nothing is fetched: models are of this package, or a file of yours",
 }
 

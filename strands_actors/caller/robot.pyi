@@ -113,8 +113,8 @@ class AsyncSimulatedBooster(AsyncSimulation):
 class Crazyflie(RealRobot):
     def takeoff(self, height: float = 0.5, duration: float = 2.0) -> Answer:
         """Arm the motors, rise to a height, hover there; in the air: go to that height."""
-    def set_twist(self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0) -> Answer:
-        """Fly at vx and vy (m/s) and wz (rad/s) for 300 ms, then hover."""
+    def set_twist(self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0, z: float | None = None) -> Answer:
+        """Fly at vx and vy (m/s) and wz (rad/s) for 300 ms, then hover; z: at this height (m)."""
     def land(self, duration: float = 2.0) -> Answer:
         """Come down to the floor, motors off."""
     def emergency_stop(self) -> Answer:
@@ -132,7 +132,9 @@ class Crazyflie(RealRobot):
 @type_check_only
 class AsyncCrazyflie(AsyncRobot):
     async def takeoff(self, height: float = 0.5, duration: float = 2.0) -> Answer: ...
-    async def set_twist(self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0) -> Answer: ...
+    async def set_twist(
+    self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0, z: float | None = None,
+) -> Answer: ...
     async def land(self, duration: float = 2.0) -> Answer: ...
     async def emergency_stop(self) -> Answer: ...
     async def sensors(self) -> Answer: ...
@@ -144,8 +146,8 @@ class AsyncCrazyflie(AsyncRobot):
 
 @type_check_only
 class SimulatedCrazyflie(SimRobot):
-    def set_twist(self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0) -> Answer:
-        """Fly at vx and vy (m/s) and wz (rad/s) for 300 ms, then hover."""
+    def set_twist(self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0, z: float | None = None) -> Answer:
+        """Fly at vx and vy (m/s) and wz (rad/s) for 300 ms, then hover; z: at this height (m)."""
     def sensors(self) -> Answer:
         """Measured positions, sensors and faults."""
     def status(self) -> Answer:
@@ -160,7 +162,9 @@ class SimulatedCrazyflie(SimRobot):
 
 @type_check_only
 class AsyncSimulatedCrazyflie(AsyncSimulation):
-    async def set_twist(self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0) -> Answer: ...
+    async def set_twist(
+    self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0, z: float | None = None,
+) -> Answer: ...
     async def sensors(self) -> Answer: ...
     async def status(self) -> Answer: ...
     async def land(self) -> Answer: ...
@@ -668,7 +672,8 @@ class Reachy(RealRobot):
     def goto(
     self, head_pitch: float = ..., head_roll: float = ..., head_yaw: float = ..., head_x: float = ...,
     head_y: float = ..., head_z: float = ..., body_yaw: float = ..., antenna_left: float = ...,
-    antenna_right: float = ..., duration: float = ..., *, wait: bool = True,
+    antenna_right: float = ..., duration: float = ..., head: Any = ..., antennas: Sequence[float] = ..., *,
+    wait: bool = True,
 ) -> Answer:
         """Move head, body and antennas together."""
     def home(self, duration: float = ..., *, wait: bool = True) -> Answer:
@@ -712,7 +717,8 @@ class AsyncReachy(AsyncRobot):
     async def goto(
     self, head_pitch: float = ..., head_roll: float = ..., head_yaw: float = ..., head_x: float = ...,
     head_y: float = ..., head_z: float = ..., body_yaw: float = ..., antenna_left: float = ...,
-    antenna_right: float = ..., duration: float = ..., *, wait: bool = True,
+    antenna_right: float = ..., duration: float = ..., head: Any = ..., antennas: Sequence[float] = ..., *,
+    wait: bool = True,
 ) -> Answer: ...
     async def home(self, duration: float = ..., *, wait: bool = True) -> Answer: ...
 
@@ -743,7 +749,8 @@ class SimulatedReachy(SimRobot):
     def goto(
     self, head_pitch: float = ..., head_roll: float = ..., head_yaw: float = ..., head_x: float = ...,
     head_y: float = ..., head_z: float = ..., body_yaw: float = ..., antenna_left: float = ...,
-    antenna_right: float = ..., duration: float = ..., *, wait: bool = True,
+    antenna_right: float = ..., duration: float = ..., head: Any = ..., antennas: Sequence[float] = ..., *,
+    wait: bool = True,
 ) -> Answer:
         """Move head, body and antennas together."""
     def home(self, duration: float = ..., *, wait: bool = True) -> Answer:
@@ -769,7 +776,8 @@ class AsyncSimulatedReachy(AsyncSimulation):
     async def goto(
     self, head_pitch: float = ..., head_roll: float = ..., head_yaw: float = ..., head_x: float = ...,
     head_y: float = ..., head_z: float = ..., body_yaw: float = ..., antenna_left: float = ...,
-    antenna_right: float = ..., duration: float = ..., *, wait: bool = True,
+    antenna_right: float = ..., duration: float = ..., head: Any = ..., antennas: Sequence[float] = ..., *,
+    wait: bool = True,
 ) -> Answer: ...
     async def home(self, duration: float = ..., *, wait: bool = True) -> Answer: ...
 

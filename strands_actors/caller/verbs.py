@@ -13,7 +13,8 @@ from collections.abc import Callable, Coroutine, Mapping, Sequence
 from typing import Any
 
 from strands_actors.contract.axis import SHOWN
-from strands_actors.contract.driver import Driver, Reason
+from strands_actors.contract.driver import Driver, Reason, Service
+from strands_actors.contract.loading import load
 from strands_actors.contract.plain_numbers import as_python
 from strands_actors.contract.positions import Positions
 from strands_actors.contract.wire import Observation
@@ -180,7 +181,21 @@ def require_service(handle: object, plan: Plan | None, name: str) -> None:
     """Raise ``AttributeError`` when ``name`` is none of the driver's own services. ``plan``: None
     while the handle is not made yet."""
     if not is_service(plan, name):
-        raise AttributeError(f"{type(handle).__name__} has no attribute {name!r}{hint(name)}")
+        raise AttributeError(
+            f"{type(handle).__name__} has no attribute {name!r}{_of_hardware(plan, name) or hint(name)}"
+        )
+
+
+def _of_hardware(plan: Plan | None, name: str) -> str:
+    """Return where a service of the real robot is, which its simulation does not have; else empty."""
+    if plan is None or not plan.driver_class.SIMULATED:
+        return ""
+    if name not in load(plan.options["class"]).services(plan.options["options"]):
+        return ""
+    return (
+        f". It is a service of the real {plan.robot}, and this is a simulation. Make it with mode='real' and "
+        "port=, or with mode='real', transport='twin'"
+    )
 
 
 def name_values(
@@ -234,7 +249,16 @@ def _command(
     if known is None or not known.acts:
         return None
     refusal = tree.driver.check_service(name, arguments)
-    return {**(action or {}), **known.arguments, **arguments} if refusal is None else refusal.about(name)
+    if refusal is not None:
+        return refusal.about(name)
+    return {**(action or {}), **action_of_service(known, arguments)}
+
+
+def action_of_service(service: Service, arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the action that a service with ``acts`` is."""
+    given = {**service.arguments, **arguments}
+    optional = {name for name, default in service.arguments.items() if default is None}
+    return {name: value for name, value in given.items() if value is not None or name not in optional}
 
 
 def _order_to_stop(tree: RobotTree, name: str) -> Reason | None:

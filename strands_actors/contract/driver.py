@@ -115,7 +115,7 @@ class Service(msgspec.Struct, frozen=True):
     # As ``Timing.late_s``, of this service: it powers or moves the robot, and may do so later.
     late_s: float = 0.0
     # No service of the wire's, but a command: its arguments are an action, with the lifetime and the
-    # gates of one.
+    # gates of one. An argument whose default is None is left out of it unless it is given.
     acts: bool = False
     # No service of the wire's, but an order to stop for this reason, which locks as an e-stop does:
     # never refused, ahead of everything, and carried out by whoever is left.

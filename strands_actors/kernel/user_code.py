@@ -35,9 +35,15 @@ def contained(call: Callable[[*Args], Result], *args: *Args) -> Result:
 
 
 def describe_failure(error: BaseException) -> str:
-    """Return one line: what was raised, and the last line of code of others that led to it."""
+    """Return one line: what was raised, and the last line of code of others that led to it. Lines
+    before the call (threads, this package) are not counted."""
     raised = error.__cause__ if isinstance(error, UserCodeEnded) and error.__cause__ else error
-    theirs = [at for at in traceback.extract_tb(raised.__traceback__) if not at.filename.startswith(_OURS)]
+    frames = list(traceback.extract_tb(raised.__traceback__))
+    calls = [
+        at for at, frame in enumerate(frames) if (frame.filename, frame.name) == (__file__, contained.__name__)
+    ]
+    called = frames[calls[-1] + 1 :] if calls else frames
+    theirs = [frame for frame in called if not frame.filename.startswith(_OURS)]
     if not theirs:
         return describe(error)
     last = theirs[-1]

@@ -217,6 +217,9 @@ def service(name: str, declared: Service, is_async: bool) -> str:
     for argument, value in declared.arguments.items():
         if not argument.isidentifier():
             continue
+        if value is None and declared.acts:
+            parameters.append(f"{argument}: float | None = None")
+            continue
         hint = "Any" if value is None or not isinstance(value, bool | int | float | str) else type(value).__name__
         parameters.append(f"{argument}: {hint} = {default(value)}")
     if name in WITH_ACTION:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import importlib
+from typing import Any
 
 import pytest
 
 import strands_actors
 from strands_actors import Robot
-from strands_actors.caller import reference_names
+from strands_actors.caller import reference_names, verbs
+from strands_actors.caller.vocabulary import call_of
 from strands_actors.contract.driver import GateState
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers import get_native_driver_class, list_native_drivers
@@ -37,7 +39,21 @@ evaluate_benchmark get_contacts get_frame get_state list_cameras list_robots loa
 load_state mj_model move_object move_to open_viewer policy_result register_urdf remove_object
 render render_depth reset robot_joint_names run_multi_policy save_episode save_state
 set_gravity set_joint_positions start_policy start_recording step stop_policy stream_dataset
-verify_dataset_episodes"""
+verify_dataset_episodes actuate_robot capabilities describe forward_kinematics get_camera_params
+get_cameras_recording_status get_contact_forces get_energy get_features get_ground_height get_jacobian
+get_mass_matrix get_sensor_data get_total_mass get_world_point inverse_dynamics list_bodies list_urdfs
+multi_raycast patch_scene_mjcf randomize raycast register_benchmark_from_file
+register_builtin_benchmarks replace_scene_mjcf rotate_wrist saturated_actuators set_obs_noise
+start_cameras_recording start_cameras_recording_synchronous stop_cameras_recording"""
+PACKAGE = """Policy MockPolicy create_policy list_providers register_policy Robot HardwareRosBridge
+HardwareRtpsBridge Teleoperator list_policy_types Simulation SimWorld SimRobot SimObject SimCamera
+list_robots get_robot list_discoverable is_discoverable list_urdf_only create_simulation list_backends
+register_backend download_assets harness_memory create_judge_agent load_episode sample_frames
+read_predicate_verdict write_label lerobot_camera lerobot_teleoperate lerobot_train run_policy
+serial_tool train_policy use_lerobot use_ros use_rosbridge use_rtps pose_tool robot_mesh
+init_device_connect init_device_connect_sync RobotDeviceDriver SimulationDeviceDriver
+ReachyMiniDriver StreamingDatasetReader stream_dataset sync_dataset_to_bucket"""
+"""Its ``__all__``."""
 PORTS = {"serial": "/dev/ttyACM0", "address": "192.0.2.1"}
 OWN_PORTS = {
     "crazyflie": "radio://0/80/2M/E7E7E7E7E7",
@@ -72,6 +88,13 @@ def test_a_name_of_a_simulation_is_here_or_says_what_to_use() -> None:
     assert missing(Robot("so101"), f"{ROBOT} {SIM}") == []
 
 
+@pytest.mark.parametrize("name", ["spot.stand", "reachy_mini.wake_up", "crazyflie.takeoff", "unitree_go2.stand_up"])
+def test_a_simulation_says_that_a_service_is_of_the_real_robot(name: str) -> None:
+    robot, service = name.split(".")
+    with pytest.raises(AttributeError, match=f"a service of the real {robot}.*transport='twin'"):
+        getattr(Robot(robot), service)
+
+
 def test_a_slip_is_not_taken_for_a_name_of_theirs() -> None:
     arm = Robot("so101")
     assert not hasattr(arm, "conect") and not hasattr(arm, "connect") and not hasattr(arm, "volume")
@@ -100,6 +123,11 @@ def test_an_import_of_theirs_says_what_to_use(name: str) -> None:
     assert not hasattr(strands_actors, "Simulatoin")
 
 
+def test_a_name_of_the_package_is_here_or_says_what_to_use() -> None:
+    here = dir(strands_actors)
+    assert [name for name in PACKAGE.split() if name not in here and name not in reference_names.PACKAGE] == []
+
+
 def test_a_robot_is_on_the_mesh_as_they_say_it() -> None:
     for mesh in (True, False, None):
         assert Robot("so101", mesh=mesh).tool_name == "so101"
@@ -107,10 +135,36 @@ def test_a_robot_is_on_the_mesh_as_they_say_it() -> None:
         Robot("so101", tool_name="a", peer_id="b")
 
 
-def test_a_crazyflies_twist_is_a_command() -> None:
+@pytest.mark.parametrize(("given", "commanded"), [({}, {}), ({"z": None}, {}), ({"z": 0.4}, {"z": 0.4})])
+def test_a_crazyflies_twist_is_a_command(given: dict[str, Any], commanded: dict[str, Any]) -> None:
     drone = get_native_driver_class("crazyflie")("crazyflie", "usb://0", {})  # type: ignore[misc]
-    service = drone.SERVICES["set_twist"]
-    assert service.acts and drone.check_service("set_twist", {"vx": 0.2}) is None
+    assert drone.check_service("set_twist", given) is None
+    action = verbs.action_of_service(drone.SERVICES["set_twist"], {"vx": 0.2, **given})
+    assert action == {"vx": 0.2, "vy": 0.0, "wz": 0.0, **commanded}
     seen = Observation(0, (0.0,) * len(drone.axes), (1,) * len(drone.axes))
     state = GateState(0, seen, (0.0,) * (len(drone.axes) + 1), 0, stream=False)
-    assert not hasattr(drone.parse({**service.arguments, "vx": 0.2}, state), "refusal")
+    assert not hasattr(drone.parse(action, state), "refusal")
+
+
+def reachy(**inputs: Any) -> Any:
+    driver = get_native_driver_class("reachy_mini")("reachy_mini", "192.0.2.1", {})  # type: ignore[misc]
+    return call_of(driver, "goto", (), inputs)
+
+
+def test_a_reachy_goes_to_a_pose_in_their_words() -> None:
+    call = reachy(head={"pitch": 5.0, "z": 10}, antennas=(20, -20), body_yaw=3, duration=1.0)
+    ears = {"antenna_right": 20, "antenna_left": -20}
+    assert call.action == {"head_pitch": 5.0, "head_z": 10, **ears, "body_yaw": 3, "duration": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("inputs", "why"),
+    [
+        ({"head": {"tilt": 1}}, "head has no 'tilt'"),
+        ({"antennas": [1]}, "antennas has 1 numbers"),
+        ({"head": {"yaw": 1}, "head_yaw": 2}, "head_yaw is given twice"),
+        ({"head": 5}, "head is"),
+    ],
+)
+def test_a_pose_that_is_none_is_refused(inputs: dict[str, Any], why: str) -> None:
+    assert why in reachy(**inputs).reason

@@ -138,18 +138,18 @@ class SceneRenderer:
         model, data = self._model, self._data
         own = [model.camera(index).name for index in range(model.ncam)]
         if camera not in CAMERAS and camera not in own:
-            known = ", ".join(name for name in (*CAMERAS, *own) if name)
+            known = ", ".join(name for name in dict.fromkeys((*CAMERAS, *own)) if name)
             raise CannotRender(f"no camera {camera!r}. there are {known}, and None for the whole robot")
         data.qpos[:] = pose
         mujoco.mj_kinematics(model, data)
         mujoco.mj_camlight(model, data)
         self._view = widened(self._view, model, data)
         eye = mujoco.MjvCamera()
-        if camera in CAMERAS:
-            look(eye, model, self._view, width, height, camera)
-        else:  # one of the scene's own
+        if camera and camera in own:  # the scene's own camera, also where one of ours has its name
             eye.type = mujoco.mjtCamera.mjCAMERA_FIXED
             eye.fixedcamid = model.camera(camera).id
+        else:
+            look(eye, model, self._view, width, height, camera)
         mujoco.mjv_updateScene(model, data, self._option, None, eye, mujoco.mjtCatBit.mjCAT_ALL, self._scene)
         rectangle = mujoco.MjrRect(0, 0, width, height)
         rows = np.empty((height, width, 3), np.uint8)

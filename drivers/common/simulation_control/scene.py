@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from strands_actors.drivers.common.lean_mujoco import mujoco
+from strands_actors.drivers.common.lean_mujoco import PLAIN, mujoco
 
 from .wrist import add_wrist
 
@@ -29,6 +29,10 @@ _SLACK = 1.15
 
 _ROOM = 1.0
 """Around the robot in a picture: a ball around it is larger than it looks."""
+
+
+SKY, GROUND = "strands_actors sky", "strands_actors ground"
+"""Names that no model has for its own sky and ground."""
 
 
 class View(NamedTuple):
@@ -100,7 +104,7 @@ def _distance_m(model: Any, view: View, width: int, height: int) -> float:
 def _add_sky_and_ground(scene: Any) -> None:
     kinds, patterns = mujoco.mjtTexture, mujoco.mjtBuiltin
     scene.add_texture(
-        name="sky",
+        name=SKY,
         type=kinds.mjTEXTURE_SKYBOX,
         builtin=patterns.mjBUILTIN_GRADIENT,
         rgb1=[0.55, 0.68, 0.82],
@@ -109,7 +113,7 @@ def _add_sky_and_ground(scene: Any) -> None:
         height=1536,
     )
     scene.add_texture(
-        name="ground",
+        name=GROUND,
         type=kinds.mjTEXTURE_2D,
         builtin=patterns.mjBUILTIN_CHECKER,
         mark=mujoco.mjtMark.mjMARK_EDGE,
@@ -119,11 +123,13 @@ def _add_sky_and_ground(scene: Any) -> None:
         width=256,
         height=256,
     )
-    ground = scene.add_material(name="ground", texrepeat=[5, 5], texuniform=True, reflectance=0.08)
-    ground.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "ground"
+    ground = scene.add_material(
+        default=PLAIN.default, name=GROUND, texrepeat=[5, 5], texuniform=True, reflectance=0.08
+    )
+    ground.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = GROUND
     for geom in scene.worldbody.geoms:
         if geom.type == mujoco.mjtGeom.mjGEOM_PLANE:
-            geom.material = "ground"
+            geom.material = GROUND
             geom.size = [0, 0, 0.05]  # as far as the eye reaches
 
 
@@ -136,6 +142,7 @@ def _add_lights(scene: Any, view: View) -> None:
         ([-0.6, -0.6, -0.5], 0.2, False),
     ):
         scene.worldbody.add_light(
+            default=PLAIN.default,
             pos=middle - np.asarray(towards) * view.radius * 5,
             dir=towards,
             type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
@@ -171,6 +178,7 @@ def _add_motor(body: Any, joint: Any, radius: float) -> None:
     place, axis = np.asarray(joint.pos), np.asarray(joint.axis)
     reach = axis / np.linalg.norm(axis) * radius * 1.15
     body.add_geom(
+        default=PLAIN.default,
         type=mujoco.mjtGeom.mjGEOM_CYLINDER,
         fromto=[*(place - reach), *(place + reach)],
         size=[radius * 1.12, 0, 0],

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from strands_actors.drivers.common.jointed import Jointed
-from strands_actors.drivers.common.lean_mujoco import mujoco
+from strands_actors.drivers.common.lean_mujoco import PLAIN, mujoco
 
 SHAPES = {
     "box": (mujoco.mjtGeom.mjGEOM_BOX, 3, "x, y, z: full extents"),
@@ -81,16 +81,19 @@ class Scenery:
             raise Refused(f"the shape is {wanted.shape!r}. use one of {', '.join(SHAPES)}")
         if len(wanted.size) != count:
             raise Refused(f"a {wanted.shape} has {count} numbers as size ({meaning}), not {len(wanted.size)}")
-        spec = self._jointed.spec
+        spec, plain = self._jointed.spec, PLAIN.default
         added: list[Any] = []
         if wanted.shape == "mesh":
-            added.append(spec.add_mesh(name=wanted.name, file=_mesh_file(wanted.mesh), scale=list(wanted.size)))
-        material = spec.add_material(name=f"object {wanted.name}", rgba=list(wanted.color))
+            file = _mesh_file(wanted.mesh)
+            added.append(spec.add_mesh(default=plain, name=wanted.name, file=file, scale=list(wanted.size)))
+        material = spec.add_material(default=plain, name=f"object {wanted.name}", rgba=list(wanted.color))
         body = spec.worldbody.add_body(name=wanted.name, pos=list(wanted.position), quat=list(wanted.orientation))
         added += [material, body]
         if not wanted.fixed:
             body.add_freejoint(name=wanted.name)
-        geom = body.add_geom(name=wanted.name, type=kind, contype=TOUCHES, conaffinity=TOUCHES, mass=wanted.mass_kg)
+        geom = body.add_geom(
+            default=plain, name=wanted.name, type=kind, contype=TOUCHES, conaffinity=TOUCHES, mass=wanted.mass_kg
+        )
         geom.material = material.name
         if wanted.shape == "mesh":
             geom.meshname = wanted.name
@@ -123,19 +126,23 @@ class Scenery:
         if not np.linalg.norm(away) > 1e-9:
             raise Refused("the camera stands at its target. give it another position")
         camera = carrier.add_camera(
-            name=wanted.name, pos=list(wanted.position), quat=_looking(away), fovy=wanted.fov_deg
+            default=PLAIN.default,
+            name=wanted.name,
+            pos=list(wanted.position),
+            quat=_looking(away),
+            fovy=wanted.fov_deg,
         )
         self._compile([camera])
 
     def place(self, position: Sequence[float], orientation: Sequence[float]) -> None:
         """Put the robot's base there, with all that stands on it."""
-        bodies = list(self._jointed.spec.worldbody.bodies)
+        jointed = self._jointed
         turn = np.asarray(orientation) / np.linalg.norm(orientation)
-        for body in bodies:
-            moved, turned = np.zeros(3), np.zeros(4)
-            mujoco.mju_rotVecQuat(moved, np.asarray(body.pos), turn)
-            mujoco.mju_mulQuat(turned, turn, np.asarray(body.quat))
-            body.pos, body.quat = moved + position, turned
+        outermost = [_outermost(body) for body in jointed.spec.worldbody.bodies]
+        place = jointed.spec.worldbody.add_frame(pos=list(position), quat=turn.tolist())
+        for element in outermost:
+            element.set_frame(place)
+        jointed.placed = np.asarray(position, float), turn
         self._compile([])
         self._jointed.begin_anew()
 
@@ -173,6 +180,14 @@ class Scenery:
                 self._jointed.spec.delete(element)
             raise Refused(f"the model does not take it: {' '.join(str(error).split())}") from None
         self.changed()
+
+
+def _outermost(body: Any) -> Any:
+    """Return the frame that a body stands in, the outermost of nested ones, or the body itself."""
+    element = body
+    while element.frame is not None:
+        element = element.frame
+    return element
 
 
 def scenery_of(body: object) -> Scenery:

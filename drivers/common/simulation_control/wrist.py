@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from strands_actors.drivers.common.lean_mujoco import mujoco
+from strands_actors.drivers.common.lean_mujoco import PLAIN, mujoco
 
 WRIST = "wrist"
 FIELD_DEG = 75.0
@@ -29,7 +29,9 @@ def add_wrist(spec: Any) -> bool:
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     place, quat = _mounted(model, data, hand)
-    spec.body(model.body(hand).name).add_camera(name=WRIST, pos=place, quat=quat, fovy=FIELD_DEG)
+    spec.body(model.body(hand).name).add_camera(
+        default=PLAIN.default, name=WRIST, pos=place, quat=quat, fovy=FIELD_DEG
+    )
     return True
 
 
@@ -44,7 +46,7 @@ def hand_of(model: Any) -> int | None:
         kinds = [int(model.jnt_type[joint]) for joint in _joints(model, body)]
         fixed[body] = fixed[parent] and int(mujoco.mjtJoint.mjJNT_FREE) not in kinds
     named = [body for body in range(1, model.nbody) if _HANDS.search(model.body(body).name.lower())]
-    arms = [body for body in range(1, model.nbody) if fixed[body] and depth[body] > 2]
+    arms = [body for body in range(1, model.nbody) if fixed[body] and depth[body] > 2 and model.body(body).name]
     found = named or arms
     return max(found, key=lambda body: depth[body]) if found else None
 
