@@ -44,7 +44,7 @@ def test_estop_locks_until_resume(cli: Command, robot: RobotProcess) -> None:
 
 @pytest.mark.long
 def test_stop_disarms_without_a_lock(cli: Command, robot: RobotProcess) -> None:
-    done = cli.run("stop", "--all")
+    done = cli.run("stop", "nobody", "--all")
     assert done.returncode == 0, done.stderr
     assert refusal_code(robot.call("send_action", MOVE)) == "disarmed"
     assert robot.call("resume")["status"] == "success"

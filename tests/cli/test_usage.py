@@ -23,7 +23,7 @@ from .command import Command
         (["stop", "nobody"], "nobody"),
         (["estop", "--all"], "no robot"),
         (["resume"], "--all"),
-        (["stop", "one", "--all"], "--all"),
+        (["stop", "one", "--all"], "no robot"),
         (["demo", "--seconds", "1"], "--seconds"),
         (["demo", "--out", "no/such/folder/demo.png"], "no/such/folder"),
         (["dance"], "dance"),
@@ -41,7 +41,8 @@ from .command import Command
         (["record", "one", "-o", "a", "--dataset", "b"], "one of the two"),
         (["record", "one", "-o", "a", "--fps", "7", "--camera", "eye"], "--fps, --camera: of a dataset's episodes"),
         (["teleop", "so101", "--twin", "--port", "P", "--from", "keyboard"], "--port and --twin are both given"),
-        (["estop", "one", "--all"], "one and --all are both given"),
+        (["estop", "one", "--all"], "no robot is on the mesh"),
+        (["resume", "one", "--all"], "one and --all are both given"),
     ],
 )
 def test_one_line_and_exit_code_2(
@@ -131,7 +132,7 @@ def test_list_names_the_ways_that_nobody_has_seen_on_a_real_robot(cli: Command) 
 
 
 def test_a_problem_is_the_exit_code_of_the_process(cli: Command) -> None:
-    done = cli.run("estop", "one", "--all")
+    done = cli.run("resume", "one", "--all")
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith("strands-actors: ")
 

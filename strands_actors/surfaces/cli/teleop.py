@@ -26,6 +26,7 @@ TURN_S = 0.03
 SHOW_S = 0.1
 ENTER = "\n"
 QUIT = ("x", "\x1b")
+CONNECTED, CONNECTING = "connected", "connecting"
 TWIN = "twin"
 
 
@@ -44,7 +45,7 @@ def teleop(
     as_json: bool,
 ) -> int:
     """Run until a key, the time or the robot ends it. ``leader``: what leads, and its id. 0 when it
-    ended as it was asked to."""
+    ended as it was asked to, and the leader was there."""
     is_terminal = sys.stdin.isatty()
     try:
         mapped = load(map_fn) if map_fn else None
@@ -74,7 +75,14 @@ def teleop(
         why = f" ({told['exit_detail']})" if told["exit_detail"] else ""
         refused = told["teleop"].get("refused", 0)
         print(f"{told['steps']} setpoints, {refused} frames refused; ended: {told['exit_reason']}{why}")
-    return 0 if told["exit_reason"] in ("stopped", "duration") else 1
+        if is_lost(told):
+            print(f"the leader is not connected: {told['teleop']['leader']}", file=sys.stderr)
+    return 0 if told["exit_reason"] in ("stopped", "duration") and not is_lost(told) else 1
+
+
+def is_lost(told: dict[str, Any]) -> bool:
+    """Return whether a status says why the leader is not there."""
+    return told["teleop"].get("leader", CONNECTED) not in (CONNECTED, CONNECTING)
 
 
 def leader_of(text: str, leader_id: str | None = None, relative: bool = False) -> Teleoperator:
@@ -129,6 +137,7 @@ def _connected(arm: RealRobot) -> Iterator[None]:
 def _run(arm: RealRobot, keys: Keys | None, is_arm: bool, is_terminal: bool, quiet: bool) -> dict[str, Any]:
     """Until it has ended. Return its last status."""
     shown_s, told = 0.0, _status(arm)
+    shown: tuple[str, ...] = ()
     try:
         with _keys_at_once() if is_terminal else contextlib.nullcontext():
             if not quiet:
@@ -145,7 +154,7 @@ def _run(arm: RealRobot, keys: Keys | None, is_arm: bool, is_terminal: bool, qui
                     shown_s = time.monotonic() + SHOW_S
                     told = _status(arm)
                     if not quiet:
-                        _show(told)
+                        shown = _show(told, shown)
     except KeyboardInterrupt:
         pass
     finally:
@@ -178,17 +187,27 @@ def _status(arm: RealRobot) -> dict[str, Any]:
     return {"teleop": {}, **told}
 
 
-def _show(told: dict[str, Any]) -> None:
+def _show(told: dict[str, Any], shown: tuple[str, ...]) -> tuple[str, ...]:
+    """Show a status; in a file only where it is another than ``shown``. Return what is shown then."""
     teleop = told["teleop"]
     if not teleop:
-        return
+        return shown
     ends = f"; at its end: {', '.join(teleop['at_end'])}" if teleop["at_end"] else ""
     line = f"{teleop['state']:9} {told['steps']:6} setpoints {teleop['refused']:4} refused  {teleop['why']}{ends}"
-    if teleop["leader"] not in ("connected", "connecting"):
+    if is_lost(told):
         line = f"{teleop['state']:9} {teleop['leader']}"
-    width = shutil.get_terminal_size().columns - 1
-    start = "\r\x1b[K" if sys.stderr.isatty() else ""
-    print(f"{start}{line[:width]}", end="" if start else "\n", file=sys.stderr, flush=True)
+    if sys.stderr.isatty():
+        width = shutil.get_terminal_size().columns - 1
+        print(f"\r\x1b[K{line[:width]}", end="", file=sys.stderr, flush=True)
+    elif shown != (now := _brief(told)):
+        print(line, file=sys.stderr, flush=True)
+        return now
+    return shown
+
+
+def _brief(told: dict[str, Any]) -> tuple[str, ...]:
+    teleop = told["teleop"]
+    return teleop["state"], teleop["why"], teleop["leader"]
 
 
 def _page(arm: RealRobot, page: Teleoperator) -> str:
