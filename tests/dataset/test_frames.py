@@ -98,6 +98,13 @@ def test_an_axis_that_was_read_once_is_the_robots_and_a_reading_without_it_is_no
     assert robot.rows(1000)[0].state == (1.0, 0.0), "the state before"
 
 
+def test_a_state_that_is_as_new_as_the_robot_gives_it_is_not_late() -> None:
+    robot = Robot(Axes(("a", "v"), frozenset({"v"}), cycle_s=0.2))
+    robot.sees(800, 1.0)
+    robot.sees(1200, 1.0, oldest=1100)
+    assert [row.stale for row in robot.rows(1050, 1150, 1500)] == [(), ("state",), ("state",)]
+
+
 def test_a_frame_waits_for_the_journal_but_not_for_ever() -> None:
     robot = Robot()
     robot.sees(990, 1.0)

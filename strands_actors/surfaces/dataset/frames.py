@@ -23,7 +23,8 @@ from .staging import Picture, Row
 NS = 1_000_000_000
 MEMORY_S = 5.0
 STALE_PERIODS = 1.5
-"""A state or a picture that is older than so many periods marks its frame."""
+"""A state or a picture that is older than so many periods marks its frame. Of a robot whose state is
+read more seldom, so many of its own cycles."""
 LOST_S = 0.5
 """Without a state that is younger there is no frame."""
 PATIENCE_S = 1.0
@@ -43,6 +44,7 @@ class Axes(msgspec.Struct, frozen=True):
     units: tuple[str, ...] = ()
     optional: frozenset[str] = frozenset()
     read_only: tuple[ReadOnlyJoint, ...] = ()
+    cycle_s: float = 0.0  # how often its state is read, where it is read more seldom than frames are made
 
     @property
     def state(self) -> tuple[str, ...]:
@@ -220,7 +222,8 @@ class Assembler:
             return None
         state, oldest_ns = found[1]
         age_ms = {"state": (due.at_ns - oldest_ns) / 1e6} | due.age_ms
-        late_ms = STALE_PERIODS * self._period_ns / 1e6
+        late_ms = dict.fromkeys(age_ms, STALE_PERIODS * self._period_ns / 1e6)
+        late_ms["state"] = max(late_ms["state"], STALE_PERIODS * self._axes.cycle_s * 1e3)
         wanted = self._wanted.at(end_ns)
         target, requested = (_STAYS.target, {}) if wanted is None else (wanted[1].target, wanted[1].requested)
         stays = {key: 0.0 if key in self._axes.velocities else state[key] for key in self._axes.keys}
@@ -231,7 +234,7 @@ class Assembler:
             self._action(action | requested),
             tuple(age_ms.values()),
             self.take_gap(),
-            tuple(name for name, age in age_ms.items() if age > late_ms),
+            tuple(name for name, age in age_ms.items() if age > late_ms[name]),
         )
         return Made(row, due.pictures)
 

@@ -455,9 +455,9 @@ def axes_of(attached: Attached) -> Axes:
     known here."""
     try:
         driver = driver_from(attached)
-        table, read_only = driver.table, driver.READ_ONLY_JOINTS
+        table, read_only, cycle_s = driver.table, driver.READ_ONLY_JOINTS, 1 / driver.timing.control_hz
     except RecordingError:
-        table, read_only = (), ()
+        table, read_only, cycle_s = (), (), 0.0
     units = {axis.key: axis.unit for axis in table}
     return Axes(
         attached.axes,
@@ -465,6 +465,7 @@ def axes_of(attached: Attached) -> Axes:
         tuple(units[key] for key in attached.axes) if units.keys() >= set(attached.axes) else (),
         frozenset(axis.key for axis in table if axis.optional),
         read_only,
+        cycle_s,
     )
 
 
