@@ -1,4 +1,7 @@
-"""What a writer sends is made plain before it travels: numbers of any library, keys of any type."""
+"""Convert an action to plain Python values before it is sent to another process.
+
+Scripts give numbers of any library (numpy, torch) and keys of any type.
+"""
 
 from __future__ import annotations
 
@@ -12,18 +15,26 @@ from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.refusals import Code
 
 MAX_KEYS = 256
-"""Of an action, or of one of its values."""
+"""Most keys of an action, or of one of its values."""
 SHOWN = 100
-"""Characters of a key or value that are sent on, for the refusal to show."""
+"""Longest text of a key or value that is sent on; the refusal shows it."""
 
 
 def plain(action: Mapping[str, Any]) -> dict[str, Any]:
-    """Ready to be sent: a number a key, or a few with names of their own. What is neither goes as
-    its text, to be refused by name."""
+    """Return an action that can be sent.
+
+    Args:
+        action: For each key a number, or a mapping of names to numbers.
+
+    Returns:
+        The same with numbers of Python. A value of another type becomes its text, which the gate
+        refuses by its key.
+    """
     return {_text(key): _plain_value(value) for key, value in action.items()}
 
 
 def refuse_shape(action: object) -> Refused | None:
+    """Return a refusal for an action that is no mapping, or has too many keys."""
     if isinstance(action, Mapping):
         if len(action) <= MAX_KEYS:
             return None
@@ -35,14 +46,14 @@ def refuse_shape(action: object) -> Refused | None:
 
 def _plain_value(value: Any) -> Any:
     if isinstance(value, Mapping):
-        parts = itertools.islice(value.items(), MAX_KEYS)  # the rest is no part of anything: refused by name
+        parts = itertools.islice(value.items(), MAX_KEYS)  # No robot has so many: the rest cannot be valid.
         return {_text(name): _number_or_text(part) for name, part in parts}
     return _number_or_text(value)
 
 
 def _number_or_text(value: Any) -> float | bool | str | None:
-    """Return a number of any library as Python's own. A bool stays one, numpy's too: it is no
-    number to the driver."""
+    """Return a number of any library as one of Python. A bool stays a bool, since drivers refuse it as a
+    number."""
     if value is None or isinstance(value, str):
         return value and harmless(value[:SHOWN])
     item = getattr(value, "item", None)
@@ -56,6 +67,6 @@ def _number_or_text(value: Any) -> float | bool | str | None:
 
 
 def _text(key: object) -> str:
-    """Return a key as it is; one that cannot be sent, or would not be seen as it is, written
-    out."""
+    """Return a key as text. A key that cannot be sent, or has characters that cannot be seen, is
+    written out."""
     return harmless(key[:SHOWN]) if isinstance(key, str) else shown(key, SHOWN)

@@ -1,5 +1,15 @@
-"""Whether a setpoint or a service is let through, and if not why. Pure: it is told what the gate
-knows."""
+"""Decide whether the gate accepts a setpoint or a service, and why not.
+
+Pure: the gate passes in its state (``Known``) and the time. The checks of a setpoint run in the order
+in which a person would want to read them, since the first that fails is the answer:
+
+    mode          an e-stop, a tree that ends, no link, a robot that is not armed
+    lease, epoch  another writer, or a command from before the last stop
+    deadline      a command that is too late, or lies too far ahead
+    conditions    of the robot: battery, a fault, a mode of its controller
+    axes          names and values that the driver can read
+    gates         limits of the driver: range, speed, step
+"""
 
 from __future__ import annotations
 
@@ -19,23 +29,28 @@ _BUSY = Refused(Code.BUSY, "another service is under way", "wait until it is don
 
 
 class Known(NamedTuple):
-    """What the gate knows, of which a decision is made."""
+    """The state of the gate on which a decision depends."""
 
     state: failsafe.State
     leases: Leases
-    cause: str  # of the state
-    reason: Reason | None  # of that cause
+    cause: str  # why the robot is in this state
+    reason: Reason | None  # the reason of that cause
     connect_error: str
     observation: Observation | None
     target: tuple[float, ...]
-    target_ns: int  # when it was accepted
+    target_ns: int  # when the target was accepted
     live: Live | None
-    in_service: bool  # one of the robot's own services is under way
+    in_service: bool  # a service of the driver is running
 
 
 class Admitted(NamedTuple):
-    """A setpoint that may go to the wire. ``until_ns``: when what it sets in motion ends; 0: with
-    the lease."""
+    """A setpoint that may go to the wire.
+
+    Attributes:
+        values: The target of every axis, in the driver's order.
+        until_ns: When the motion that it starts has to end; 0 if it ends with the lease.
+        deadline_ns: Latest time at which it may be written.
+    """
 
     values: tuple[float, ...]
     until_ns: int
@@ -47,13 +62,12 @@ class Admission:
         self._driver = driver
 
     def setpoint(self, message: Setpoint, known: Known, now_ns: int) -> Admitted | Refused:
-        """Return what goes to the wire, or why nothing does."""
+        """Return the setpoint for the wire, or a refusal."""
         answer = self._setpoint(message, known, now_ns)
         return answer.about(MOVE) if isinstance(answer, Refused) else answer
 
     def _setpoint(self, message: Setpoint, known: Known, now_ns: int) -> Admitted | Refused:
-        """Ask in the order in which a person would want to hear it: mode, lease, epoch, deadline,
-        the robot's conditions, its axes, its gates."""
+        """As ``setpoint``, without the verb in a refusal. The order of the checks is at the top."""
         refusal = (
             self._refuse_by_mode(known)
             or _refuse_by_lease(message, known)
@@ -92,8 +106,8 @@ class Admission:
         return Admitted(candidate.values, until_ns, min(message.deadline_ns, until_ns or message.deadline_ns))
 
     def service(self, message: Perform, known: Known, now_ns: int) -> Refused | None:
-        """Refuse one of the driver's own services. One that moves the robot is refused whenever a
-        setpoint would be, whatever it says."""
+        """Return a refusal of a service of the driver, or None. A service that moves the robot is
+        refused whenever a setpoint would be refused."""
         refusal = self._refuse_service(message, known, now_ns)
         return None if refusal is None else refusal.about(message.service)
 
@@ -134,7 +148,8 @@ class Admission:
         return self.refuse_motion(known, now_ns)
 
     def refuse_motion(self, known: Known, now_ns: int) -> Refused | None:
-        """Return what any setpoint would be refused for: the mode, or a condition of the robot."""
+        """Return the refusal that any setpoint would get now, by the mode or by a condition of the robot;
+        None if there is none."""
         refusal = self._refuse_by_mode(known)
         if refusal is not None or known.observation is None:
             return refusal
@@ -144,8 +159,13 @@ class Admission:
     def broken_condition(
         self, observation: Observation, now_ns: int, only_always: bool = False
     ) -> tuple[Condition, Refused] | None:
-        """Return the first condition of the robot that is not true, and why. ``only_always``: of
-        those that are looked at while nothing is live."""
+        """Return the first condition of the robot that is broken, and its refusal.
+
+        Args:
+            observation: The newest observation.
+            now_ns: The time.
+            only_always: Check only the conditions that hold while no target is live.
+        """
         for condition in self._driver.conditions:
             if condition.always or not only_always:
                 refusal = condition.check(observation, now_ns)
@@ -154,8 +174,10 @@ class Admission:
         return None
 
     def broken_for_resume(self, observation: Observation, now_ns: int) -> tuple[Condition, Refused] | None:
-        """Return the condition for which an armed robot cannot just go on, and why: one that somebody
-        has to mend, or else the first one that arming mends."""
+        """Return the condition that keeps an armed robot from continuing, and its refusal.
+
+        A condition that a person has to mend comes first, then the first one that arming mends.
+        """
         broken = [
             (condition, refusal)
             for condition in self._driver.conditions
@@ -180,14 +202,13 @@ class Admission:
         if mode is Mode.ARMING:
             return Refused(Code.ARMING, "the robot is being energised", "try again when it is armed")
         cause = f" ({known.cause})" if known.cause else ""
-        # A code of its own: whoever moved the robot was ended by the robot, not by a person's stop.
+        # FAULTED tells a program that the robot ended its motion, and not a person's stop.
         code = Code.FAULTED if known.reason == Reason.FAULT else Code.DISARMED
         why = f"the robot is {mode}{cause}"
         return Refused(code, why, "call resume() first", because=str(known.reason or ""))
 
     def _refuse_latched(self, message: Setpoint) -> Refused | None:
-        """Refuse a command without an end to a robot that would go on moving by it: a base, a
-        drone, legs."""
+        """Refuse a latched command to a robot that would move on by it: a base, a drone, legs."""
         longest_s = self._driver.timing.oneshot_ttl_s
         if not message.latched or longest_s is None:
             return None
@@ -196,7 +217,7 @@ class Admission:
 
 
 def refuse_at_the_end(cause: str) -> Refused:
-    """Refuse anything of a tree that ends."""
+    """Return the refusal of every command to a tree that ends."""
     return Refused(Code.ENDING, f"the tree of this robot ends ({cause})", "start it again")
 
 

@@ -1,19 +1,19 @@
 """Decide which cause of a stop is kept: the most specific one that is known soon after it. Pure.
 
-A fault shows itself in several ways, and the first symptom is seldom the cause. An arm that
-collides first reports that it stands, then why. So a cause has a rank, and for ``SOON_NS`` after a
-stop a cause of a lower rank takes its place.
+A fault has several symptoms, and the first one is seldom the cause. An arm that collides first
+reports that it stands, then why. So a cause has a rank, and for ``SOON_NS`` after a stop a cause of
+a lower rank replaces it.
 
     rank             cause
-    ORDER            somebody wanted it: a stop, a cleanup
-    1, 2, 3, ...     a condition of the robot is broken, in the order in which the driver lists them
+    ORDER            an order: a stop, a cleanup
+    1, 2, 3, ...     a condition of the robot is broken, in the driver's order
     REPORTED         the robot reports a fault, and its driver has no conditions
-    FAULT            the robot could not do what it was told: hold, be armed
-    LINK             the robot is no longer heard
+    FAULT            the robot did not obey: it could not be held or armed
+    LINK             the robot no longer answers
     LATE             no setpoint came in time, or its writer ended: a hold
 
-Only conditions that no stop of ours can break are looked at (``OnResume.REFUSE``). A stopped arm is
-stopped because it was stopped.
+Only conditions that our own stop cannot break are checked (``OnResume.REFUSE``). Otherwise a stopped
+arm would be the cause of its stop.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ SOON_NS = round(0.2 * NS)
 
 
 class Rank(enum.IntEnum):
-    """The lower, the more specific. Between ``ORDER`` and ``REPORTED`` are the conditions."""
+    """How specific a cause is; a lower rank is more specific. The conditions lie between ``ORDER`` and
+    ``REPORTED``."""
 
     ORDER = 0
     REPORTED = 10_000
@@ -40,18 +41,26 @@ class Rank(enum.IntEnum):
 
 
 class Lapse(enum.StrEnum):
-    """How a command ended by itself. It decides who may move the robot next without a resume."""
+    """How a command ended by itself. It decides which writer may move the robot next without a
+    resume."""
 
-    NONE = ""  # it did not
+    NONE = ""  # it did not end by itself
     EXPIRED = "expired"  # no setpoint followed in time
     GIVEN_BACK = "given_back"  # its writer gave the lease back
     ROLLOUT_ENDED = "rollout_ended"  # a rollout gave back the lease that it wrote under
 
 
 class Cause(msgspec.Struct, frozen=True):
-    """Why the robot is safe. ``text`` is for people, and nothing reads it back. ``until_ns``: until
-    then a more specific cause takes its place. ``faults``: what the robot reported when the stop was
-    made."""
+    """Why the robot is in its safe state.
+
+    Attributes:
+        text: For people. No program reads it.
+        reason: The reason of the stop.
+        rank: How specific the cause is.
+        until_ns: Until then a more specific cause replaces this one.
+        faults: The faults that the robot reported at the time of the stop.
+        lapse: How the last command ended, if it ended by itself.
+    """
 
     text: str = ""
     reason: Reason | None = None
@@ -61,18 +70,18 @@ class Cause(msgspec.Struct, frozen=True):
     lapse: Lapse = Lapse.NONE
 
     def or_more_specific(self, other: Cause, now_ns: int) -> Cause:
-        """Return ``other``, unless this one is more specific and its time is not over."""
+        """Return ``other``, or this cause while it is the more specific one and may be replaced."""
         return self if now_ns < self.until_ns and self.rank < other.rank else other
 
     def reported(self, now_ns: int) -> Cause:
-        """Return it with ``SOON_NS`` from now: the stop was reported only now, and the wire reads
-        nothing before."""
+        """Return this cause with ``SOON_NS`` from now. The wire reads the robot only after it has reported
+        the stop."""
         if self.rank == Rank.ORDER:
             return self
         return msgspec.structs.replace(self, until_ns=max(self.until_ns, now_ns + SOON_NS))
 
     def refined(self, driver: Driver, observation: Observation, now_ns: int) -> Cause:
-        """Return the more specific cause that this reading shows, or this one."""
+        """Return the more specific cause that this observation shows, or this one."""
         if now_ns >= self.until_ns:
             return self
         for rank, condition in enumerate(driver.conditions, Rank.ORDER + 1):
@@ -91,8 +100,7 @@ class Cause(msgspec.Struct, frozen=True):
         return self
 
     def _replaced(self, text: str, reason: Reason, rank: int) -> Cause:
-        """Return a more specific cause in its place. A command that a fault has ended has not ended by
-        itself."""
+        """Return a more specific cause. The command did not end by itself then: the fault ended it."""
         return msgspec.structs.replace(self, text=text, reason=reason, rank=rank, lapse=Lapse.NONE)
 
 
@@ -102,7 +110,7 @@ def rank_of_condition(driver: Driver, condition: Condition) -> int:
 
 
 def rank_of(reason: Reason) -> Rank:
-    """Return the rank of a cause of which only its reason is known."""
+    """Return the rank of a cause when only its reason is known."""
     if reason in HOLDING_REASONS:
         return Rank.LATE
     if reason in (Reason.FAULT, Reason.WIRE):

@@ -1,4 +1,4 @@
-"""From which target a robot goes on after a hold. Pure."""
+"""Compute the target from which a robot continues after a hold. Pure."""
 
 from __future__ import annotations
 
@@ -10,11 +10,13 @@ from strands_actors.supervisors.gate.messages import StopReport
 def held_target(
     driver: Driver, report: StopReport, before: tuple[float, ...], measured: tuple[float, ...]
 ) -> tuple[float, ...]:
-    """Return the target after a hold, so that the next command moves what it names and nothing
-    else.
+    """Return the target after a hold, so that the next command moves only the axes that it names.
 
-    An axis that could not be held where it is keeps its last target (``before``); one that was held
-    is not sent elsewhere by an older reading (``measured``).
+    Args:
+        driver: The driver of the robot.
+        report: The report of the hold.
+        before: The target before the hold, for an axis that could not be held and still follows it.
+        measured: The newest position, for an axis whose hold reported no position of its own.
     """
     aimed = list(measured)
     motors = {motor.axis: motor for motor in report.motors}
@@ -28,5 +30,5 @@ def held_target(
 
 
 def _rests(driver: Driver, at: int) -> bool:
-    """Return whether the axis is a velocity's: its first target is rest, wherever it is."""
+    """Return True for a velocity axis, whose first target is zero at any position."""
     return bool(driver.table) and driver.table[at].mode is AxisMode.VELOCITY

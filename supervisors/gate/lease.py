@@ -1,7 +1,11 @@
-"""The right to write, and how long what was written with it may stand.
+"""Leases: the right to write setpoints, and how long a setpoint stays in force.
 
-There are two leases at most: a policy writes under its caller's. When it gives its own back, the
-robot is held before the answer is given: that is what ``stop_task()`` waits for.
+At most two leases exist. A script acquires one. A policy process gets a second one under it, and
+writes instead of the script. When the policy releases its lease, the robot is held before the reply
+is sent; ``stop_task()`` waits for that.
+
+A lease ends when its holder sends no heartbeat for ``LEASE_TTL_S``. A latched setpoint also ends when
+the thread of the holder that commands no longer answers.
 """
 
 from __future__ import annotations
@@ -18,26 +22,25 @@ from strands_actors.supervisors.gate.messages import LEASE_TTL_S, MAX_LIFETIME_S
 
 LEASE_TTL_NS = round(LEASE_TTL_S * NS)
 _PROOF_BITS = 32
-"""So many guesses would take weeks at the rate that is let through."""
+"""Random bits in the number of a lease. At the rate that the gate accepts, guessing takes weeks."""
 _MAX_LIFETIME_NS = round(MAX_LIFETIME_S * NS)
 
 
 class Held(msgspec.Struct):
-    """The lease, and how long it has been beaten for. ``under`` is the lease of the caller it
-    writes for."""
+    """A lease that is held."""
 
     id: int
     holder: str
-    expires_ns: int  # unless its process is heard of
-    latches_until_ns: int  # unless the thread that commands answers: a latched target lives no longer
-    pid: int  # of its process; 0: of another host
-    channel: str  # over which it was acquired, and over which alone it counts
-    under: Held | None = None
+    expires_ns: int  # each heartbeat of its process moves this on
+    latches_until_ns: int  # end of a latched target; moved on while the thread that commands answers
+    pid: int  # of its process; 0 on another host
+    channel: str  # the link over which it was acquired; it counts on no other
+    under: Held | None = None  # the lease of the caller for which it writes
     instruction: str = ""
     began_ns: int = 0
     steps: int = 0  # setpoints that were accepted under it
-    told: str = ""  # for the audit: how its setpoints were decided last
-    refused: Refused | None = None  # what nobody waited to hear: the stream is over, and who asks next hears why
+    told: str = ""  # for the audit: the last decision about its setpoints
+    refused: Refused | None = None  # of a stream without replies: the next question is answered with it
 
     @property
     def owner(self) -> Held:
@@ -50,9 +53,15 @@ class Held(msgspec.Struct):
 
 
 class Leases(msgspec.Struct):
-    """Who may write. ``given``: so many so far, which numbers them; ``ended``: the newest when it
-    was last stopped: a rollout of before begins no more. ``secret``: a lease's number alone could
-    be guessed, and who knows a lease may write by it."""
+    """All leases of a robot.
+
+    Attributes:
+        given: How many were given so far; it numbers them.
+        held: The newest lease; None if the robot is free.
+        ended: The newest lease at the last stop. A rollout under an older lease may not start.
+        secret: Key of the random bits of a lease's number, since knowing the number is the right to
+            write.
+    """
 
     given: int
     held: Held | None = None
@@ -60,11 +69,17 @@ class Leases(msgspec.Struct):
     secret: bytes = b""
 
     def acquire(self, message: Acquire, now_ns: int, holding: bool = False) -> int | Refused:
-        """Return the number of a new lease. Who has a channel with a name (a policy process) gets
-        one under its caller's only. Who has it and says which it is may have another in its place.
-        ``holding``: nothing of the present writer stands any more. Who has lent its lease to a
-        rollout may then have it back, though that rollout (cut off, perhaps) has not returned
-        it."""
+        """Return the number of a new lease, or a refusal.
+
+        A policy process (a channel with a name) gets a lease under its caller's only. A holder that
+        names its lease (``message.again``) gets a new one in its place.
+
+        Args:
+            message: The request.
+            now_ns: The time.
+            holding: True if no target is in force. The script may then take its lease back from a
+                rollout that has not returned it, for example because the policy was cut off.
+        """
         if message.channel and not message.over:
             why = f"{message.channel} may write under its caller's lease alone"
             return Refused(Code.CHANNEL, why, "name that lease")
@@ -99,8 +114,8 @@ class Leases(msgspec.Struct):
         return lease
 
     def _proof(self, number: int) -> int:
-        """Return what goes with a number, for who knows the secret; the same when this is played
-        again."""
+        """Return the random bits for a number. They depend on the secret alone, so that a replay
+        computes the same."""
         digest = blake2b(str(number).encode(), key=self.secret, digest_size=_PROOF_BITS // 8).digest()
         return int.from_bytes(digest, "big") if self.secret else 0
 
@@ -112,26 +127,25 @@ class Leases(msgspec.Struct):
             held = held.under
 
     def find(self, lease: int, channel: str) -> Held | None:
-        """Return the lease that is held, if it is this one, and was acquired over that channel."""
+        """Return the held lease if it has this number and this channel."""
         held = self.held
         return held if held is not None and (held.id, held.channel) == (lease, channel) else None
 
     def release(self, lease: int, channel: str) -> Held | None:
-        """Return the one that was given back; None: it was not held."""
+        """Release a lease and return it; None if it was not held."""
         held = self.find(lease, channel)
         if held is not None:
             self.held = held.under
         return held
 
     def stop(self) -> None:
-        """A stop ends the rollout; a dead policy could not release its lease."""
+        """End the rollout, since a policy that has died cannot release its lease."""
         self.ended = self.given
         if self.held is not None:
             self.held = self.held.owner
 
     def lapsed(self, now_ns: int, latched: bool) -> str:
-        """Return why its holder does not beat any more for what stands; empty: it does, or there is
-        none."""
+        """Return why the lease has lapsed; empty if its holder sends heartbeats, or there is no lease."""
         held = self.held
         if held is None:
             return ""
@@ -139,14 +153,15 @@ class Leases(msgspec.Struct):
         return f"{held.holder} stopped answering" if over else ""
 
     def rollout(self, now_ns: int) -> Writing | None:
-        """Return what writes under its caller's lease; None: nothing does, or nobody beats for it
-        any more."""
+        """Return the rollout that writes under its caller's lease; None if there is none, or the caller
+        sends no heartbeats."""
         held = self.held
         if held is None or held.under is None or held.owner.expires_ns <= now_ns:
             return None
         return Writing(held.instruction, held.steps, (now_ns - held.began_ns) / NS)
 
     def refuse(self, lease: int, channel: str) -> Refused | None:
+        """Return a refusal for a lease that is not the held one."""
         held = self.held
         if held is None:
             return Refused(Code.NO_LEASE, "the lease is free", "acquire it first")
@@ -156,11 +171,11 @@ class Leases(msgspec.Struct):
 
 
 def is_given_back(lapse: str, holder: str) -> bool:
-    """Return whether a robot holds because all who wrote have given their leases back.
+    """Return True if the robot holds because every writer has released its lease.
 
     Args:
-        lapse: ``Status.lapse``, of ``Lapse``. A late or dead writer has none.
-        holder: Who has a lease now.
+        lapse: ``Status.lapse``, a ``Lapse``. It is empty after a late or dead writer.
+        holder: The present holder of a lease; empty if there is none.
     """
     return lapse == Lapse.GIVEN_BACK or (not holder and lapse == Lapse.ROLLOUT_ENDED)
 
@@ -170,13 +185,13 @@ def _is_its_own(held: Held, message: Acquire) -> bool:
 
 
 def _is_asked_again(held: Held, message: Acquire) -> bool:
-    """A policy process whose answer did not come in time: it does not know its lease's number."""
+    """Return True if a policy process asks again because the reply with its lease came too late."""
     over = 0 if held.under is None else held.under.id
     return held.channel != "" and (held.channel, over) == (message.channel, message.over)
 
 
 def refuse_by_deadline(deadline_ns: int, now_ns: int) -> Refused | None:
-    """Return None when that time has neither passed nor is far away."""
+    """Return a refusal for a deadline that has passed, or lies too far ahead."""
     late_ns = now_ns - deadline_ns
     if late_ns >= 0:
         return Refused(Code.EXPIRED, f"the command is {late_ns / 1e6:.1f} ms past its deadline")

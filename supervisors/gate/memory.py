@@ -1,4 +1,4 @@
-"""What a gate remembers, for who records it and for who plays it again."""
+"""The state of a gate as data, which recordings store and replays restore."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from .lease import Leases
 
 
 class Waiting(NamedTuple):
-    """Who waits for a stop. ``report``: what covers it, while its lock is not on the disk yet."""
+    """A request that waits for a stop."""
 
     epoch: int
     who: Deferred
     locks: bool
-    report: StopReport | None = None
-    releases: bool = False  # it gave its lease back: told by ``Released``
+    report: StopReport | None = None  # the result, while its lock is not on the disk yet
+    releases: bool = False  # a release of a lease, which is answered by ``Released``
 
 
 class GateMemory(msgspec.Struct, frozen=True):
-    """All that a gate's decisions depend on, beside the message and when it was taken up: its
-    attributes of these names."""
+    """Everything on which a gate's decisions depend, besides the message and its time. The gate has an
+    attribute of each name."""
 
     state: failsafe.State
     leases: Leases

@@ -1,7 +1,16 @@
-"""What the standby does, by what it sees of root and wire. A table; no I/O, no clock.
+"""Decide what the standby process does next.
 
-As long as one of the two runs, that one makes the robot safe, and the standby waits. Nobody writes
-before all who could write at the same time have ended: what is only silent is fenced first.
+The standby is the last process that can stop a robot. It watches the root and the wire process, and
+acts only when neither of them can. This module is a pure table: no I/O, no clock.
+
+Invariant: at most one process can write to the robot. A silent process may be frozen and wake up
+later, so the standby kills it (fences it) and waits for its end before it writes.
+
+    root      wire      which process stops the robot
+    runs      any       the root: it fences the wire and uses its own stop channel
+    silent    runs      the wire: it stops the robot by itself and exits
+    ended     runs      the wire, as above
+    otherwise           the standby: it fences what is silent, then writes the safe state
 """
 
 from __future__ import annotations
@@ -10,43 +19,43 @@ import enum
 
 
 class Seen(enum.StrEnum):
-    """What a process looks like from outside."""
+    """The state of a process, as observed from outside."""
 
-    RUNS = "runs"  # it beats, or begins
-    SILENT = "silent"  # it is there, and has not beaten for too long: frozen, or it spins
-    ENDED = "ended"  # it is gone, or there is none
+    RUNS = "runs"  # its heartbeats come, or it has just started
+    SILENT = "silent"  # it exists, and its heartbeat is overdue: it is frozen, or it spins
+    ENDED = "ended"  # it has exited, or it was never started
 
 
 class Action(enum.StrEnum):
     WAIT = "wait"
-    FENCE = "fence"  # end what is silent, then look again
-    MAKE_SAFE = "make safe"
-    LEAVE = "leave"
+    FENCE = "fence"  # kill every silent process, then decide again
+    MAKE_SAFE = "make safe"  # write the safe state
+    LEAVE = "leave"  # exit
 
 
 _RUNS, _SILENT, _ENDED = Seen.RUNS, Seen.SILENT, Seen.ENDED
 
 ACTIONS: dict[tuple[Seen, Seen, bool], Action] = {
-    # (root, wire, whether something may be energised)
+    # (root, wire, may be energised)
     (_RUNS, _RUNS, False): Action.WAIT,
     (_RUNS, _RUNS, True): Action.WAIT,
-    # The root fences the wire and makes safe.
+    # The root runs: it fences the wire and stops the robot.
     (_RUNS, _SILENT, False): Action.WAIT,
     (_RUNS, _SILENT, True): Action.WAIT,
     (_RUNS, _ENDED, False): Action.WAIT,
     (_RUNS, _ENDED, True): Action.WAIT,
-    # The wire makes safe by itself, and ends.
+    # The wire runs: it notices that the root is missing, stops the robot, and exits.
     (_SILENT, _RUNS, False): Action.WAIT,
     (_SILENT, _RUNS, True): Action.WAIT,
     (_ENDED, _RUNS, False): Action.WAIT,
     (_ENDED, _RUNS, True): Action.WAIT,
-    # Nobody is left who acts. A root that is only silent may come back, and its caller ends it when
-    # it wants another: as long as nothing is energised nobody needs to be ended.
+    # Neither runs. A silent root may continue later, and its caller ends it before it starts another
+    # tree. While nothing is energised it can do no harm, so it is left alive.
     (_SILENT, _SILENT, False): Action.WAIT,
     (_SILENT, _SILENT, True): Action.FENCE,
     (_SILENT, _ENDED, False): Action.WAIT,
     (_SILENT, _ENDED, True): Action.FENCE,
-    # A frozen wire without a root would keep the port for ever.
+    # A frozen wire whose root has ended would keep the port open for ever.
     (_ENDED, _SILENT, False): Action.FENCE,
     (_ENDED, _SILENT, True): Action.FENCE,
     (_ENDED, _ENDED, False): Action.LEAVE,
@@ -54,6 +63,16 @@ ACTIONS: dict[tuple[Seen, Seen, bool], Action] = {
 }
 
 
-def decide(root: Seen, wire: Seen, owed: bool) -> Action:
-    """Return what to do. ``owed``: something may be energised (``page.Owed``)."""
-    return ACTIONS[root, wire, owed]
+def decide(root: Seen, wire: Seen, may_be_energised: bool) -> Action:
+    """Return the standby's next action.
+
+    Args:
+        root: The root process as observed from outside.
+        wire: The wire process as observed from outside.
+        may_be_energised: True if any motor may still have torque (``page.Owed``).
+
+    Returns:
+        ``FENCE`` before ``MAKE_SAFE`` whenever a process is only silent. ``LEAVE`` when nothing is
+        energised and there is no process left to watch.
+    """
+    return ACTIONS[root, wire, may_be_energised]

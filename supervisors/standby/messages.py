@@ -1,4 +1,4 @@
-"""What the root and its standby tell each other."""
+"""Messages between the root and its standby."""
 
 from __future__ import annotations
 
@@ -6,8 +6,14 @@ from strands_actors.kernel.messages import Message
 
 
 class WatchOver(Message, frozen=True):
-    """The pids of the root and of the wire that was started last; 0: none. ``descriptors``: the
-    page of heartbeats, then a pidfd of each, where the system has such."""
+    """The processes to watch.
+
+    Attributes:
+        root: Process id of the root.
+        wire: Process id of the wire that was started last; 0 if there is none.
+        descriptors: The shared page of heartbeats, then a pidfd of each process if the system has
+            pidfds.
+    """
 
     lane = "urgent"
 
@@ -17,7 +23,8 @@ class WatchOver(Message, frozen=True):
 
 
 class Guard(Message, frozen=True):
-    """Descriptors for the standby's stop channel. Answered when that could be used at once."""
+    """Descriptors for the standby's stop channel. The reply comes when the channel is ready for a
+    stop."""
 
     lane = "urgent"
 
@@ -29,7 +36,7 @@ class Guarding(Message, frozen=True):
 
 
 class LetGo(Message, frozen=True):
-    """Close the stop channel: the next wire opens the port."""
+    """Close the stop channel, because the next wire opens the port."""
 
     lane = "urgent"
 

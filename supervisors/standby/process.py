@@ -1,14 +1,14 @@
-"""The standby process: makes the robot safe when neither root nor wire is left.
+"""The standby process stops the robot when neither root nor wire can.
 
-It has a session of its own and ignores every signal that can be ignored: it ends by its root's
-order (SIGKILL), which is the last thing a root does, or by itself when nothing is left to do.
+It runs in its own session and ignores every signal that can be ignored. Its root kills it as the
+root's last action; otherwise it exits when nothing is left to do.
 
-It holds a stop channel of its own, the driver's: a duplicate of the serial descriptor by way of the
-root, or a session of its own on a network. A wire's link counts as up only when that could be used
-at once, and it is closed before the next wire opens the port.
+It keeps a second stop channel of the driver ready: a duplicate of the serial descriptor, passed on
+by the root, or its own network session. A wire's link counts as up only when this channel is ready.
+The channel is closed before the next wire opens the port.
 
-It is not the spawner: that one forks what runs code of others, so it must stay a process with one
-thread and nothing open. The root forks the standby before it has threads itself.
+The root forks the standby itself, before it has threads. The spawner cannot do it: it forks
+processes that run user code, so it must keep one thread and no open files.
 """
 
 from __future__ import annotations
@@ -69,40 +69,48 @@ IGNORED = (
     signal.SIGQUIT,
     signal.SIGUSR1,
     signal.SIGUSR2,
-    signal.SIGXCPU,  # it is the last that can stop the robot: it goes on until the system kills it
+    signal.SIGXCPU,  # past its CPU limit it still has to stop the robot
     signal.SIGXFSZ,
 )
 UNCONFIRMED = 4
 """Exit code when a motor did not confirm the safe state."""
 NO_CHANNEL = 5
-"""Exit code when the way to the hardware was lost: another standby is started, and looks for
+"""Exit code when the stop channel was lost. The root then starts another standby, which opens a new
 one."""
 GONE_S = 10.0
-"""A port to which nothing could be written for so long is gone."""
+"""After so many seconds without a successful write the port counts as gone."""
 LOCK_S = 1.0
-"""For whoever only looks at the lock."""
+"""How long to wait for the lock, which other processes take for a moment to see if it is free."""
 CHECK_S = 0.25
-"""Between two looks whether this process still has what a stop needs."""
+"""Period of the check that this process still has the resources that a stop needs."""
 DISK_S = 1.0
-"""A report that takes longer to write is not waited for."""
+"""How long to wait for the disk to take a report."""
 
 
 class _Seen:
-    """One of the two processes, as it was last seen."""
+    """One of the two watched processes."""
 
     def __init__(self, name: str, pid: int, peer: Peer | None, heartbeat: Heartbeat, watched: Watched) -> None:
         self.name = name
-        self.pid = pid  # 0: there is none
+        self.pid = pid  # 0 if it was not started
         self.peer = peer
         self.heartbeat = heartbeat
         self.watched = watched
         self.seen = Seen.ENDED if peer is None else Seen.RUNS
-        self.fenced = ""  # why it was ended by us
+        self.fenced = ""  # why the standby killed it
 
 
 class Standby(Actor):
-    """``report``: where its report is left. ``watched``: the processes that live when it begins.
-    ``leave`` ends the process, with an exit code."""
+    """Watch root and wire, and stop the robot when neither can.
+
+    Args:
+        driver: The driver of the robot.
+        robot: Its name.
+        place: Its port or address (``StandbyReport.place``).
+        report: File of the report.
+        watched: The processes that run at the start.
+        leave: Exit with a code.
+    """
 
     def __init__(
         self,
@@ -148,10 +156,10 @@ class Standby(Actor):
                 return LetGone()
         return None
 
-    # -- what is watched
+    # -- the watched processes
 
     def _watch_over(self, message: WatchOver) -> None:
-        """The wire that lives now: of page and root it has its own."""
+        """Watch a new wire. The page and the root stay the same, so their descriptors are closed."""
         page, root_fd, wire_fd = _parts_of(message)
         for fd in (page, root_fd):
             if fd is not None:
@@ -164,7 +172,8 @@ class Standby(Actor):
         self._wire = self._seen("wire", pid, pidfd, WIRE)
 
     def _last_wire(self) -> _Seen:
-        """The wire that was started last: its root may have ended before it told us of it."""
+        """Return the wire that was started last. The root writes its pid to the shared page, since
+        it may end before it has sent the message."""
         pid = self._owed.wire_pid
         if pid not in (0, self._wire.pid):
             self._watch_wire(pid, None)
@@ -187,7 +196,7 @@ class Standby(Actor):
     def _tick(self, now_ns: int) -> None:
         self._check_reserve(now_ns)
         root, wire = self._root, self._last_wire()
-        root.heartbeat.beat(now_ns)  # ours: both ends of the two are one
+        root.heartbeat.beat(now_ns)  # the standby's own beat, which root and wire share
         for process, may_be_silent_until_ns in ((root, 0), (wire, self._owed.silent_until_ns)):
             if process.seen is not Seen.ENDED:
                 process.seen = process.watched.see(
@@ -195,10 +204,10 @@ class Standby(Actor):
                 )
         self._decide()
         if not self._acts and self._channel is not None and self._channel_ready and self._channel.lacks:
-            self._leave(NO_CHANNEL)  # the root starts another, and arms nothing until that one is ready
+            self._leave(NO_CHANNEL)  # The root starts another standby, and arms nothing before it is ready.
 
     def _check_reserve(self, now_ns: int) -> None:
-        """End when this process lacks what a stop needs. As long as the root lives it starts another."""
+        """Exit when this process lacks a resource that a stop needs. The root starts another."""
         if self._acts or self._root.seen is not Seen.RUNS or now_ns < self._check_at_ns:
             return
         self._check_at_ns = now_ns + round(CHECK_S * NS)
@@ -206,7 +215,7 @@ class Standby(Actor):
             report_failure("the standby process", RuntimeError(f"it could not stop the robot: {missing}"))
             self._leave(EXIT_SHORT)
 
-    # -- what is done
+    # -- actions
 
     def _decide(self) -> None:
         if self._acts:
@@ -225,7 +234,7 @@ class Standby(Actor):
                 pass
 
     async def _fence(self, *processes: _Seen) -> None:
-        """Both orders first: nobody of the two may go on while the other is waited for."""
+        """Kill all silent processes, then wait for their ends, so that none runs on meanwhile."""
         now_ns = self.context.clock.now_ns()
         async with trio.open_nursery() as nursery:
             for process in processes:
@@ -233,13 +242,13 @@ class Standby(Actor):
                     process.fenced = process.watched.told(now_ns)
                     nursery.start_soon(process.peer.fence, FENCE_S)
         for process in processes:
-            process.seen = Seen.ENDED  # who was killed and is still there runs no code of its own
+            process.seen = Seen.ENDED  # A killed process runs no more of its code, even before it is gone.
         self._acts = False
         self._decide()
 
     async def _make_safe(self, root: _Seen, wire: _Seen) -> None:
-        """Again and again until every motor confirms it, the port is gone, or ``LINGER_S`` are
-        over."""
+        """Write the safe state until every motor confirms it, the port is gone, or ``LINGER_S`` have
+        passed. Then exit."""
         safe_state = self._owed.order(self._driver.fallbacks[Reason.WIRE])
         self._owed.cut_off(self.context.clock.now_ns())
         why = "; ".join(_told(process) for process in (root, wire))
@@ -251,7 +260,7 @@ class Standby(Actor):
                 results: list[tuple[MotorReport, ...]] = []
                 nursery.start_soon(self._attempt, safe_state, results)
                 if not attempts:
-                    for _ in range(2):  # by the second one it has run, as far as its first wait
+                    for _ in range(2):  # The attempt has then run up to its first wait: the frame left.
                         await trio.lowlevel.checkpoint()
                     begun = self._reported(why, safe_state, (), 0, over=False)
                     nursery.start_soon(self._tell, begun)
@@ -287,17 +296,17 @@ class Standby(Actor):
         results.append(await settled(self._owed, clock, once))
 
     async def _tell(self, report: StandbyReport) -> None:
-        """In a thread: nothing waits for a disk."""
+        """Write the report in a thread, so that a slow disk delays nothing."""
         with trio.move_on_after(DISK_S):
             try:
                 await trio.to_thread.run_sync(write, self._report, report, abandon_on_cancel=True)
-            except (OSError, RuntimeError, MemoryError) as error:  # the disk, or no thread can be started
+            except (OSError, RuntimeError, MemoryError) as error:  # disk, or no thread can start
                 report_failure("the report of the standby", error)
 
     # -- the stop channel
 
     def _guard(self, message: Guard) -> Deferred:
-        """Answered when the stop channel could be used at once."""
+        """Open the stop channel. The reply comes when it is ready for a stop."""
         self._drop_channel()
         self._channel = channel = self._driver.stop_channel(message.descriptors, self.context.clock)
         self._channel_scope = trio.CancelScope()
@@ -315,7 +324,7 @@ class Standby(Actor):
                     deferred.send(Guarding())
             except* WireDown as down:
                 if not ready:
-                    if self._channel is channel:  # who acts later connects anew
+                    if self._channel is channel:  # A later stop connects anew.
                         self._drop_channel()
                     deferred.send(Refused(Code.NO_STOP_CHANNEL, str(first_of(down))))
                 elif not self._acts:
@@ -330,7 +339,7 @@ class Standby(Actor):
 
 
 def _parts_of(told: WatchOver) -> tuple[int, int | None, int | None]:
-    """Return the descriptor of the page, and a pidfd of root and of wire, where there is one."""
+    """Return the descriptor of the page, and the pidfds of root and wire if there are any."""
     page, *pidfds = told.descriptors
     root_fd, wire_fd, *_ = (*pidfds, None, None)
     return page, root_fd, wire_fd
@@ -341,7 +350,7 @@ def _told(process: _Seen) -> str:
 
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
-    """Entry of the standby process."""
+    """Run the standby process."""
     for number in IGNORED:
         signal.signal(number, signal.SIG_IGN)
     trio.run(_main, args, sock)
@@ -362,18 +371,18 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     link = Link(node, sock, channel=root_channel)
     watched = WatchOver(args["root"], args["wire"], tuple(args["descriptors"]))
     standby = Standby(driver, robot, args["place"], report, watched, os._exit)
-    RESERVE.begin(lambda: False)  # it is the last: what it lacks may come back
+    RESERVE.begin(lambda: False)  # Do not exit for want of a resource: it may come back.
     async with trio.open_nursery() as nursery:
         await nursery.start(node.run)
         await nursery.start(node.cell(at.path("standby"), lambda: standby).run)
         nursery.start_soon(node.cell(at.introspection("standby"), Introspector, "introspection").run)
         await link.run()
-        await trio.sleep_forever()  # without a root, too: what it watches decides
+        await trio.sleep_forever()  # The link ends with the root; the standby goes on.
     raise AssertionError(lock)
 
 
 def _take_lock(path: Path, place: str) -> LifeLock:
-    """Raise ``BlockingIOError`` when the standby of an earlier tree still lives."""
+    """Take the lock. Raise ``BlockingIOError`` when the standby of an earlier tree still runs."""
     until_s = time.monotonic() + LOCK_S
     while True:
         try:

@@ -1,6 +1,8 @@
-"""What a standby leaves in the run directory: a report of what it did, for the next robot of that
-name; and, while it lives, a lock, for which the next robot waits: so a standby never writes to a
-robot that is another tree's. One that the system has stopped is ended by the next robot.
+"""The files that a standby leaves in the run directory.
+
+The report tells the next robot of the same name what the standby did. The lock is held while the
+standby lives. The next robot waits for it, so that a standby never writes to a robot that belongs
+to another tree. If the standby was stopped (SIGSTOP), the next robot ends it.
 """
 
 from __future__ import annotations
@@ -21,13 +23,25 @@ _REPORT_BYTES = 64 * 1024
 
 
 class StandbyReport(msgspec.Struct, frozen=True):
-    """``over``: it does nothing more. ``place``: as ``caller/port_claim`` tells robots apart; empty for
-    a twin, which is known by the robot's name alone. ``at``: ISO 8601, UTC, of the
-    file; filled in by who reads it."""
+    """What a standby did.
+
+    Attributes:
+        robot: The robot's name.
+        place: The robot's port or address, in the form of ``caller/port_claim``; empty for a twin,
+            which is identified by its name alone.
+        why: The observed state of root and wire.
+        safe_state: The ordered safe state.
+        confirmed: True if every motor confirmed it.
+        motors: The last report of each motor.
+        attempts: How often the safe state was written.
+        over: True if the standby has finished.
+        pid: The standby's process id.
+        at: Time of the file, ISO 8601 in UTC; set by ``read``.
+    """
 
     robot: str
     place: str
-    why: str  # what was seen of root and wire
+    why: str
     safe_state: str
     confirmed: bool
     motors: tuple[MotorReport, ...]
@@ -38,7 +52,7 @@ class StandbyReport(msgspec.Struct, frozen=True):
 
     @property
     def text(self) -> str:
-        """For people."""
+        """The report as a sentence for people."""
         done = "every motor confirmed it"
         if not self.confirmed:
             unsafe = [f"{motor.axis} ({motor.detail})" for motor in self.motors if not motor.safe]
@@ -48,14 +62,14 @@ class StandbyReport(msgspec.Struct, frozen=True):
 
 
 def write(path: Path, report: StandbyReport) -> None:
-    """Raise ``OSError``."""
+    """Replace the report on the disk. Raise ``OSError``."""
     draft = path.with_suffix(f".{os.getpid()}.tmp")
     draft.write_bytes(msgspec.json.encode(report))
     draft.replace(path)
 
 
 def read(path: Path) -> StandbyReport | None:
-    """None when there is none. One that cannot be read is told as such."""
+    """Return the report; None if there is no file. The report of an unreadable file says so."""
     try:
         with path.open("rb") as file:
             data, since_s = file.read(_REPORT_BYTES), os.fstat(file.fileno()).st_mtime
@@ -77,12 +91,15 @@ def _unreadable(path: Path, why: str) -> StandbyReport:
 
 
 class LifeLock:
-    """Held by a standby as long as it lives. Whoever holds it may write to the robot of that name
-    and place."""
+    """A lock that a standby holds while it lives. Only its holder may write to the robot of that
+    name and place.
+
+    Raises:
+        BlockingIOError: Another process holds it.
+        OSError: The file cannot be made.
+    """
 
     def __init__(self, path: Path, place: str) -> None:
-        """Take it. Raise ``BlockingIOError`` when another process has it, ``OSError`` when there is
-        no place."""
         self._fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
         try:
             fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -92,19 +109,19 @@ class LifeLock:
         try:
             os.ftruncate(self._fd, 0)
             os.write(self._fd, msgspec.json.encode(Holder(os.getpid(), place)))
-        except OSError as error:  # a full disk: the lock holds, and only its holder's pid is not known
+        except OSError as error:  # The disk is full. The lock holds; only its holder's pid is missing.
             report_failure("the note on who holds the lock of the standby", error)
 
 
 class Holder(msgspec.Struct, frozen=True):
-    """The standby that lives. ``pid`` 0: it is just beginning to."""
+    """The standby that holds the lock. Its ``pid`` is 0 while it is starting."""
 
     pid: int = 0
     place: str = ""
 
 
 def holder(path: Path) -> Holder | None:
-    """Return who holds a ``LifeLock``; None: nobody does."""
+    """Return the holder of a ``LifeLock``; None if it is free."""
     try:
         fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     except FileNotFoundError:

@@ -1,5 +1,7 @@
-"""How root and wire look, by their ends (pidfds) and their heartbeats (on the page that both beat
-on). No I/O and no clock: it is told what was seen, and when."""
+"""Judge whether root and wire run, from their ends (pidfds) and their heartbeats (on a shared page).
+
+Pure: the caller passes in every observation and its time.
+"""
 
 from __future__ import annotations
 
@@ -13,27 +15,35 @@ from strands_actors.kernel.health.processor import Standing
 from .decision import Seen
 
 LOOKS = 10
-"""In the time after which a process counts as silent."""
+"""Observations within the time after which a process counts as silent."""
 START_S = 5.0
-"""For a wire to begin to beat, as its root allows it."""
+"""Time allowed for a new wire to send its first heartbeat; its root allows the same."""
 
 Look = Callable[[], Standing | None]
 
 
 def silent_s(timing: Timing) -> float:
-    """Published: how long both must be silent before the standby acts. Twice the time after which
-    root and wire notice each other's silence: whoever of the two is left comes first."""
+    """Return how long both must be silent before the standby acts, a published bound.
+
+    It is twice the time after which root and wire notice each other's silence, so that the one of
+    them that still runs acts first.
+    """
     return 2 * timing.heartbeat_ttl_s
 
 
 def look_s(timing: Timing) -> float:
-    """Return how often the standby looks, and beats."""
+    """Return the period of the standby's observations and of its own heartbeats."""
     return silent_s(timing) / LOOKS
 
 
 class Watched:
-    """One process. ``look`` asks how it stands with the processor: a process that waits for one is
-    not silent."""
+    """One process.
+
+    Args:
+        timing: The clocks of the driver.
+        look: Read whether the process waits for a processor. One that waits is not silent.
+        began_ns: When the process was started.
+    """
 
     def __init__(self, timing: Timing, look: Look = lambda: None, began_ns: int = 0) -> None:
         self._detector = FailureDetector(silent_s(timing), look_s(timing), look)
@@ -41,7 +51,14 @@ class Watched:
         self._silent = False
 
     def see(self, now_ns: int, heard_ns: int, ended: bool, may_be_silent_until_ns: int = 0) -> Seen:
-        """Call once per look. ``heard_ns``: its last heartbeat, 0: none yet."""
+        """Return the state of the process. Call once per observation.
+
+        Args:
+            now_ns: The time of the observation.
+            heard_ns: The time of its last heartbeat; 0 if there was none yet.
+            ended: True if the process has exited.
+            may_be_silent_until_ns: Until then the process has announced that it may be silent.
+        """
         if ended:
             return Seen.ENDED
         if self._detector.heard(heard_ns):
@@ -53,5 +70,5 @@ class Watched:
         return Seen.SILENT if self._silent else Seen.RUNS
 
     def told(self, now_ns: int) -> str:
-        """For people, of one that is silent."""
+        """Return a text for people about a silent process."""
         return self._detector.told(now_ns)

@@ -137,7 +137,7 @@ STOPS: list[Any] = [
     "my_tool.stop()",
     'my_tool(action="stop", reason="a hand is there")',
     bytearray(b"stop"),
-    {"stop", "now"},
+    {"stop"},
     {"cmd": "stop"},
     {"toolUse": {"toolUseId": "t", "input": {"action": "stop"}}},
     {"tool_calls": [{"type": "function", "function": {"name": "my_tool", "arguments": '{"action": "stop"}'}}]},
