@@ -41,8 +41,10 @@ def _verb(name: str, service: Service) -> ToolVerb:
 
 
 def _schema(service: str, argument: str, default: object, counts: Mapping[str, int]) -> Schema:
-    """Return the schema of an argument, from its default. Raise ``TypeError`` for one that JSON has no
-    plain value for."""
+    """Return the schema of an argument, from its default; None is that of a number that may be left out.
+    Raise ``TypeError`` for one that JSON has no plain value for."""
+    if default is None:
+        return {"type": "number", "description": "may be left out"}
     kinds: dict[type, str] = {bool: "boolean", int: "number", float: "number", str: "string"}
     kind = kinds.get(type(default))
     if kind is None:

@@ -66,7 +66,7 @@ def _action_of(driver: Driver, call: Call) -> dict[str, Any] | None:
     if call.verb.does in ("action", "move_to"):
         return call.action
     service = driver.SERVICES.get(call.verb.name) if call.verb.does == "service" else None
-    return {**service.arguments, **call.inputs} if service is not None and service.acts else None
+    return verbs.action_of_service(service, call.inputs) if service is not None and service.acts else None
 
 
 async def _use(tree: RobotTree, call: Call, approval: Approval, by: str, motion: str) -> Answer:
