@@ -1,9 +1,11 @@
-"""The gate. Every writer, local or on the mesh, comes through here; ``admission`` says what is let
-through.
+"""The gate: the actor through which every command to a robot passes.
 
-It holds the failsafe state, the one lease, and the last observation. It reads no clock: what it decides follows
-from its memory, the message, and when that was taken up. It never waits: a stop is answered when the transport
-reports, and setpoints, status and further stops are handled meanwhile.
+It holds the failsafe state, the leases and the newest observation. ``failsafe`` decides which state
+follows, ``admission`` which setpoint is accepted, ``cause`` which cause of a stop is kept.
+
+The gate reads no clock. A decision depends on its memory, the message, and the time at which the
+message was taken from the mailbox, so that a recording can be replayed exactly. The gate never waits:
+it replies to a stop when the transport reports, and handles other messages meanwhile.
 """
 
 from __future__ import annotations
@@ -66,19 +68,33 @@ from .lease import LEASE_TTL_NS, Held, Leases
 from .memory import GateMemory, Waiting
 
 _STOP_AGAIN_NS = round(0.5 * NS)
-"""At least so long after a stop that could not be confirmed."""
+"""Shortest time between an unconfirmed stop and the next one."""
 
 _MADE_SAFE = frozenset({Mode.HOLDING, Mode.STOPPING, Mode.ENDING})
-"""In which the transport makes the robot safe, and reports."""
+"""Modes in which the transport brings the robot to a safe state and will report."""
 NOBODY_WRITES = "the writer gave its lease back"
 OBSERVATION_S = 1.0
-"""A reading is shown for so long at least: on a busy machine the next may be late."""
+"""Shortest time for which an observation counts as current. On a busy computer the next may be
+late."""
 
 
 class Gate(Actor):
-    """``start`` is where the failsafe machine begins: a restarted wire goes on from the epoch it
-    had. ``cause``: what led there. ``no_standby``: why nothing may be energised, until the root
-    says that the standby, and the root itself, could stop the robot."""
+    """Decide about every command to one robot.
+
+    Args:
+        driver: The driver of the robot.
+        transport: Address of the transport.
+        watchdog: Address of the watchdog.
+        guardian: Address of the guardian, in the root.
+        start: First state of the failsafe machine. A restarted wire continues with its last epoch.
+        cause: What led to that state, for people.
+        locked_since: When a lockout began, ISO 8601; empty if there is none.
+        no_standby: Why nothing may be energised, until the root reports that its stop channel and
+            the standby are ready.
+        audited: Report every decision to the root, which writes the audit.
+        secret: Key of the leases' numbers, so that they cannot be guessed.
+        stopped_ns: When the root was last ordered to stop the robot.
+    """
 
     def __init__(
         self,
@@ -94,34 +110,32 @@ class Gate(Actor):
         secret: bytes = b"",
         stopped_ns: int = 0,
     ) -> None:
-        """``audited``: somebody writes down what is decided. ``secret``: numbers its leases so that
-        nobody can guess one. ``stopped_ns``: when the root was last told to stop the robot."""
         self._driver = driver
         self._admission = Admission(driver)
         self._no_standby = no_standby
         self._audited = audited
         self._addresses = transport, watchdog, guardian
         self._state = start
-        # None of an earlier incarnation can pass for one of ours.
+        # A lease of an earlier wire process must not count here.
         self._leases = Leases(0, secret=secret) if secret else Leases(start.epoch << 20)
         self._observation: Observation | None = None
         self._target: tuple[float, ...] = ()
         self._target_ns = 0
         self._live: Live | None = None
         self._stops: list[Waiting] = []
-        self._lock = LockKept(0, locked_since)  # the newest that was kept
+        self._lock = LockKept(0, locked_since)  # the newest lock on the disk
         self._resumes: list[Deferred] = []
-        self._rearming: list[Deferred] = []  # resumes that arm as soon as the robot is stopped
-        self._grants: list[tuple[Lease, Deferred]] = []  # to be told when the hold is over
-        self._services: dict[int, Deferred] = {}  # by number: who waits for what is being carried out
+        self._rearming: list[Deferred] = []  # resumes that arm when the robot has stopped
+        self._grants: list[tuple[Lease, Deferred]] = []  # leases to give when the hold is done
+        self._services: dict[int, Deferred] = {}  # requests for running services, by number
         self._service = 0
         self._cause = Cause(cause)
         self._connect_error = "not connected yet"
         self._facts: dict[str, object] = {}
         self._last_stop: StopReport | None = None
         self._last_stop_ns = 0
-        self._report_stands = False  # nothing has moved, and no link was lost, since the last stop's report
-        self._stopped_ns = stopped_ns  # when somebody last ordered a stop
+        self._report_stands = False  # no motion and no lost link since the report of the last stop
+        self._stopped_ns = stopped_ns  # time of the last ordered stop
         self._writes = self._reads = self._refusals = 0
         self._last_refusal = ""
 
@@ -262,7 +276,7 @@ class Gate(Actor):
         return Accepted(self._state.epoch, admitted.values, self._read_beside(), observation)
 
     def _read_beside(self) -> dict[str, tuple[float, ...]]:
-        """Return what the driver wants told with an accepted command."""
+        """Return the sensors that the driver adds to the reply to an accepted command."""
         wanted, seen = self._driver.ANSWERS_WITH, self._observation
         if not wanted or seen is None:
             return {}
@@ -304,7 +318,7 @@ class Gate(Actor):
         return deferred
 
     def _carried_out(self, message: CarriedOut) -> None:
-        if message.moved and self._observation is not None:  # the next command goes on from where that has ended
+        if message.moved and self._observation is not None:  # The next command starts where the service ended.
             self._target = self._driver.first_target(self._observation)
             self._target_ns = self.context.received_ns
         deferred = self._services.pop(message.number, None)
@@ -314,8 +328,8 @@ class Gate(Actor):
     # -- the lease
 
     def _acquire(self, message: Acquire) -> Lease | Refused | Deferred:
-        """Granted in the middle of a hold, it is answered when that is over: what the next command
-        does not name stays where it is then."""
+        """Give a lease. During a hold the reply waits for its end, so that axes which the next command
+        does not name stay where they were held."""
         answer = self._leases.acquire(message, self.context.received_ns, self._state.mode is Mode.HOLDING)
         if isinstance(answer, Refused):
             answer = answer.about(ACQUIRE)
@@ -333,16 +347,16 @@ class Gate(Actor):
 
     @property
     def _is_being_held(self) -> bool:
-        """Return whether a hold is being carried out, and not reported yet."""
+        """True while a hold is running and has not been reported."""
         return self._state.mode is Mode.HOLDING and not self._is_reported
 
     @property
     def _is_reported(self) -> bool:
-        """Return whether the newest order to make safe has been reported."""
+        """True if the newest order of a safe state has been reported."""
         return self._last_stop is not None and self._last_stop.epoch >= self._state.epoch
 
     def _release(self, message: Release) -> Released | Deferred:
-        """Hold what was commanded under the lease. Answer when that is reported."""
+        """Release a lease. If that makes the robot hold, reply when the hold is reported."""
         held = self._leases.release(message.lease, message.channel)
         if held is not None:
             self._tell_decided(held.holder, "release", "released", held.channel)
@@ -354,8 +368,8 @@ class Gate(Actor):
         return Released(False, self._report_now(Reason.LEASE))
 
     def _end_writer(self, held: Held) -> bool:
-        """Hold what a writer has commanded that gave its lease back, by its own wish. Return False
-        when there is nothing to hold."""
+        """Make the robot hold after a writer has released its lease. Return False if there is nothing to
+        hold."""
         if held.under is not None:
             return self._trip(Reason.POLICY, f"{held.holder} ended", lapse=Lapse.ROLLOUT_ENDED)
         if self._live is not None or self._state.mode is Mode.LOST:
@@ -363,7 +377,8 @@ class Gate(Actor):
         return False
 
     def _writer_stopped(self, pid: int) -> None:
-        """Hold as if its lease or its last setpoint had run out: a stopped process can send neither."""
+        """Make the robot hold, as if the lease or the last setpoint had expired, because a stopped process
+        can renew neither."""
         held = self._leases.held
         if held is None or self._live is None:
             return
@@ -375,8 +390,8 @@ class Gate(Actor):
     # -- time
 
     def _look(self, now_ns: int, admitted: bool = False) -> None:
-        """At what may have ended what is live. ``admitted``: the robot's conditions have just been
-        looked at."""
+        """Check everything that may end the live target. ``admitted``: the conditions of the robot were
+        checked just before."""
         live = self._live
         if live is not None and live.over(now_ns):
             self._trip(Reason.EXPIRED, "the setpoint expired", lapse=Lapse.EXPIRED)
@@ -388,8 +403,8 @@ class Gate(Actor):
             self._look_at_conditions(now_ns, live=True)
 
     def _look_at_conditions(self, now_ns: int, live: bool) -> None:
-        """End what is live, or with the conditions that are always looked at a hold, when one is
-        not true."""
+        """Stop the robot if a condition is broken. While no target is live, only the conditions that
+        always hold are checked."""
         if self._observation is None:
             return
         broken = self._admission.broken_condition(self._observation, now_ns, only_always=not live)
@@ -400,7 +415,7 @@ class Gate(Actor):
             self._trip(condition.reason, cause, safe_state=condition.safe_state, rank=rank)
 
     def _tell_decided(self, who: str, what: str, how: str | Refused, over: str = "") -> None:
-        """For the audit, which the root keeps."""
+        """Report a decision for the audit, which the root writes."""
         if self._audited:
             told = f"refused: {how.text}" if isinstance(how, Refused) else how
             self._guardian.tell(Decided(who, what, told, over))
@@ -412,7 +427,7 @@ class Gate(Actor):
     # -- stop, resume
 
     def _stop(self, message: Stop) -> StopReport | Deferred | None:
-        if message.channel:  # a policy, or who only visits
+        if message.channel:  # a policy process or a visitor
             message = message.as_ordered()
         if message.reason in ORDERED:
             self._stopped_ns = self.context.received_ns
@@ -432,9 +447,11 @@ class Gate(Actor):
         return self._report_now(message.reason)
 
     def _report_now(self, reason: Reason) -> StopReport:
-        """Return what is known of the robot's safety, when nothing was ordered: the report of the
-        last stop, as long as it stands. Without one, only a robot of which nothing is energised, or
-        one that obeys its present writer, is confirmed."""
+        """Return a report when there is nothing to order: that of the last stop, while it is valid.
+
+        Without one, only two robots are confirmed: one with nothing energised, and an armed one whose
+        reason would be a hold.
+        """
         state, safe_state = self._state, self._driver.fallbacks[reason]
         if state.mode in failsafe.SAFE or (state.mode is Mode.ARMED and reason in HOLDING_REASONS):
             return StopReport(reason, safe_state, state.epoch, True, ())
@@ -444,7 +461,7 @@ class Gate(Actor):
         return StopReport(reason, safe_state, state.epoch, False, not_reached(self._driver, why))
 
     def _safety(self) -> StopReport | Deferred:
-        """As ``_report_now``, and wait for a report that is on its way."""
+        """As ``_report_now``, but wait for a report that is due."""
         if self._state.mode in _MADE_SAFE and not self._is_reported:
             deferred = self.context.defer()
             self._stops.append(Waiting(self._state.epoch, deferred, False))
@@ -460,9 +477,19 @@ class Gate(Actor):
         rank: int | None = None,
         lapse: Lapse = Lapse.NONE,
     ) -> bool:
-        """Order ``safe_state``, or the one of ``reason``; False when the machine has nothing to do
-        for it. ``rank``: of the cause; None: of the reason. ``lapse``: how a command ended by
-        itself."""
+        """Order a safe state.
+
+        Args:
+            reason: Why.
+            cause: The same for people.
+            lock: Who pressed the e-stop; empty for a stop without a lock.
+            safe_state: The safe state; None for the driver's one for this reason.
+            rank: Rank of the cause; None for that of the reason.
+            lapse: How the command ended, if it ended by itself.
+
+        Returns:
+            False if the failsafe machine has nothing to do.
+        """
         safe_state = safe_state or self._driver.fallbacks[reason]
         if reason in failsafe.ENDING_REASONS:
             event = Event.END
@@ -470,12 +497,12 @@ class Gate(Actor):
             event = Event.HOLD
         else:
             event = Event.STOP
-        if event is Event.HOLD and self._state.mode is Mode.LOST:  # nothing milder than what its loss led to
+        if event is Event.HOLD and self._state.mode is Mode.LOST:  # at least what the lost link has ordered
             safe_state = SafeState(safe_state).or_more(self._driver.fallbacks[Reason.LINK])
         return self._step(event, safe_state, reason, cause, lock, rank, lapse)
 
     def _trip_again(self, reason: Reason) -> None:
-        """Order the safe state once more, for the cause that is known."""
+        """Order the safe state again, for the present cause."""
         cause = self._cause
         self._trip(reason, cause.text, rank=cause.rank, lapse=cause.lapse)
 
@@ -493,21 +520,21 @@ class Gate(Actor):
         self._state, action = failsafe.step(before, event, lock)
         makes_safe = action is Action.MAKE_SAFE
         if makes_safe:
-            if event is not Event.HOLD or before.mode is not Mode.LOST:  # it is safe since the link was lost
+            if event is not Event.HOLD or before.mode is not Mode.LOST:  # then the lost link stays the cause
                 self._blame(cause, reason, rank_of(reason) if rank is None else rank, lapse)
             self._live = None
             self._report_stands = False
-            self._transport.tell(MakeSafe(self._state.epoch, safe_state, reason))  # before anybody else is told
+            self._transport.tell(MakeSafe(self._state.epoch, safe_state, reason))  # before any other message
             self._refuse_resumes(Refused(Code.STOPPED, cause, "resume again when that is over"))
         if self._state != before:
             self._tell_state()
         return makes_safe
 
     def _blame(self, text: str, reason: Reason, rank: int, lapse: Lapse = Lapse.NONE) -> None:
-        """Note a cause, unless a more specific one is known since a moment ago."""
+        """Set the cause, unless a more specific one was found a moment ago."""
         now_ns = self.context.received_ns
         known, seen = self._cause, self._observation
-        goes_on = text == known.text  # as when a link that was lost comes back
+        goes_on = text == known.text  # the same cause again, as when a lost link comes back
         faults = known.faults if goes_on else {} if seen is None else dict(seen.faults)
         cause = Cause(text, reason, rank, now_ns + SOON_NS, faults, lapse)
         self._cause = known.or_more_specific(cause, now_ns)
@@ -519,7 +546,7 @@ class Gate(Actor):
         self._rearming.clear()
 
     def _newest_observation(self) -> Observation | Refused:
-        """Return it while it says where the robot is: not what was read before the link was lost."""
+        """Return the newest observation if it is current. One from before a lost link is not."""
         seen = self._observation
         if seen is None:
             return Refused(Code.NO_OBSERVATION, "nothing was read yet", "wait for the first observation")
@@ -542,7 +569,7 @@ class Gate(Actor):
             self._stop_again(self._last_stop, message.observation)
 
     def _stop_again(self, report: StopReport, observation: Observation) -> None:
-        """A motor that could not be confirmed safe is made so as soon as it is heard again."""
+        """Order the safe state again when every unconfirmed motor answers again."""
         stamp_ns = dict(zip(self._driver.axes, observation.stamp_ns, strict=True))
         heard_ns = min((stamp_ns.get(axis, observation.t_ns) for axis in report.unconfirmed), default=0)
         if heard_ns > self._last_stop_ns + _STOP_AGAIN_NS:
@@ -575,8 +602,11 @@ class Gate(Actor):
         self._rearm()
 
     def _answer_stops(self) -> None:
-        """Those that are done: reported by the wire and, of an e-stop, with its lock on the disk. Each
-        is told of the first report that covers it, not of a milder one that came since."""
+        """Reply to each stop that is done.
+
+        A stop is done when the wire has reported it; an e-stop also needs its lock on the disk. The
+        reply is the first report that covers the stop, since a later one may be of a milder stop.
+        """
         waiting, self._stops = self._stops, []
         for stop in waiting:
             report = stop.report or self._last_stop
@@ -631,8 +661,8 @@ class Gate(Actor):
         return None
 
     def _resume_armed(self) -> Resumed | Refused | Deferred:
-        """The robot is armed already, if its conditions are true. One that arming mends is answered
-        by a stop, as if a setpoint were live, and by arming."""
+        """Reply to a resume of an armed robot. If a condition is broken that arming mends, stop the robot
+        and arm it again."""
         seen = self._newest_observation()
         if isinstance(seen, Refused):
             return seen
@@ -650,7 +680,7 @@ class Gate(Actor):
         return deferred
 
     def _rearm(self) -> None:
-        """The stop of ``_resume_armed`` was reported: arm, if it is confirmed."""
+        """Arm after the stop that ``_resume_armed`` ordered, if that is confirmed."""
         if not self._rearming or self._state.mode is Mode.STOPPING:
             return
         if self._state.mode is not Mode.DISARMED:
@@ -666,7 +696,7 @@ class Gate(Actor):
 
     def _arm_done(self, message: ArmDone) -> None:
         if message.epoch != self._state.epoch or self._state.mode is not Mode.ARMING:
-            return  # a stop during bring-up has won
+            return  # A stop came while the robot was being armed.
         if message.observation is None:
             cause = f"arming failed: {message.error}"
             self._step(Event.ARM_FAILED, self._driver.fallbacks[Reason.STOP], Reason.FAULT, cause)
@@ -680,7 +710,7 @@ class Gate(Actor):
         self._resumes.clear()
 
     def _aim_at_measured(self, observation: Observation) -> None:
-        """The present position is the first target: no jump."""
+        """Take the measured position as the first target, so that the robot does not jump."""
         self._observation = observation
         self._target = self._driver.first_target(observation)
         self._target_ns = self.context.received_ns
@@ -702,7 +732,7 @@ class Gate(Actor):
         self._step(Event.LINK_UP, safe_state, Reason.LINK, cause.text, rank=cause.rank, lapse=cause.lapse)
         stop = self._last_stop
         if self._state.mode is Mode.DISARMED and stop is not None and not stop.confirmed:
-            # ordered while nobody heard it
+            # It was ordered while the robot could not hear it.
             self._trip_again(stop.reason)
 
     def _link_lost(self, why: str) -> None:
@@ -756,12 +786,12 @@ class Gate(Actor):
         refusal = self._admission.refuse_motion(self._known(), self.context.received_ns)
         return None if refusal is None else refusal.about(MOVE)
 
-    # -- for a recorder
+    # -- recordings
 
     def memory(self) -> GateMemory:
         return GateMemory(**{name: getattr(self, f"_{name}") for name in GateMemory.__struct_fields__})
 
     def recall(self, memory: GateMemory) -> None:
-        """Go on from there."""
+        """Restore a memory, for a replay."""
         for name in GateMemory.__struct_fields__:
             setattr(self, f"_{name}", getattr(memory, name))

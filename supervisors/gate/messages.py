@@ -1,7 +1,10 @@
-"""What the gate is told and asked, and what it answers.
+"""Messages to the gate, and its replies.
 
-Times are CLOCK_MONOTONIC nanoseconds of the robot's host. An *epoch* is the robot's count of safety
-events; a *lease* is the right to write, one holder at a time.
+All times are nanoseconds of CLOCK_MONOTONIC on the robot's host. An *epoch* counts the safety events
+of a robot. A *lease* is the right to write setpoints; it has one holder at a time.
+
+``channel`` in a message is the name of the link over which it came. The receiving process fills it
+in; senders leave it empty.
 """
 
 from __future__ import annotations
@@ -16,38 +19,42 @@ from strands_actors.contract.wire import MotorReport, Observation
 from strands_actors.kernel.messages import Message, Refused
 
 LEASE_TTL_S = 1.0
-"""A caller that has not been heard of for this long has lost its lease."""
+"""A holder that has sent no heartbeat for this long has lost its lease."""
 
 
 MAX_LIFETIME_S = 10.0
-"""No setpoint may ask to live longer: such a deadline is a wrong clock, not a wish."""
+"""Longest time from now to a setpoint's deadline. A later deadline comes from a wrong clock."""
 
 
 # -- from writers
 
 
 MOVE, OBSERVE, ACQUIRE, RESUME = "move", "observe", "acquire", "resume"
-"""Verbs of what the gate refuses."""
+"""Verbs in the gate's refusals."""
 
 
 class Acquire(Message, frozen=True):
-    """Ask for the lease. ``over``: a lease of the same caller that the new one is to write under.
-    ``pid``: the process that will write, if it is one of this host. ``again``: the lease that it
-    has, in whose place it wants another: a holder's name proves nothing."""
+    """Ask for a lease.
+
+    Attributes:
+        holder: Name of the writer, for people. It proves nothing.
+        over: The caller's lease under which a policy process will write; 0 for a script.
+        pid: The process that will write; 0 if it is on another host.
+        channel: See above.
+        again: The sender's present lease, which the new one replaces; 0 if it has none.
+        instruction: The task of a rollout, for people.
+    """
 
     holder: str
     over: int = 0
     pid: int = 0
     channel: str = ""
-    """In this and in what is told under a lease: over which channel it came. The receiving process
-    writes it; who sends leaves it empty."""
     again: int = 0
     instruction: str = ""
-    """Of a rollout: what it is to do, for who looks on."""
 
 
 GRANT_S = 2.0
-"""How long to wait for a lease: in the middle of a hold it is given when the robot holds."""
+"""How long to wait for the reply to ``Acquire``. During a hold it comes when the hold is done."""
 
 
 class Lease(Message, frozen=True):
@@ -56,8 +63,14 @@ class Lease(Message, frozen=True):
 
 
 class Beat(Message, frozen=True):
-    """The holder's process lives. ``answered_ago_s``: when the thread that commands the robot last
-    did anything but compute; negative: not since the last beat."""
+    """A heartbeat of the holder's process.
+
+    Attributes:
+        lease: The lease that it holds.
+        answered_ago_s: Seconds since the thread that commands the robot last let other threads run;
+            negative if it has not since the last heartbeat.
+        channel: See above.
+    """
 
     lane = "latest"
 
@@ -67,8 +80,7 @@ class Beat(Message, frozen=True):
 
 
 class Stopped(Message, frozen=True):
-    """The system has stopped a process that writes (SIGSTOP, Ctrl-Z, a debugger): it cannot say so
-    itself."""
+    """The process of a writer was stopped by the system (SIGSTOP, Ctrl-Z, a debugger)."""
 
     lane = "urgent"
 
@@ -76,8 +88,11 @@ class Stopped(Message, frozen=True):
 
 
 class Release(Message, frozen=True):
-    """Give the lease up. One that writes under another (``over``) is then held before, unless it
-    ``keeps``: its last setpoint was latched, and stands as one of the lease it wrote under."""
+    """Release the lease.
+
+    A rollout's release makes the robot hold before the reply is sent, unless ``keeps`` is true. Then
+    its last setpoint, which was latched, stays in force under the caller's lease.
+    """
 
     lease: int
     keeps: bool = False
@@ -85,39 +100,48 @@ class Release(Message, frozen=True):
 
 
 class GetSafety(Message, frozen=True):
-    """Ask what is known of the robot's safety. The answer is the report of the last stop, as long as
-    it stands. Orders nothing."""
+    """Ask for the report of the last stop, without ordering anything."""
 
     channel: str = ""
 
 
 class Setpoint(Message, frozen=True):
-    """A target. Written before ``deadline_ns`` or never; ``latched``: then kept while the lease
-    lives, otherwise kept until the deadline."""
+    """A target for some or all axes.
+
+    Attributes:
+        lease: The sender's lease.
+        epoch: The epoch in which it was made.
+        deadline_ns: It is written before this time or never. It also ends then, unless ``latched``.
+        action: Values by key. The driver checks them.
+        period_s: Period of its stream in seconds; 0 for a single command.
+        latched: It stays in force while the lease lives.
+        channel: See above.
+        observe: The reply shall contain the newest observation.
+    """
 
     lane = "latest"
 
     lease: int
     epoch: int
     deadline_ns: int
-    action: dict[str, Any]  # checked by the driver: a wrong value is refused by its name
-    period_s: float = 0.0  # of the stream this is part of; 0 for a one-shot
+    action: dict[str, Any]
+    period_s: float = 0.0
     latched: bool = False
     channel: str = ""
-    observe: bool = False  # the answer is to bring the newest observation
+    observe: bool = False
 
 
 class Accepted(Message, frozen=True):
     epoch: int
-    values: tuple[float, ...]  # the whole target, axis order, the driver's units
+    values: tuple[float, ...]  # the target of every axis, in the driver's order and units
     sensors: dict[str, tuple[float, ...]] = msgspec.field(
         default_factory=dict
-    )  # ``Driver.ANSWERS_WITH``, as last read
-    observation: Observation | None = None  # with ``Setpoint.observe``, unless it is too old
+    )  # the newest readings of ``Driver.ANSWERS_WITH``
+    observation: Observation | None = None  # if ``Setpoint.observe`` is set and the reading is not too old
 
 
 class Stop(Message, frozen=True):
-    """Make safe. ``lock``: an e-stop, which stays until a resume."""
+    """Order the safe state of a reason. ``lock`` makes it an e-stop, which lasts until a resume."""
 
     lane = "urgent"
 
@@ -127,25 +151,25 @@ class Stop(Message, frozen=True):
     channel: str = ""
 
     def as_ordered(self) -> Stop:
-        """Return it as somebody may order it who is not the tree itself: another reason would end the
-        tree, or hold under a lock."""
+        """Return the stop with a reason that a sender outside the tree may use. Other reasons would end
+        the tree, or hold a robot that is locked."""
         if self.reason in ORDERED:
             return self
         return msgspec.structs.replace(self, reason=Reason.ESTOP if self.lock else Reason.STOP)
 
 
 class StopReport(Message, frozen=True):
-    """What became of a stop. ``confirmed`` only when every motor was read back safe."""
+    """The result of a stop. ``confirmed`` is true only if every motor was read back and is safe."""
 
     reason: Reason
     safe_state: SafeState
     epoch: int
     confirmed: bool
     motors: tuple[MotorReport, ...]
-    path: str = "wire"  # or "stop_channel": the root's own way
+    path: str = "wire"  # or "stop_channel", the connection of the root
     took_ms: float = 0.0
-    at_ns: int = 0  # when it was made: all motors had been asked
-    note: str = ""  # of an e-stop: why its lock does not outlive the tree; empty: it does
+    at_ns: int = 0  # when every motor had been asked
+    note: str = ""  # why the lock of an e-stop does not outlive the tree; empty if it does
 
     @property
     def unconfirmed(self) -> list[str]:
@@ -153,17 +177,21 @@ class StopReport(Message, frozen=True):
 
 
 class Released(Message, frozen=True):
-    """The lease was given up, or was not held. ``holds``: this has made the robot hold what was
-    commanded under it. ``report``: what became of that, or what is known of the robot's safety."""
+    """The lease is released, or was not held. ``holds`` is true if the release made the robot hold;
+    ``report`` is then the result, otherwise the report of the last stop."""
 
     holds: bool
     report: StopReport
 
 
 class Resume(Message, frozen=True):
-    """Lift a lockout (unless ``lift`` is false) and energise at the measured position. Restarts no
-    motion. ``asked_ns``: when somebody asked for it, by the host's monotonic clock; a stop that came
-    since wins. 0: now."""
+    """Energise the robot at its measured position. It starts no motion.
+
+    Attributes:
+        by: Who asks, for the audit.
+        lift: Lift a lockout, too.
+        asked_ns: When the request was made; 0 for now. It is refused if a stop came since.
+    """
 
     lane = "urgent"
 
@@ -178,13 +206,13 @@ class Resumed(Message, frozen=True):
 
 
 class Perform(Message, frozen=True):
-    """Do one of the driver's own services."""
+    """Run a service of the driver."""
 
     lease: int
     epoch: int
     service: str
     arguments: dict[str, Any]  # checked by the driver
-    first: Setpoint | None = None  # written before it; refused, nothing is done
+    first: Setpoint | None = None  # written before the service runs; if it is refused, nothing is done
     channel: str = ""
 
 
@@ -201,7 +229,7 @@ class GetStatus(Message, frozen=True):
 
 
 class Writing(Message, frozen=True):
-    """A rollout that writes now, in whatever process it runs. ``steps``: its setpoints so far."""
+    """A rollout that writes now. ``steps`` counts its accepted setpoints."""
 
     instruction: str
     steps: int
@@ -214,10 +242,10 @@ class Status(Message, frozen=True):
     connected: bool
     connect_error: str
     locked_by: str
-    cause: str  # why it is safe: the last reason
+    cause: str  # why it is in its safe state, for people
     holder: str
     observation: Observation | None
-    age_s: float  # of the observation; -1 when there is none
+    age_s: float  # of the observation; -1 if there is none
     target: tuple[float, ...]
     writes: int
     reads: int
@@ -226,22 +254,22 @@ class Status(Message, frozen=True):
     last_stop: StopReport | None
     facts: dict[str, Any] = msgspec.field(default_factory=dict)
     locked_since: str = ""  # ISO 8601, UTC
-    no_standby: str = ""  # why standby or root could not stop the robot, so that nothing may be energised
-    no_motion: Refused | None = None  # what a command would be told now, whatever it says; None: it is looked at
+    no_standby: str = ""  # why standby or root could not stop the robot; nothing may be energised then
+    no_motion: Refused | None = None  # the refusal that every setpoint would get now
     rollout: Writing | None = None
-    lapse: str = ""  # how a command ended by itself, of ``cause.Lapse``; empty: it did not
+    lapse: str = ""  # how the last command ended by itself (``cause.Lapse``); empty if it did not
 
 
 BROUGHT = 0
-"""Instead of a probe's number: a setpoint of a stream that is as quick as ticks has made the gate
-look."""
+"""In place of a probe's number: the gate checked its deadlines because of a setpoint. In a stream as
+fast as the watchdog's ticks each setpoint does what a probe would."""
 
 
 # -- from its own process
 
 
 class Probe(Message, frozen=True):
-    """The watchdog asks the gate to show that it lives, and to look at its deadlines."""
+    """A request of the watchdog: check the deadlines, and reply as a sign of life."""
 
     lane = "latest"
 
@@ -261,8 +289,8 @@ class SafeDone(Message, frozen=True):
     lane = "urgent"
 
     report: StopReport
-    hold_failed: str = ""  # why it could not hold, and was brought to rest in another way
-    observation: Observation | None = None  # read after a hold that says nothing of its targets
+    hold_failed: str = ""  # why the hold failed, after which the robot was stopped in another way
+    observation: Observation | None = None  # read after a hold whose report has no positions
 
 
 class ArmDone(Message, frozen=True):
@@ -299,7 +327,7 @@ class LinkLost(Message, frozen=True):
 
 
 class LockKept(Message, frozen=True):
-    """The lock that stood in this epoch is on the disk. ``problem``: why it is not."""
+    """The lock of this epoch is on the disk, or why it is not (``problem``)."""
 
     lane = "urgent"
 
@@ -309,7 +337,7 @@ class LockKept(Message, frozen=True):
 
 
 class StoppedAt(Message, frozen=True):
-    """The root was told to stop the robot then, and the gate was not asked."""
+    """The root was ordered to stop the robot at this time, without the gate."""
 
     lane = "urgent"
 
@@ -317,8 +345,8 @@ class StoppedAt(Message, frozen=True):
 
 
 class StandbyIs(Message, frozen=True):
-    """Whether the standby, and the root's own stop channel, could make the robot safe at once.
-    ``problem``: why not; empty: both could."""
+    """Whether the standby and the root's stop channel are ready. ``problem`` says which is not, and
+    why; it is empty if both are."""
 
     lane = "urgent"
 
