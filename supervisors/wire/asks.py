@@ -1,4 +1,4 @@
-"""Keep track of what the wire asks of the robot and what may take effect later.
+"""Track the requests to a robot that may take effect later.
 
 An arming takes effect when the robot carries it out, not when the wire asks for it: a program is
 still being uploaded, a login answered, a motor driver started. When a stop overtakes such a request,
@@ -23,7 +23,7 @@ from strands_actors.supervisors.page import Owed
 
 
 class Request:
-    """One call of the wire in which the robot may be asked for something."""
+    """One call of the wire that may send a request to the robot."""
 
     def __init__(self, asks: Asks, late_ns: int, energises: bool) -> None:
         self._asks = asks
@@ -32,7 +32,7 @@ class Request:
         self.answered = False
 
     def begin(self) -> None:
-        """Note that from now on something is asked for. A permit calls this when its check passes."""
+        """Note that the request is being sent. A permit calls this when its check passes."""
         self._asks.begin(self)
 
 
@@ -43,24 +43,24 @@ class Asks:
         self._owed = owed
         self._clock = clock
         self._under_way: set[Request] = set()
-        self._until_ns = 0  # until when what was cut off may take effect
+        self._until_ns = 0  # when the last request that was cut off can no longer take effect
 
     @contextlib.contextmanager
     def asking(self, late_s: float, energises: bool = True) -> Iterator[Request]:
-        """Wrap one call of the wire that may ask the robot for something.
+        """Wrap one call of the wire that may send a request to the robot.
 
         Args:
-            late_s: How long what was asked for may take effect after it is cut off.
-            energises: Whether it may leave the robot energised.
+            late_s: Longest time after a cut-off in which the request may still take effect.
+            energises: True if the request may leave the robot energised.
 
         Yields:
-            The request. Set ``answered`` when the call has succeeded: without that it was cut off.
+            The request. Set ``answered`` when the call has succeeded. Otherwise it counts as cut off.
         """
         request = Request(self, round(late_s * NS), energises)
         try:
             yield request
         except ProcessSpent:
-            raise  # an SDK's thread may still be at it, as long as this process lives
+            raise  # A thread of an SDK may still carry it out, until this process ends.
         except BaseException:
             self._end(request, answered=False)
             raise

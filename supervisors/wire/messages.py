@@ -1,4 +1,4 @@
-"""What the transport and the watchdog are told. Times are CLOCK_MONOTONIC nanoseconds."""
+"""Messages to the transport and the watchdog. Times are nanoseconds of CLOCK_MONOTONIC."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from strands_actors.kernel.messages import Message
 
 
 class Write(Message, frozen=True):
-    """A gated setpoint. The transport checks epoch and deadline again just before the bytes
-    leave."""
+    """A setpoint that the gate has accepted. The transport checks its epoch and deadline again
+    immediately before the bytes leave."""
 
     lane = "latest"
 
     epoch: int
     deadline_ns: int
     values: tuple[float, ...]
-    expires_ns: int = 0  # when a re-send is no longer allowed; 0: latched
-    streamed: bool = False  # the writer sends the next one itself
+    expires_ns: int = 0  # end of re-sending; 0 if it is latched
+    streamed: bool = False  # part of a stream, whose writer sends the next one
 
 
 class Cycle(Message, frozen=True):
-    """One period of the wire: re-send the last setpoint and feed the firmware's watchdog if told
-    so, then read."""
+    """One control period: re-send the last setpoint and feed the firmware's watchdog, if allowed, then
+    read."""
 
     lane = "latest"
 
     number: int
-    resend_epoch: int = 0  # 0: read only
+    resend_epoch: int = 0  # the epoch in which re-sending is allowed; 0 allows none
     feed: bool = False
 
 
@@ -48,7 +48,7 @@ class Arm(Message, frozen=True):
 
 
 class CarryOut(Message, frozen=True):
-    """A service that passed the gate. ``number`` tells its answer from others."""
+    """A service that the gate has accepted. ``number`` identifies its reply."""
 
     epoch: int
     number: int
@@ -57,15 +57,14 @@ class CarryOut(Message, frozen=True):
 
 
 class HandOverAgain(Message, frozen=True):
-    """The root asks an open wire for another handover: there is a new standby. Not urgent: it may
-    wait."""
+    """A request of the root to an open wire: hand over descriptors again, for a new standby."""
 
 
 # -- the watchdog
 
 
 class Alive(Message, frozen=True):
-    """The gate's answer. ``live``: there is a setpoint whose writer and lifetime still stand."""
+    """The gate's reply to a probe. ``live`` is true while a setpoint is in force."""
 
     lane = "latest"
 
@@ -75,8 +74,8 @@ class Alive(Message, frozen=True):
 
 
 class Cycled(Message, frozen=True):
-    """The transport's answer; ``busy_until_ns``: it is in a bounded operation (connecting,
-    confirming)."""
+    """The transport's reply to ``Cycle``. ``busy_until_ns`` is the end of a bounded operation in which it
+    does not reply (connecting, confirming a stop); 0 if there is none."""
 
     lane = "latest"
 

@@ -1,4 +1,4 @@
-"""What a wire keeps up beside its calls."""
+"""Run ``Wire.serve`` of an open wire in the background."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from strands_actors.contract.wire import ProcessSpent, Wire, WireDown
 
 
 class Serving:
-    """``Wire.serve`` of one open wire: runs it, and says when it is ready and how it has ended."""
+    """One run of ``Wire.serve``: ``ready`` is set when it serves or has failed, ``failure`` when it has
+    failed."""
 
     def __init__(self) -> None:
         self.scope = trio.CancelScope()
@@ -16,7 +17,7 @@ class Serving:
         self.failure: WireDown | ProcessSpent | None = None
 
     async def run(self, wire: Wire) -> None:
-        """Return when ``scope`` is cancelled or the wire can be served no more."""
+        """Serve the wire until ``scope`` is cancelled or it fails."""
         with self.scope:
             try:
                 async with trio.open_nursery() as nursery:
@@ -31,6 +32,6 @@ class Serving:
         self.ready.set()
 
     def check(self) -> None:
-        """Raise what ended it."""
+        """Raise the failure, if there is one."""
         if self.failure is not None:
             raise self.failure

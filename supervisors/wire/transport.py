@@ -1,16 +1,15 @@
-"""The transport is the only writer of the wire.
+"""The transport: the only actor that writes to the robot.
 
-It checks epoch and deadline immediately before each write, through the permit that the wire calls
-as the last thing before the bytes leave. A stop that waits in the mailbox revokes every permit at
-once. It reports every write, reads observations with their age, and opens the wire again, with
-backoff, when it was lost; it never arms by itself.
+Before each write the wire calls a permit, as its last step before the bytes leave. The permit checks
+the epoch and the deadline, and that no stop waits in the mailbox. The transport also reads the robot,
+and opens a lost link again after a growing pause. It never arms by itself.
 
-A link that was lost while something was energised is made safe before anything else is done with
-it: at the loss, before each attempt to open it again, and at every stop, on whatever can still be
-written (``Wire.reach``). None of that waits for a handshake, and a stop cuts a handshake short.
+If a link was lost while something was energised, the safe state is written before anything else: at
+the loss, before each attempt to open the link, and at every stop, on whatever can still be written
+(``Wire.reach``). This waits for no handshake, and a stop cuts a handshake short.
 
-A safe state is confirmed only when nothing that was asked for before the stop can take effect after
-it (``asks.py``). Until then the transport makes safe again and again.
+A stop is confirmed only when no earlier request can take effect any more (``asks.py``). Until then
+the transport writes the safe state again and again.
 """
 
 from __future__ import annotations
@@ -53,19 +52,19 @@ from .serving import Serving
 
 ROOT_AGAIN_S = 0.01
 REACH_MARGIN_S = 0.25
-"""Of ``Timing.safe_s``: what is left when ``Wire.reach`` is given up."""
+"""``Wire.reach`` is cancelled so long before ``Timing.safe_s`` is over."""
 BACKOFF_S = (0.1, 0.2, 0.5, 1.0, 2.0)
 
 SLOW = frozenset({SafeState.LAND, SafeState.SETTLE})
-"""Safe states that take seconds to reach. An e-stop that comes meanwhile is not held up by them."""
+"""Safe states that take seconds to reach. A stop that comes meanwhile interrupts them."""
 
 _PROMPT = (Write, Cycle)
-"""Handled without waiting, by a wire that never waits."""
+"""Messages that a prompt wire handles without waiting."""
 
 
 class _Permit:
-    """A setpoint may leave while its epoch is the present one, its deadline ahead, no stop waits,
-    and the robot is not stopped because it could not hold."""
+    """The last check before a setpoint leaves: its epoch is the present one, its deadline has not
+    passed, no stop waits, and the last hold has not failed."""
 
     __slots__ = ("_ask", "_deadline_ns", "_epoch", "_transport")
 
@@ -75,7 +74,7 @@ class _Permit:
         self._transport = transport
         self._epoch = epoch
         self._deadline_ns = deadline_ns
-        self._ask = ask  # notes that something is asked for that may take effect later
+        self._ask = ask  # notes a request that may take effect later
 
     def check(self) -> None:
         transport = self._transport
@@ -92,8 +91,17 @@ class _Permit:
 
 
 class Transport(Actor):
-    """``energised``: an earlier wire left something energised, or nobody has confirmed that it did not.
-    ``owed``: where that is noted, for a standby."""
+    """Write to one robot and read it.
+
+    Args:
+        driver: The driver of the robot.
+        gate: Address of the gate.
+        watchdog: Address of the watchdog.
+        guardian: Address of the guardian, in the root.
+        epoch: The first epoch.
+        energised: True if an earlier wire process may have left something energised.
+        owed: The shared page on which root and standby read what may be energised.
+    """
 
     def __init__(
         self,
@@ -110,11 +118,11 @@ class Transport(Actor):
         self.epoch = epoch
         self._wire: Wire | None = None
         self._serving = Serving()
-        self._lost: Wire | None = None  # the last that was open, until another one is
+        self._lost: Wire | None = None  # the last open wire, until another is open
         self._owed = owed or Owed()
         self._owed.safe_state = energised
         self._performing: trio.CancelScope | None = None
-        self._spent = False  # of this process nothing can be had any more but a safe frame
+        self._spent = False  # an SDK hangs in this process, which can only write safe frames now
         self._last: Write | None = None
         timing = driver.timing
         self._keepalive_ns = round(timing.keepalive_s * NS)
@@ -128,7 +136,7 @@ class Transport(Actor):
 
     @property
     def hold_failed(self) -> str:
-        """Why the robot, which was to hold, was stopped; until it is armed again."""
+        """Why the last hold failed; empty if it did not, and from the next arming on."""
         return "" if self._wire is None else self._wire.hold_failed
 
     async def started(self) -> None:
@@ -144,7 +152,7 @@ class Transport(Actor):
 
     async def receive(self, message: Write | Cycle | MakeSafe | Arm | CarryOut | HandOverAgain) -> None:
         if self._spent and not isinstance(message, MakeSafe):
-            return  # the root ends this process: it is told, and misses our heartbeats
+            return  # The root has been asked to end this process.
         try:
             await self._obey(message)
         except ProcessSpent as spent:
@@ -156,7 +164,7 @@ class Transport(Actor):
             case Write():
                 self._last = None
                 if await self._write(message, message.deadline_ns):
-                    self._last = message  # what came too late is not re-sent either
+                    self._last = message  # A setpoint that came too late is not re-sent either.
             case Cycle():
                 await self._cycle(message)
             case MakeSafe():
@@ -170,7 +178,7 @@ class Transport(Actor):
                     self._guardian.tell(Handover(tuple(self._wire.handover()), again=True))
 
     async def _write(self, write: Write, deadline_ns: int) -> bool:
-        """Write it, if it may be written. Return whether it was."""
+        """Write a setpoint if its permit allows it. Return True if it was written."""
         if self._wire is None:
             return False
         wire, permit = self._wire, _Permit(self, write.epoch, deadline_ns)
@@ -209,12 +217,12 @@ class Transport(Actor):
     async def _resend(self, epoch: int) -> None:
         """Write the last setpoint again before ``Timing.keepalive_s`` is over.
 
-        Cycles come once a control period, so this one is the last in time when the next one would be
-        late. A stream is not doubled for that: its writer sends the next setpoint, and only where
-        that stays away the last one is sent again, once ``keepalive_s`` is over.
+        Cycles come once a control period. So a single setpoint is re-sent in the last cycle in which
+        that is in time. A stream is re-sent only when its next setpoint is overdue, after
+        ``keepalive_s``.
 
         Args:
-            epoch: The epoch in which the watchdog lets it be sent again; 0: in none.
+            epoch: The epoch in which the watchdog allows re-sending; 0 allows none.
         """
         last = self._last
         if last is None or epoch != last.epoch:
@@ -249,7 +257,7 @@ class Transport(Actor):
         self._last = None
         if self._performing is not None:
             self._performing.cancel()
-        # The end of a script is no order to a robot that it had not energised.
+        # When a script ends, a robot that it had not energised is left alone.
         lasts = self._owed.safe_state or message.reason in ORDERED
         safe_state = self._owed.order(message.safe_state, lasts)
         holds = message.reason in HOLDING_REASONS and self._driver.energised(safe_state)
@@ -257,7 +265,7 @@ class Transport(Actor):
         with contextlib.nullcontext() if holds else RESERVE.freed():
             motors = await self._bring_for_good(safe_state, holds, lasts)
         if motors is None:
-            return  # a stop came: its report is the answer to this, too
+            return  # A stop interrupted this; its report answers both.
         hold_failed = self.hold_failed if holds else ""
         seen = await self._look_where_held(motors) if holds and not hold_failed else None
         self._report_safe(message.reason, safe_state, message.epoch, began_ns, motors, hold_failed, seen)
@@ -272,8 +280,16 @@ class Transport(Actor):
     async def _bring_for_good(
         self, safe_state: SafeState, holds: bool, lasts: bool
     ) -> tuple[MotorReport, ...] | None:
-        """Bring the robot there, and again until nothing that was asked for before can take effect
-        any more (as ``stop_channel.settled``). None: a stop cut this short."""
+        """Bring the robot to a safe state, again and again until no earlier request can take effect.
+
+        Args:
+            safe_state: The safe state.
+            holds: True for a hold, during which the robot stays energised.
+            lasts: True if the order also counts for a robot that is not connected.
+
+        Returns:
+            The reports of all motors, or None if a stop interrupted this.
+        """
         clock, began_ns = self.context.clock, self.context.clock.now_ns()
         longest_s = settle_s(self._driver.timing.safe_s, self._driver.late_s)
         while True:
@@ -283,7 +299,7 @@ class Transport(Actor):
             if motors is None or not unsettled_s or not _all_safe(motors) or (holds and self.hold_failed):
                 return motors
             if self._spent or clock.now_ns() - began_ns > longest_s * NS:
-                return not_settled(motors)  # only the end of this process cuts its SDK off
+                return not_settled(motors)  # Only the end of this process ends a call of its SDK.
             rested = False
             with self._busy(AGAIN_S[0]), self._cut_by_a_stop():
                 await trio.sleep(min(unsettled_s, AGAIN_S[0]))
@@ -292,7 +308,7 @@ class Transport(Actor):
                 return None
 
     async def _bring(self, safe_state: SafeState, holds: bool, lasts: bool) -> tuple[MotorReport, ...] | None:
-        """Bring the robot there once. None: a stop cut this short."""
+        """As ``_bring_for_good``, once."""
         began_ns = self.context.clock.now_ns()
         motors: tuple[MotorReport, ...] | None = ()
         if self._wire is not None:
@@ -302,20 +318,20 @@ class Transport(Actor):
         if motors is None or any(motor.written or motor.safe for motor in motors):
             return motors
         if holds and self._wire is not None:
-            return motors  # a hold that cannot be kept on an open link is the wire's to report (``hold_failed``)
+            return motors  # On an open link the wire itself reports a failed hold (``hold_failed``).
         if self._wire is not None:
             self._lose(WireDown(next((motor.detail for motor in motors), "nothing can be written")))
         if not lasts:
             return motors
-        # An order is written to a robot that has never been connected, too.
+        # An order counts for a robot that was never connected, too.
         reached: tuple[MotorReport, ...] | None = None
         with self._cut_by_a_stop(safe_state in SLOW):
             reached = await self._reach(safe_state, began_ns)
         return None if reached is None else reached or motors
 
     async def _look_where_held(self, motors: tuple[MotorReport, ...]) -> Observation | None:
-        """Read anew where a wire does not say at which targets it holds. What was read before the
-        hold would send back there what the next command does not name."""
+        """Read the robot after a hold whose report has no positions. With an older observation the next
+        command would move axes that it does not name back to where they were before."""
         if all(motor.target is not None or not motor.safe for motor in motors):
             return None
         try:
@@ -325,13 +341,12 @@ class Transport(Actor):
             return None
 
     async def _reach(self, safe_state: SafeState, began_ns: int) -> tuple[MotorReport, ...]:
-        """Make safe what can be written although there is no link. Empty: it was not done in
-        time."""
+        """Write the safe state although there is no link. Return no reports if it took too long."""
         if self._lost is None:
             self._lost = self._driver.open_wire(self.context.clock)
         passed_s = (self.context.clock.now_ns() - began_ns) / NS
         with trio.move_on_after(self._driver.timing.safe_s - REACH_MARGIN_S - passed_s):
-            # A wire that has no way of its own: what the root would do needs no handshake either.
+            # A wire that cannot do it leaves it to a new stop channel, which needs no handshake either.
             return await self._lost.reach(safe_state) or await attempt_anew(
                 self._driver, self.context.clock, safe_state
             )
@@ -425,7 +440,7 @@ class Transport(Actor):
         if self._owed.safe_state:
             await self._settle(number)
             if self.context.urgent_waiting:
-                return  # a stop: it does the same, now
+                return  # A stop waits, and will do the same.
         wire, open_s = self._driver.open_wire(self.context.clock), self._driver.timing.open_s
         opened = False
         try:
@@ -449,7 +464,7 @@ class Transport(Actor):
             self._back_off(why)
         except trio.Cancelled:
             if wire.handover():
-                wire.close()  # who makes safe in our place opens the port anew
+                wire.close()  # The process that stops the robot instead opens the port anew.
             raise
         else:
             if self._lost is not None:
@@ -460,13 +475,13 @@ class Transport(Actor):
             self._gate.tell(LinkUp(facts, observation))
 
     def descriptors(self) -> tuple[int, ...]:
-        """Of the wire that is open, as its root was handed them; for who makes safe when this actor
-        does not run any more, and owns them."""
+        """Return duplicates of the open wire's descriptors. The caller stops the robot with them when
+        this actor no longer runs, and has to close them."""
         wire = self._wire or self._lost
         return () if wire is None else tuple(os.dup(fd) for fd in wire.handover())
 
     def close(self) -> None:
-        """Release the port, after this actor has ended."""
+        """Close the port after this actor has ended."""
         for wire in (self._wire, self._lost):
             if wire is not None:
                 wire.close()
@@ -479,7 +494,7 @@ class Transport(Actor):
         serving.check()
 
     async def _settle(self, number: int) -> None:
-        """Write the safe state before anything is asked."""
+        """Write the safe state before a lost link is opened again."""
         safe_state = self._owed.order(self._driver.fallbacks[Reason.LINK])
         began_ns = self.context.clock.now_ns()
         with self._cut_by_a_stop(), self._busy(self._driver.timing.safe_s, number):
@@ -488,15 +503,15 @@ class Transport(Actor):
                 RESERVE.end_if_short()
             if any(motor.written for motor in motors):
                 if self._owed.unsettled_s(began_ns):
-                    motors = not_settled(motors)  # the stop that follows the new link waits for it
+                    motors = not_settled(motors)  # The stop after the next link-up waits for that.
                 self._report_safe(Reason.LINK, safe_state, self.epoch, began_ns, motors)
 
     def _cut_by_a_stop(self, may_be: bool = True) -> contextlib.AbstractContextManager[None]:
-        """What need not be finished. What the block assigns may then be missing."""
+        """Return a block that a waiting stop interrupts. Its assignments may then be missing."""
         return self.context.until_urgent() if may_be else contextlib.nullcontext()
 
     async def _hand_over(self, wire: Wire) -> None:
-        """No arming before the root has its own way to the hardware."""
+        """Give the root its way to the hardware, without which nothing is armed."""
         handover, handover_s = Handover(tuple(wire.handover())), self._driver.timing.handover_s
         until_s = trio.current_time() + handover_s
         while True:
@@ -504,7 +519,7 @@ class Transport(Actor):
                 answer = await self._guardian.ask(handover, handover_s)
                 break
             except (AskTimeout, Unreachable) as failure:
-                # Unreachable: a root that waits for a processor has not yet said what lives there.
+                # A root that waits for a processor is unreachable until it has announced its actors.
                 if isinstance(failure, AskTimeout) or trio.current_time() >= until_s:
                     raise WireDown(f"the root did not take its path to the hardware: {failure}") from failure
                 await trio.sleep(ROOT_AGAIN_S)
@@ -512,14 +527,15 @@ class Transport(Actor):
             raise WireDown(f"the root has no path to the hardware: {answer.reason}")
 
     def _lose(self, down: WireDown) -> None:
-        """What is owed a safe state stays open for it: the next cycle begins with that."""
+        """Close a lost link. If something may be energised it stays open, for the safe state that the
+        next cycle writes."""
         if self._wire is not None:
             if self._performing is not None:
                 self._performing.cancel()
             self._serving.scope.cancel()
             lost = self._lost = self._wire
             self._wire = None
-            # Most links that were up are lost by silence, for which a busy computer may be the reason.
+            # Most links are lost by silence, and a busy computer may be the reason for it.
             self._back_off(busy.explained(str(down)))
             if self._owed.safe_state:
                 self._open_at_ns = 0
@@ -534,7 +550,8 @@ class Transport(Actor):
 
     @contextlib.contextmanager
     def _waiting(self) -> Iterator[None]:
-        """For the robot, until a stop comes; longer than a heartbeat only if the driver says so."""
+        """Wait for the robot until a stop comes. If the driver declares that this may take longer than a
+        heartbeat, tell the watchdog."""
         with contextlib.ExitStack() as stack:
             if self._driver.timing.call_s:
                 stack.enter_context(self._busy(self._driver.timing.call_s))
@@ -543,8 +560,7 @@ class Transport(Actor):
 
     @contextlib.contextmanager
     def _busy(self, at_most_s: float, number: int = 0) -> Iterator[None]:
-        """A bounded operation: tell the watchdog, so that its silence is no sign of death, and when
-        it is over."""
+        """Tell the watchdog of a bounded operation, so that it does not miss replies meanwhile."""
         until_ns = self.context.clock.now_ns() + round(at_most_s * NS)
         self._watchdog.tell(Cycled(number, until_ns))
         try:
@@ -554,8 +570,8 @@ class Transport(Actor):
 
     @contextlib.contextmanager
     def _silent(self) -> Iterator[None]:
-        """An SDK may keep the interpreter's lock, and with it this whole process: only the root can
-        wait then."""
+        """Announce to root and standby that this process may be silent, because an SDK keeps the
+        interpreter's lock."""
         silent_s = self._driver.timing.silent_s
         if not silent_s:
             yield

@@ -1,19 +1,22 @@
-"""The watchdog owns time: it re-sends, expires and beats, each only when earned.
+"""The watchdog: re-send setpoints, let them expire, and send heartbeats, only while the chain works.
 
-Every tick it probes the gate; the gate looks at its deadlines and answers. Every cycle it asks the
-transport to read, and to re-send the last setpoint when one is due, *only if* in this period the
-writer (its lifetime and lease stand, says the gate), the gate (it answered) and the transport (it
-answered the last cycle) are all alive. A frozen link in that chain therefore stops the keepalive by
-itself.
+Every tick it probes the gate, which checks its deadlines and replies. Every control period it lets
+the transport read, and re-send the last setpoint under three conditions:
 
-To the root it beats on the same condition, without the writer: a wire process whose gate or
-transport does not answer is fenced from outside, whatever it believes of itself.
+    writer      the gate says that the setpoint is in force: its lifetime and lease have not ended
+    gate        it has replied to the probe
+    transport   it has replied to the last period
 
-A stream of setpoints that is as quick as its ticks brings them along (``Ticker``): with each that
-it accepts the gate looks at its deadlines and says so, as if it had been probed. When none comes
-the watchdog ticks by itself again.
+If any of them is frozen, the robot gets no more setpoints, and its own timeout can act.
 
-It reads no clock: what it does follows from its memory, the message, and when that was taken up.
+The heartbeat to the root needs the gate and the transport, but no writer. The root fences a wire
+process whose gate or transport does not reply.
+
+In a stream as fast as the ticks, every accepted setpoint makes the gate check its deadlines, as a
+probe would. The next tick is then put off (``Ticker``). When the stream pauses, the ticks come back.
+
+The watchdog reads no clock. A decision depends on its memory, the message, and the time at which the
+message was taken from the mailbox.
 """
 
 from __future__ import annotations
@@ -45,7 +48,7 @@ class Tick(Message, frozen=True):
 
 
 class Leave(Message, frozen=True):
-    """The watchdog to itself: nobody is left who could fence us. Make safe, then end."""
+    """A message of the watchdog to itself: the root is gone. Stop the robot, then exit."""
 
     lane = "urgent"
 
@@ -53,7 +56,7 @@ class Leave(Message, frozen=True):
 
 
 class WatchdogMemory(msgspec.Struct, frozen=True):
-    """All that a watchdog's decisions depend on, beside the message and when it was taken up."""
+    """Everything on which a watchdog's decisions depend, besides the message and its time."""
 
     probe: int
     cycle: int
@@ -70,10 +73,19 @@ class WatchdogMemory(msgspec.Struct, frozen=True):
 
 
 class Watchdog(Actor):
-    """``orphaned`` is called when the root is gone and the wire has been made safe; with whether it
-    has. ``heartbeat``: shared with the root. ``root`` tells how its process stands with the
-    processor. ``missed`` is called at a tick before which the root has said nothing new: who sees that
-    it dies tells ``RootGone``, before the system tells of its end."""
+    """Keep time for one wire process.
+
+    Args:
+        timing: The clocks of the driver.
+        gate: Address of the gate.
+        transport: Address of the transport.
+        orphaned: Called when the root is gone and the robot was stopped; True if that is confirmed.
+        heartbeat: The heartbeats of wire and root, on a shared page.
+        root: Read whether the root's process waits for a processor. One that waits is not silent.
+        missed: Called at a tick without a new heartbeat of the root. It looks whether the root is
+            dying and sends ``RootGone`` before the system reports its end.
+        late_s: Longest time after a cut-off in which a request may take effect (``Timing.late_s``).
+    """
 
     def __init__(
         self,
@@ -100,7 +112,7 @@ class Watchdog(Actor):
         self._ticked_ns = 0
         self._gate_answered = 0
         self._transport_answered = 0
-        self._answers_ns = [0, 0]  # when gate and transport were last heard
+        self._answers_ns = [0, 0]  # last replies of gate and transport
         self._busy_until_ns = 0
         self._alive = Alive(0, 0, False)
         self._root_stands = root
@@ -163,7 +175,7 @@ class Watchdog(Actor):
         if now_ns >= self._cycle_at_ns:
             self._start_cycle(now_ns)
         if self._chain_answered(now_ns):
-            self.context.saw((now_ns,))  # a number alone, in a replay, is what was heard of the root
+            self.context.saw((now_ns,))  # A tuple, since a plain number means the root's heartbeat in a replay.
             self._heartbeat.beat(now_ns)
 
     def _start_cycle(self, now_ns: int) -> None:
@@ -174,8 +186,8 @@ class Watchdog(Actor):
         self._transport.tell(Cycle(self._cycle, resend, answered))
 
     def _chain_answered(self, now_ns: int) -> bool:
-        """Gate and transport have both been heard within the heartbeat's lifetime, or the transport
-        said until when it is busy."""
+        """True if gate and transport have replied recently. A transport that has announced to be busy
+        counts until then."""
         gate_ns, transport_ns = self._answers_ns
         limit_ns = now_ns - self._heartbeat_ttl_ns // 2 - self._cycle_ns
         return gate_ns >= limit_ns and (transport_ns >= limit_ns or now_ns < self._busy_until_ns)
@@ -187,8 +199,8 @@ class Watchdog(Actor):
         self.context.me.tell(Leave(why))
 
     async def _leave(self, why: str) -> None:
-        """Nobody is left who could fence us: make safe, then end. Asked again, a gate with nothing
-        energised has nothing to do, and any other one tries again."""
+        """Stop the robot and exit, since no root is left that could fence this process. The stop is
+        ordered twice if it is not confirmed at once."""
         confirmed = False
         try:
             for _ in range(ASKS):
@@ -197,11 +209,11 @@ class Watchdog(Actor):
                 if confirmed:
                     break
         except (AskTimeout, Unreachable):
-            pass  # whoever hears of it goes past gate and transport
+            pass  # ``orphaned(False)`` then stops the robot without gate and transport.
         finally:
             self._orphaned(confirmed)
 
-    # -- for a recorder
+    # -- recordings
 
     def memory(self) -> WatchdogMemory:
         return WatchdogMemory(
@@ -220,7 +232,7 @@ class Watchdog(Actor):
         )
 
     def recall(self, memory: WatchdogMemory) -> None:
-        """Go on from there."""
+        """Restore a memory, for a replay."""
         self._probe, self._cycle, self._cycle_at_ns = memory.probe, memory.cycle, memory.cycle_at_ns
         self._ticked_ns = memory.ticked_ns
         self._gate_answered, self._transport_answered = memory.gate_answered, memory.transport_answered
