@@ -1,9 +1,10 @@
-"""How long those who order a stop wait: what the driver says that one may take (``Timing.safe_s``),
-and some room; and, where something that was asked for before may still take effect, what they wait
-for that (``settle_s``).
+"""How long to wait for a stop.
 
-A wire that takes long because its robot does (a drone that lands) must not be fenced for it: the
-stop channel would begin anew what the wire has begun.
+A deadline is the time that a stop may take by the driver (``Timing.safe_s``) and some margin. If an
+earlier request may still take effect, the wait for it is added (``settle_s``).
+
+A robot may need long to be safe, as a drone that lands. Its wire must not be fenced meanwhile, since
+the stop channel would begin the landing anew.
 """
 
 from __future__ import annotations
@@ -13,28 +14,27 @@ from typing import NamedTuple
 from strands_actors.contract.driver import Timing
 
 ROOM_S = 0.5
-"""For messages, and a process that waits for a processor."""
+"""Margin for messages and for a process that waits for a processor."""
 FENCE_ROOM_S = 1.0
-"""For a process to be killed, and its end to be seen."""
+"""Time to kill a process and to see its end."""
 OWN_STOP_S = 0.25
-"""A tree that ends gives the wire's own stop so long, of a robot that is safe as quickly as
-most."""
+"""Time for the wire's own stop when the tree ends, for a robot with the usual ``safe_s``."""
 USUAL_SAFE_S = Timing(control_hz=1.0, keepalive_s=1.0).safe_s
 
 
 class StopDeadlines(NamedTuple):
     longer_s: float
-    """How much longer than most robots this one needs until it is safe."""
+    """How much longer than usual this robot needs until it is safe."""
     gate_s: float
-    """Who asked the gate."""
+    """For the gate's reply to a stop."""
     attempt_s: float
-    """One attempt by a stop channel; who takes longer hangs."""
+    """For one attempt of a stop channel. One that takes longer hangs."""
     root_s: float
-    """Who asked the root, which fences the wire and makes an attempt of its own."""
+    """For the root's reply to a stop: it fences the wire and makes an attempt itself."""
     own_stop_s: float
-    """The root that ends, for the wire's own stop, before it fences."""
+    """For the wire's own stop when the root ends. Then the root fences it."""
     end_s: float
-    """Who asked the root to end."""
+    """For the root's end."""
 
     @classmethod
     def of(cls, safe_s: float, late_s: float = 0.0) -> StopDeadlines:
@@ -60,6 +60,6 @@ class StopDeadlines(NamedTuple):
 
 
 def settle_s(safe_s: float, late_s: float) -> float:
-    """Return how much longer a stop takes when something may take effect for ``late_s`` more: until
-    that time has passed, and one more attempt."""
+    """Return how much longer a stop takes if a request may still take effect for ``late_s``: that time
+    and one more attempt."""
     return late_s + safe_s if late_s else 0.0

@@ -1,11 +1,18 @@
-"""The page of memory that root, wire and standby of one robot share, and what stands where on
-it.
+"""The page of memory that root, wire and standby of one robot share.
 
-Whether something may be energised stands here because the standby can ask nobody: a wire that is
-killed while it makes safe leaves a standby that acts; one that has made safe, a standby that ends.
-Which safe state was ordered stands here because another process may have to bring it about than the
-one that was asked. So does what the wire has asked of the robot and the robot has not yet answered:
-it may take effect after the wire's death, and after a safe frame that another process wrote.
+    words          written by       read by         content
+    heartbeats     each process     the others      the time of the last heartbeat
+    owed           wire, root       standby, root   something may be energised
+    silent         wire             standby         until when the wire may send no heartbeat
+    ordered        each process     each process    the most severe safe state that is not confirmed yet
+    stopped        root             wire            when the root was last ordered to stop the robot
+    wire pid       root             standby         the wire process that was started last
+    late           wire             root, standby   a request that may still take effect
+
+These facts are in shared memory and not in messages, because a process that acts after another's
+death can no longer ask it. A standby acts only if something may be energised. It brings the robot to
+the safe state that was ordered from the dead process. It writes again while a request of the wire may
+still take effect.
 """
 
 from __future__ import annotations
@@ -15,31 +22,33 @@ from strands_actors.kernel.clock import NS
 from strands_actors.kernel.health.heartbeat import Word, private_page
 
 ROOT, WIRE, STANDBY = range(3)
-"""Places of heartbeats."""
+"""Indices of the heartbeats."""
 _OWED, _SILENT, _ORDERED, _STOPPED, _WIRE_PID, _LATE = 3, 4, 5, 6, 7, 8
 _BY_SEVERITY = tuple(SafeState)
 
 
 class Owed:
-    """What the standby must know of a wire that can no longer be asked."""
+    """The words of the page about what a robot still needs.
+
+    Args:
+        words: The shared page; None for a private one.
+    """
 
     def __init__(self, words: memoryview | None = None) -> None:
-        """None: nobody shares it."""
         page = private_page() if words is None else words
         self._owed = Word(page, _OWED)
         self._silent = Word(page, _SILENT)
-        self._ordered = Word(page, _ORDERED)  # a severity; 0: nothing, or the mildest
+        self._ordered = Word(page, _ORDERED)  # a severity; 0 for none, or for the mildest
         self._stopped = Word(page, _STOPPED)
         self._wire_pid = Word(page, _WIRE_PID)
-        # Negative: a request is under way that may take effect so long after it is cut off.
-        # Positive: one was cut off, and may take effect until then. 0: neither.
+        # Negative: a request is running, and may take effect so long after a cut-off.
+        # Positive: a request was cut off, and may take effect until this time. 0: neither.
         self._late = Word(page, _LATE)
 
     @property
     def safe_state(self) -> bool:
-        """Return whether something may be energised: from before arming until every motor has
-        confirmed the safe state of a stop. Written by the wire, and by the root once that has made
-        safe in its place."""
+        """True if something may be energised: from before an arming until every motor has confirmed a
+        stop. Written by the wire, and by the root when it stops the robot instead."""
         return self._owed.get() != 0
 
     @safe_state.setter
@@ -48,7 +57,7 @@ class Owed:
 
     @property
     def silent_until_ns(self) -> int:
-        """The wire may not beat until then: an SDK keeps the interpreter's lock."""
+        """Until then the wire may send no heartbeat, because an SDK keeps the interpreter's lock."""
         return self._silent.get()
 
     @silent_until_ns.setter
@@ -57,7 +66,7 @@ class Owed:
 
     @property
     def stopped_ns(self) -> int:
-        """When the root was last told to stop the robot: a wire that begins has to know. 0: never."""
+        """When the root was last ordered to stop the robot, for a wire that starts later; 0 for never."""
         return self._stopped.get()
 
     @stopped_ns.setter
@@ -66,8 +75,8 @@ class Owed:
 
     @property
     def wire_pid(self) -> int:
-        """The wire process that was started last; 0: none, or it had ended when the root looked. Written
-        by the root, which may end before it has told the standby of a new one."""
+        """Process id of the wire that was started last; 0 if there is none, or it has ended. The root
+        writes it here, since it may end before it has sent it to the standby."""
         return self._wire_pid.get()
 
     @wire_pid.setter
@@ -78,52 +87,57 @@ class Owed:
 
     @property
     def is_asking(self) -> bool:
-        """Return whether the wire process has a request under way that may take effect later."""
+        """True while a request of the wire is running that may take effect later."""
         return self._late.get() < 0
 
     def ask(self, late_ns: int) -> None:
-        """Note that a request is under way.
+        """Note that a request is running.
 
         Args:
-            late_ns: How long it may still take effect after it is cut off.
+            late_ns: Longest time after a cut-off in which it may still take effect.
         """
         self._late.set(-late_ns)
 
     def settle_at(self, until_ns: int) -> None:
-        """Note that no request is under way, and until when an earlier one may take effect."""
+        """Note that no request is running, and until when an earlier one may take effect."""
         self._late.set(until_ns)
 
     def cut_off(self, now_ns: int) -> None:
-        """Note that the wire process has ended, and with it a request that was under way."""
+        """Note that the wire process has ended, which cuts off a running request."""
         late = self._late.get()
         if late < 0:
             self._late.set(now_ns - late)
 
     def unsettled_s(self, now_ns: int) -> float:
-        """Return for how long something that was asked for may still take effect.
+        """Return for how many seconds a request may still take effect.
 
-        A safe state counts as confirmed only if the attempt that confirms it began when this was 0.
+        A safe state is confirmed only by an attempt that began when this was 0.
         """
         late = self._late.get()
         return -late / NS if late < 0 else max(0.0, (late - now_ns) / NS)
 
-    # -- what was ordered
+    # -- the ordered safe state
 
     def order(self, safe_state: SafeState, lasts: bool = True) -> SafeState:
-        """Note an order to make safe, if it ``lasts`` until it is confirmed. Return where to bring the
-        robot: there, or to a more severe state that was ordered before and not confirmed since. An
-        e-stop whose link is lost, or whose wire is frozen, is not answered by the milder state that
-        such a fault leads to."""
+        """Note an order and return the safe state to bring the robot to.
+
+        It is the more severe one of this order and of earlier orders that are not confirmed. Otherwise
+        a fault during an e-stop (a lost link, a frozen wire) would end in its own, milder state.
+
+        Args:
+            safe_state: The ordered safe state.
+            lasts: True if the order counts until it is confirmed.
+        """
         wanted = SafeState(safe_state).or_more(_BY_SEVERITY[self._ordered.get()])
         if lasts:
             self._ordered.set(wanted.severity)
         return wanted
 
     def confirm(self, safe_state: SafeState) -> None:
-        """Note that every motor has confirmed it."""
+        """Note that every motor has confirmed a safe state."""
         if SafeState(safe_state).severity >= self._ordered.get():
             self.begin_anew()
 
     def begin_anew(self) -> None:
-        """Forget what was ordered: it is confirmed, or the robot is armed by a later order."""
+        """Forget the orders, after a confirmation or before an arming."""
         self._ordered.set(0)

@@ -1,9 +1,8 @@
-"""Keeps the stop channels that a wire hands over: the root's own, ready to be used at once, and the
-standby's.
+"""Keep the stop channels of root and standby ready.
 
-A wire's link counts as up only when both could be used. The root's is closed before the next wire
-opens the port, which is locked while it is open. The gate is told when the standby, or the root's
-channel, could not be used at once any more: nothing is armed until it can.
+A wire hands over the descriptors for both when it opens. Its link counts as up only when both channels
+are ready. The root's channel is closed before the next wire opens the port, since an open port is
+locked. When one of the channels is no longer ready, the gate is told, and arms nothing until it is.
 """
 
 from __future__ import annotations
@@ -28,12 +27,21 @@ from .guarded import GuardedStandby
 from .stop_channel import serve
 
 AGAIN_S = 0.5
-"""A controller may still count the session of the standby that has ended."""
+"""Pause before another attempt. A controller may still count the session of a standby that has
+ended."""
 
 
 class ChannelKeeper:
-    """``standby``: None in tests of one process. ``broken`` is told when the root's own channel was
-    lost, and why. ``own``: the root's, while it has one."""
+    """The stop channels of one robot.
+
+    Args:
+        driver: The driver of the robot.
+        standby: The standby; None in tests with one process.
+        broken: Called with the reason when the root's channel is lost.
+
+    Attributes:
+        own: The root's channel; None while there is none.
+    """
 
     def __init__(self, driver: Driver, standby: GuardedStandby | None, broken: Callable[[str], None]) -> None:
         self._driver = driver
@@ -42,17 +50,22 @@ class ChannelKeeper:
         self.own: StopChannel | None = None
         self._standby_problem = self._lacks = ""
         self._scope = trio.CancelScope()
-        self._again = trio.CancelScope()  # of a handover to a standby that replaces another
+        self._again = trio.CancelScope()  # of a handover to a new standby
 
     def begin(self, context: Context, gate: Ref, transport: Ref) -> None:
-        """``context``: of the actor that keeps it. ``gate``: told whether the standby guards.
-        ``transport``: asked to hand over again."""
+        """Start.
+
+        Args:
+            context: The context of the guardian.
+            gate: The gate, which is told whether both channels are ready.
+            transport: The transport, which is asked to hand over again.
+        """
         self._context = context
         self._gate = gate
         self._transport = transport
 
     def take(self, message: Handover) -> Deferred | Refused:
-        """Answered when the path could be used at once, and the standby's too."""
+        """Open the channels with the descriptors of a wire. The reply comes when both are ready."""
         if message.again:
             self._again.cancel()
             self._again = trio.CancelScope()
@@ -79,14 +92,14 @@ class ChannelKeeper:
         return deferred
 
     def look(self) -> None:
-        """Tell the gate when the root's channel lacks something, and when it does not any more."""
+        """Tell the gate when the root's channel begins or ends to lack something."""
         lacks = "" if self.own is None else self.own.lacks
         if lacks != self._lacks:
             self._lacks = lacks
             self._tell_gate()
 
     def tell_standby(self, problem: str) -> None:
-        """Tell the gate why there is no standby; empty: there is one."""
+        """Tell the gate why there is no standby; an empty text means that there is one."""
         self._standby_problem = problem
         self._tell_gate()
 
@@ -94,7 +107,7 @@ class ChannelKeeper:
         self._gate.tell(StandbyIs(self._standby_problem or self._lacks))
 
     async def let_go(self) -> None:
-        """Close both: they would keep the next wire from the port."""
+        """Close both channels, since they would keep the next wire from the port."""
         self._drop()
         if self.standby is not None:
             await self.standby.let_go()
@@ -102,7 +115,7 @@ class ChannelKeeper:
     async def _keep(
         self, path: StopChannel, scope: trio.CancelScope, deferred: Deferred, spare: tuple[int, ...]
     ) -> None:
-        """``spare``: descriptors for the standby."""
+        """Serve the root's channel, and give the standby its descriptors (``spare``)."""
         ready = False
         guarded = trio.Event()
         refusal: Refused | None = None
@@ -125,13 +138,13 @@ class ChannelKeeper:
                 if ready:
                     self._broken(f"the root has lost its way to the hardware: {why}")
                 else:
-                    deferred.send(Refused(Code.NO_STOP_CHANNEL, why))  # the wire tries again by itself
+                    deferred.send(Refused(Code.NO_STOP_CHANNEL, why))  # The wire will try again.
 
     async def _answer_guarded(
         self, scope: trio.CancelScope, deferred: Deferred, descriptors: tuple[int, ...]
     ) -> None:
-        """Ends with the channels of the wire that hands over. Until the standby has one, that wire is
-        asked again: it does not try by itself, as it does when it opens."""
+        """Give a new standby a channel. Until it has one, ask the wire again, since a wire that is open
+        does not try by itself."""
         answer: HandedOver | Refused | None = None
         with scope:
             answer = await self._guard(descriptors) or HandedOver()
@@ -143,7 +156,7 @@ class ChannelKeeper:
             deferred.send(Refused(Code.NO_STOP_CHANNEL, "the wire has closed its link"))
 
     async def _guard(self, descriptors: tuple[int, ...]) -> Refused | None:
-        """Have the standby guard the hardware, and tell the gate. Closes the descriptors."""
+        """Give the standby its channel and tell the gate. The descriptors are closed."""
         try:
             if self.standby is None:
                 return None
@@ -165,7 +178,7 @@ class ChannelKeeper:
 
 
 def _duplicates(descriptors: Sequence[int]) -> tuple[int, ...]:
-    """Raise ``OSError``, with none made."""
+    """Return duplicates of all descriptors. Raise ``OSError``; then none stays open."""
     made: list[int] = []
     try:
         for fd in descriptors:

@@ -1,13 +1,16 @@
-"""The guardian keeps the wire group, and holds the stop channel to the hardware.
+"""The guardian: the root's actor that keeps a wire running, and stops the robot when it does not.
 
-When the wire process stops beating, or dies: write the safe frame by the root's own descriptors, then
-**fence** the wire (SIGKILL, and wait for its end: a paused owner that resumes would write again),
-then write again and have every motor confirm it. The first frame is for a root that dies in
-between: before it the wire is alive and acts when its root is gone, after it the robot has been
-told.
+When the wire process is silent or dies, the guardian
 
-What is not confirmed is tried again: for a while before the next wire is started, closed; when
-there is no next one, because the tree ends, for ``LINGER_S``.
+1. writes the safe frame by the root's stop channel,
+2. fences the wire: kills it and waits for its end, since a frozen process would write again,
+3. writes the safe frame again, and reads every motor back.
+
+The first frame covers the death of the root between 1 and 3. Before it, the wire is alive and stops
+the robot when it misses its root. After it, the robot has got the safe frame.
+
+An unconfirmed stop is repeated for ``INSIST_S`` before the next wire is started. If the tree ends,
+and no other wire follows, it is repeated for ``LINGER_S``.
 """
 
 from __future__ import annotations
@@ -53,30 +56,42 @@ from .stop_channel import INSIST_S, LINGER_S, all_safe, attempt, attempt_anew, p
 from .stopped_detector import LOOK_EVERY, LOOKS, StoppedDetector
 
 START_DEADLINE_S = 5.0
-"""From a wire process' start to its first heartbeat: a quarter of a second of computing, half for
-one that imports an SDK, on a machine that gives it a tenth of a processor. One that is stopped is
-noticed at once, and one that has handed its port over is listened to as if it had beaten: what it
-may have energised waits for no deadline."""
+"""Longest time from the start of a wire process to its first heartbeat. It computes for a quarter of
+a second, half a second with an SDK, and may get a tenth of a processor. A stopped process is noticed
+earlier. After its handover a wire must send heartbeats at once, since it may have energised the
+robot."""
 RENEW_PAUSE_S = 0.05
 FENCE_AGAIN_S = 0.1
 END_S = 0.5
-"""For a wire that has confirmed its stop to end by itself: it is fenced then."""
+"""Time for a wire that has confirmed its stop to exit. Then it is fenced."""
 DYING = "the wire process dies"
-"""Why a wire is broken, until its end says how."""
+"""The reason for a broken wire until its exit code is known."""
 
 
 class WireBroken(Exception):
-    """The wire group has ended; it was fenced and the robot made safe."""
+    """The wire has ended. It was fenced, and the robot was stopped."""
 
 
 class Guardian(Actor):
-    """``start_wire(start, cause)`` starts the wire group from a failsafe state, with what led to
-    it, and returns it. ``gate`` is told when one of the processes that ``writers`` names has
-    been stopped, and when the lock of an e-stop is kept by the ``keeper``. ``on_report`` is told
-    what became of each attempt to make the robot safe, ``on_dying`` of a writer that has been
-    killed and waits for a processor to die on. ``standby``: None in tests of one process. ``owed``:
-    what the standby has to know of the wire. ``on_failed`` is called after each attempt that was not
-    confirmed."""
+    """Keep the wire of one robot.
+
+    Args:
+        driver: The driver of the robot.
+        heartbeat: The heartbeats of root and wire, on a shared page.
+        start_wire: Start a wire from a failsafe state, with the cause of that state.
+        on_state: Called at each change of the failsafe state.
+        gate: Address of the gate. It is told when a writer was stopped (SIGSTOP), and when the lock
+            of an e-stop is on the disk.
+        writers: Return the process ids that may write setpoints.
+        keeper: Writes the locks of e-stops; None in tests with one process.
+        on_report: Called with the result of each stop that the guardian makes.
+        on_dying: Called with a writer that was killed and has not exited yet.
+        standby: The standby; None in tests with one process.
+        transport: Address of the transport.
+        owed: The shared page on which the standby reads what may be energised.
+        on_decided: Called with each decision of the gate, for the audit.
+        on_failed: Called after each unconfirmed attempt.
+    """
 
     def __init__(
         self,
@@ -105,7 +120,7 @@ class Guardian(Actor):
         self._on_dying = on_dying
         self._transport_address = transport
         self._owed = owed or Owed()
-        self._lives: dict[int, Life] = {}  # of the writers, when they were last looked at
+        self._lives: dict[int, Life] = {}  # the writers as last observed
         self.stopped_detector = StoppedDetector(lambda pid: self._lives[pid].stopped)
         self.channels = ChannelKeeper(driver, standby, lambda why: self._break(Reason.WIRE, why))
         self._keeper = keeper
@@ -115,25 +130,25 @@ class Guardian(Actor):
         self.last_report: StopReport | None = None
         self._confirmed = True
         self._leaving = self._released = False
-        self._is_last = False  # there will be no other wire
+        self._is_last = False  # no other wire will be started
         self._ticks = 0
-        self._guarded: GuardedWire | None = None  # of the wire that lives
+        self._guarded: GuardedWire | None = None  # the running wire
         self._stopped_looks = 0
         self._failure_detector = self._listen()
         self._silent_until_ns = 0
-        self._renews = False  # this life of the wire ends because its process is spent
+        self._renews = False  # this wire is replaced because its SDK hangs
         self._broken = trio.Event()
         self._why = (Reason.WIRE, "")
-        self.idle = trio.Event()  # no wire group runs, and nothing more is done about what the last one left
+        self.idle = trio.Event()  # set while no wire runs, and the stop after the last one is over
         self.idle.set()
-        self.reported = trio.Event()  # since the present wire's end, or there is none to report
+        self.reported = trio.Event()  # set when the stop after the last wire was reported
         self.reported.set()
         self._again = trio.Event()
         self._waiting: list[Deferred] = []
-        self._ordered = SafeState.HOLD  # the most severe since the present wire was started
-        self._was_told = False  # the present wire has said how it stands
-        self._begins_locked = False  # the present wire knows of a lock since its start
-        self._alone = trio.Lock()  # between two wires: who makes safe, or starts the next one
+        self._ordered = SafeState.HOLD  # the most severe order since this wire was started
+        self._was_told = False  # this wire has reported its state
+        self._begins_locked = False  # this wire was started with a lock
+        self._alone = trio.Lock()  # held by the task that stops the robot between two wires, or starts the next
         self._attempting: trio.CancelScope | None = None
         self._attempting_state = self._usual
 
@@ -157,12 +172,12 @@ class Guardian(Actor):
                 self._renews = True
                 self._break(Reason.WIRE, message.why)
             case StateIs():
-                if self._guarded is not None:  # the dead say nothing any more
+                if self._guarded is not None:  # else it is a late message of a wire that has ended
                     if self._broken.is_set() and self.state.locked_by and not message.locked_by:
-                        # Told before its end: it has not heard of an e-stop that came to us.
+                        # It was sent before the wire's end, without the e-stop that the root was asked for.
                         message = msgspec.structs.replace(message, locked_by=self.state.locked_by)
                     self.state = message
-                    if not self._was_told:  # a gate is there, and its link is not up yet
+                    if not self._was_told:  # The gate has started, and its link is not up yet.
                         self._was_told = True
                         self._tell_stopped()
                     self._confirmed = message.mode in SAFE
@@ -179,7 +194,7 @@ class Guardian(Actor):
         return None
 
     def _listen(self, look: Callable[[], Standing | None] = lambda: None) -> FailureDetector:
-        """To another wire than before."""
+        """Return a failure detector for a new wire."""
         self._heartbeat.forget()
         timing = self._driver.timing
         return FailureDetector(timing.heartbeat_ttl_s, timing.tick_s, look)
@@ -198,7 +213,7 @@ class Guardian(Actor):
             self._break(Reason.WIRE, busy.explained(f"the wire process stopped answering ({silent})"))
 
     def _look_at_wire(self) -> None:
-        """One that dies is not waited for: its end is told after its memory was taken."""
+        """Notice a wire that is dying. The system reports its end only after its memory was freed."""
         guarded = self._guarded
         if guarded is not None and self._failure_detector.heard_ns and not self._released and guarded.dying():
             self._break(Reason.WIRE, DYING)
@@ -212,7 +227,7 @@ class Guardian(Actor):
                 self._on_dying(pid)
 
     def _look_at_start(self) -> None:
-        """A wire that was stopped before its first heartbeat is not missed by its silence."""
+        """Notice a wire that was stopped (SIGSTOP) before its first heartbeat, which no silence shows."""
         if self._guarded is None or self._failure_detector.heard_ns:
             return
         standing = self._guarded.standing()
@@ -228,20 +243,20 @@ class Guardian(Actor):
     # -- the standby, and the lock of an e-stop
 
     def lose_standby(self, why: str) -> None:
-        """What moves goes on: root and wire are both there. Nothing is armed before there is
-        another."""
+        """Note that there is no standby. A robot that moves goes on, since root and wire both run.
+        Nothing is armed before there is another one."""
         self.context.note(Happened("there is no standby", why))
         if self._guarded is not None:
             self.channels.tell_standby(f"{why}; another is being started")
 
     def begin_standby(self) -> None:
-        """A new one has begun. The wire that is open hands over again; one that is not does when it
+        """Give a new standby a stop channel: an open wire hands over again. A closed one does it when it
         opens."""
         if self._guarded is not None and self.channels.own is not None:
             self._transport.tell(HandOverAgain())
 
     def _keep_lock(self) -> None:
-        """On the disk, and tell the gate when it is."""
+        """Write the lock to the disk, and tell the gate when it is there."""
         state = self.state
         if self._keeper is not None:
             self._keeper.want(state.locked_by)
@@ -256,7 +271,7 @@ class Guardian(Actor):
         return Kept("") if self._keeper is None else await self._keeper.kept(by)
 
     async def _answer_fence(self, waiting: Deferred, report: StopReport) -> None:
-        """When its lock is on the disk, too."""
+        """Reply to an order when its lock is on the disk."""
         kept = await self._kept(self.state.locked_by)
         waiting.send(msgspec.structs.replace(report, note=kept.problem) if self.state.locked_by else report)
 
@@ -272,12 +287,12 @@ class Guardian(Actor):
             self.context.start_soon(self._answer_fence, deferred, report)
             return deferred
         self._ordered = self._ordered.or_more(self._owed.order(ordered))
-        if ordered.severity > usual.severity:  # it is not safe as this wants it
+        if ordered.severity > usual.severity:  # The confirmed state is milder than the ordered one.
             self._confirmed, self._owed.safe_state = False, True
         self._waiting.append(deferred)
         self._again.set()
         if self._attempting is not None and ordered.severity > self._attempting_state.severity:
-            self._attempting.cancel()  # a landing takes seconds
+            self._attempting.cancel()  # for example a landing, which takes seconds
         if self._guarded is None and self.idle.is_set():
             self.context.start_soon(self.serve_waiting)
         else:
@@ -285,29 +300,29 @@ class Guardian(Actor):
         return deferred
 
     def _tell_stopped(self) -> None:
-        """Tell the gate of a stop that was answered without it: no resume from before that counts."""
+        """Tell the gate of a stop that was made without it, so that it refuses an earlier resume."""
         if self._guarded is not None and self._owed.stopped_ns:
             self._gate.tell(StoppedAt(self._owed.stopped_ns))
 
     @property
     def _usual(self) -> SafeState:
-        """Return what the end of a wire by itself leads to."""
+        """Return the safe state for the end of a wire."""
         return SafeState(self._driver.fallbacks[Reason.WIRE])
 
     def _covering(self, message: Fence, ordered: SafeState) -> StopReport | None:
-        """Return a report of this robot that answers an order, when nothing has to be done for it."""
+        """Return an earlier report that already fulfils an order; None if something has to be done."""
         report = self.last_report
         if report is None or not self._confirmed or not SafeState(report.safe_state).at_least(ordered):
             return None
         if self._guarded is None:
             return report if self.reported.is_set() else None
-        # A wire that begins has energised nothing, and each that is ended costs of the restarts. Of a
-        # lock it has to know from its start.
+        # A starting wire has energised nothing, and ending it would use up a restart. But it must know
+        # a lock from its start.
         knows = not message.lock or self._begins_locked
         return report if knows and not self._failure_detector.heard_ns else None
 
     async def serve_waiting(self) -> None:
-        """For orders that come while there is no wire. The next one waits for it."""
+        """Carry out orders that come while there is no wire. The next wire is started afterwards."""
         async with self._alone:
             if self._guarded is None and self._waiting:
                 await self._make_safe(self.state.epoch)
@@ -458,23 +473,24 @@ class Guardian(Actor):
         return unsettled
 
     async def _fence_guarded(self, guarded: GuardedWire) -> bool:
-        """Write, then fence. A root that dies in between leaves a wire that acts by itself, or a
-        safe robot.
+        """Write the safe frame, then fence the wire.
 
-        Only where the wire is broken. A root that ends while its wire is well fences first: that
-        wire could write a setpoint after the safe frame. The wire would make safe by itself if the
-        root died before the fence."""
+        A root that dies in between leaves a wire that stops the robot by itself, or a robot that has
+        got the safe frame. This order is for a broken wire only. A working wire is fenced first, since
+        it could write a setpoint after the safe frame; if the root dies before the fence, that wire
+        stops the robot by itself.
+        """
         async with trio.open_nursery() as nursery:
             if self.channels.own is not None and guarded.alive and self._broken.is_set():
                 nursery.start_soon(attempt, self.channels.own, self._driver, self._wanted())
-                for _ in range(2):  # by the second one it has run, as far as its first wait
+                for _ in range(2):  # The attempt has then run up to its first wait: the frame left.
                     await trio.lowlevel.checkpoint()
             fenced = await self._fenced(guarded)
             nursery.cancel_scope.cancel()
         return fenced
 
     async def _fenced(self, guarded: GuardedWire) -> bool:
-        """Fence it. Whatever fails, the robot is made safe all the same."""
+        """Fence a wire. Return False if that failed; the robot is stopped in any case."""
         try:
             return await guarded.fence()
         except Exception as error:
@@ -483,9 +499,9 @@ class Guardian(Actor):
             return False
 
     async def _insist(self, epoch: int, for_s: float) -> None:
-        """Make safe until every motor confirms it, or the time is over: ``LINGER_S`` when the tree
-        ends. What was safe by the gate's word is written to once: a motor that says nothing may be
-        one that is not there."""
+        """Stop the robot until every motor confirms it, or the time is over (``LINGER_S`` when the tree
+        ends). If the gate had confirmed it before, one attempt is enough, since a motor that does not
+        answer may not exist."""
         was_safe = self._confirmed
         began_s = trio.current_time()
         for pause_s in pauses_s():
@@ -508,8 +524,11 @@ class Guardian(Actor):
         return self._owed.unsettled_s(self.context.clock.now_ns())
 
     def _wanted(self) -> SafeState:
-        """Return where to bring the robot: what was ordered stands on the page, and here, since a wire
-        that is about to end may still confirm it, and clear the page."""
+        """Return the safe state to bring the robot to.
+
+        The most severe order is on the shared page and in this actor, because a wire that is ending may
+        still confirm a milder order and clear the page.
+        """
         return self._owed.order(self._usual.or_more(self._ordered), lasts=False)
 
     async def _make_safe(self, epoch: int) -> None:
@@ -522,16 +541,15 @@ class Guardian(Actor):
             if self.channels.own is not None:
                 motors = await self._settled(partial(attempt, self.channels.own, self._driver, safe_state))
             elif not self._confirmed or safe_state.severity > self._usual.severity:
-                # This wire had not come so far as to energise anything, and what the one before left is
-                # as it was.
+                # This wire has energised nothing, but the robot may be in the state that an earlier one left.
                 motors = await self._settled(partial(attempt_anew, self._driver, self.context.clock, safe_state))
         self._attempting = None
         if not all_safe(motors):
             self._on_failed()
         if not safe_state.at_least(self._wanted()):
             self._confirmed = False
-            return  # an order has come meanwhile that wants more: the next attempt is for all
-        if motors:  # else nothing was attempted, and it is as it was
+            return  # A more severe order has come meanwhile. The next attempt is for all orders.
+        if motors:  # Otherwise nothing was attempted, and nothing has changed.
             self._confirmed = all_safe(motors)
         if self._confirmed:
             self._owed.safe_state = False

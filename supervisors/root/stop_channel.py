@@ -1,8 +1,8 @@
-"""Making a robot safe without its wire process: one attempt, and how often there is another.
+"""Stop a robot without its wire: one attempt, and the pauses between attempts.
 
-The guardian does so after a fence, a wire process whose root is gone when its own chain could not.
-What an attempt does not confirm is tried again: a cable comes back, a servo that was talked over
-hears the next frame.
+The guardian uses it after a fence, the standby when neither root nor wire is left, and a wire process
+without a root when its own gate and transport do not reply. An unconfirmed attempt is repeated, since
+a cable may be plugged in again, and a servo may hear the next frame.
 """
 
 from __future__ import annotations
@@ -23,19 +23,17 @@ from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.page import Owed
 
 AGAIN_S = (0.1, 0.5, 1.0, 2.0)
-"""Pauses between attempts; the last one goes on."""
+"""Pauses between attempts; the last one is repeated."""
 INSIST_S = 2.0
-"""How long the guardian tries before it starts the next wire all the same, which then goes on with
-it. A serial port is open in one process only, and it is the wire that can tell a person which motor
-is missing."""
+"""How long the guardian tries before it starts the next wire, which then continues. Only one process
+can open a serial port, and the wire can name the motor that is missing."""
 LINGER_S = 60.0
-"""How long a process without a caller or root stays for a robot that is not confirmed safe."""
+"""How long the last process of a tree keeps trying to stop a robot that is not confirmed safe."""
 UNSETTLED = "an arming or service that was cut off may still take effect"
 
 
 async def serve(path: StopChannel, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-    """As ``path.serve``, after the hosts that it will connect to have been looked up. Raise
-    ``WireDown``."""
+    """Look up the hosts that a stop channel connects to, then serve it. Raise ``WireDown``."""
     for host in path.hosts:
         try:
             await look_up(host, 0)
@@ -45,15 +43,23 @@ async def serve(path: StopChannel, task_status: trio.TaskStatus[None] = trio.TAS
 
 
 async def attempt(path: StopChannel, driver: Driver, safe_state: SafeState) -> tuple[MotorReport, ...]:
-    """Make safe by ``path``, with what this process holds in reserve. Never raises: whatever fails is
-    a report of motors that were not reached."""
+    """Stop the robot by a stop channel. Never raises.
+
+    Args:
+        path: The stop channel.
+        driver: The driver of the robot.
+        safe_state: The safe state to write.
+
+    Returns:
+        A report of each motor. If the channel fails, all of them are not reached.
+    """
     within_s = StopDeadlines.of(driver.timing.safe_s).attempt_s
     try:
         with RESERVE.freed(), trio.fail_after(within_s):
             return await path.make_safe(safe_state)
     except trio.TooSlowError:
         why = f"no end within {within_s:g} s"
-    except Exception as error:  # of a driver; the next attempt may do better
+    except Exception as error:  # any failure of a driver; there will be another attempt
         why = describe(error)
     return not_reached(driver, why)
 
@@ -61,8 +67,7 @@ async def attempt(path: StopChannel, driver: Driver, safe_state: SafeState) -> t
 async def attempt_anew(
     driver: Driver, clock: Clock, safe_state: SafeState, descriptors: Sequence[int] = ()
 ) -> tuple[MotorReport, ...]:
-    """As ``attempt``, by a path that is made for it. ``descriptors``: what a wire handed over, if
-    one did."""
+    """As ``attempt``, by a new stop channel. ``descriptors`` are those that a wire has handed over."""
     motors = not_reached(driver, "the way to the hardware was lost")
     try:
         with RESERVE.freed():
@@ -85,8 +90,8 @@ async def attempt_anew(
 
 
 async def _serve_until_lost(path: StopChannel, ready: trio.Event) -> None:
-    """Serve it; ``ready`` is set once it could be used at once, or it has failed. Then the attempt
-    does what it can without."""
+    """Serve a stop channel until it fails. ``ready`` is set when it is ready for a stop, or has
+    failed."""
     try:
         async with trio.open_nursery() as nursery:
             await nursery.start(path.serve)
@@ -98,19 +103,20 @@ async def _serve_until_lost(path: StopChannel, ready: trio.Event) -> None:
 async def settled(
     owed: Owed, clock: Clock, make_safe: Callable[[], Awaitable[tuple[MotorReport, ...]]]
 ) -> tuple[MotorReport, ...]:
-    """Make safe, and again until nothing that was asked for before can take effect any more.
+    """Stop the robot, again and again until no earlier request can take effect any more.
 
-    An arming that was cut off may energise a robot after the frame that made it safe. So the safe
-    state is written at once, and written and read back again after ``Owed.unsettled_s`` has passed.
-    Only that last report says that the robot is safe.
+    An arming that was cut off may energise the robot after the safe frame. So the safe state is
+    written at once, and written and read back again when ``Owed.unsettled_s`` has passed. Only the
+    last report counts.
 
     Args:
-        owed: The page on which the wire noted what it asked for.
+        owed: The page on which the wire notes its requests.
         make_safe: One attempt.
 
     Returns:
-        The report of the last attempt. One that is not safe ends it early: the caller tries again
-        anyway. Without a fence of the wire that asks, no motor is reported as safe.
+        The reports of the last attempt. An unsafe one ends the loop, since the caller repeats it
+        anyway. While the wire has not been fenced and a request is running, no motor is reported as
+        safe.
     """
     while True:
         unsettled_s = owed.unsettled_s(clock.now_ns())
@@ -123,12 +129,12 @@ async def settled(
 
 
 def not_settled(motors: Sequence[MotorReport]) -> tuple[MotorReport, ...]:
-    """Return the reports as not confirmed: what was asked for before may still take effect."""
+    """Return the reports with every motor unconfirmed, because a request may still take effect."""
     return tuple(msgspec.structs.replace(motor, safe=False, detail=UNSETTLED) for motor in motors)
 
 
 def pauses_s() -> Iterator[float]:
-    """Return how long to wait before each further attempt."""
+    """Yield the pause before each further attempt, in seconds."""
     yield from AGAIN_S
     while True:
         yield AGAIN_S[-1]

@@ -1,4 +1,4 @@
-"""A stop on behalf of somebody else: by the gate, and by the guardian when the gate is silent."""
+"""Order a stop for a person or another program: by the gate, or by the guardian if the gate is silent."""
 
 from __future__ import annotations
 
@@ -13,13 +13,21 @@ from strands_actors.supervisors.gate.messages import GetStatus, Stop, StopReport
 from strands_actors.supervisors.root.messages import Fence
 
 SILENT_S = 0.1
-"""A gate that does not answer for so long is fenced."""
+"""A gate that does not reply within this time is fenced."""
 
 
 async def make_safe(
     gate: Ref, guardian: Ref, stop: Stop, deadlines: StopDeadlines, sent: Sent | None = None
 ) -> StopReport | Refused:
-    """``sent``: the gate has been asked already."""
+    """Stop the robot and return the result.
+
+    Args:
+        gate: The gate.
+        guardian: The guardian.
+        stop: The order.
+        deadlines: How long to wait for each.
+        sent: The same order, if it was sent to the gate already.
+    """
     answer: Message | None = None
     within_s = deadlines.gate_s
     async with trio.open_nursery() as nursery:
@@ -42,7 +50,8 @@ async def make_safe(
 
 
 async def _cancel_when_silent(gate: Ref, asked: trio.CancelScope) -> None:
-    """A gate answers at once whatever its wire does: one that does not will not obey either."""
+    """Cancel the wait for a gate that does not reply to a question. A working gate replies at once,
+    whatever its wire does."""
     try:
         await gate.ask(GetStatus(), SILENT_S)
     except (AskTimeout, Unreachable):
