@@ -1,14 +1,13 @@
-"""What the author of a driver imports. Declarations are pure; the stop channels are the only part
-with I/O.
+"""The names that the author of a driver imports. Only the stop channels do I/O.
 
-``Driver``, ``Wire``, ``StopChannel``   the three classes a driver consists of, beside a twin
-``Part``, ``Axis``, ``axis_gates``      what can be told to the robot, and what is refused
-``SafeState``, ``Reason``, ``Timing``   what it is brought to and why, and how long things may take
+``Driver``, ``Wire``, ``StopChannel``   the three classes of a driver, besides its twin
+``Part``, ``Axis``, ``axis_gates``      the axes of the robot, and the limits of their targets
+``SafeState``, ``Reason``, ``Timing``   the safe states, the reasons for a stop, the clocks
 ``DriverOptions``, ``option``           keywords of the constructor
-``DuplicateDescriptor`` ... ``OwnProcess``   stop channels ready made
-``CameraSettings``, ``Picture``, ``PictureSource``   what gives pictures
+``DuplicateDescriptor`` to ``OwnProcess``   ready-made stop channels
+``CameraSettings``, ``Picture``, ``PictureSource``   cameras of the robot's own
 
-``strands_actors.testing`` has the suite that a driver must pass.
+``strands_actors.testing`` has the tests that every driver must pass.
 """
 
 from strands_actors.kernel.clock import NS, Clock

@@ -1,15 +1,15 @@
-"""The driver contract: what the author of a driver writes.
+"""The driver contract: the classes that the author of a driver writes.
 
-A driver *declares*; it never loops, sleeps, retries or keeps anything alive. It is four things:
+A driver declares the robot. It never loops, sleeps or retries. It has four parts:
 
-``Driver``      pure: the robots it serves, axes and units, gates, table of fallbacks, timing. Built in the caller,
-                in the wire process and in the root process from the same plain options.
-``Wire``        (``wire.py``) the I/O, in the wire process only, used by one actor (the transport), call by call.
-``StopChannel`` (``wire.py``) how the root reaches the hardware when the wire process is gone;
-                ``stop_channels`` and ``stop_process`` have five kinds ready made.
-a twin          the robot's side of the wire (see ``drivers/common/twin/``).
+``Driver``      Pure data and functions: robots, axes and units, gates, safe states, timing. It is built in
+                the caller, the wire process and the root process from the same plain options.
+``Wire``        All I/O (``wire.py``). Only the transport in the wire process calls it.
+``StopChannel`` The root's way to the hardware when the wire process is gone (``wire.py``). ``stop_channels``
+                and ``stop_process`` have five ready-made kinds.
+a twin          The robot's side of the wire, as a process (``drivers/common/twin/``).
 
-The tree around it does the rest: lease, epoch, lifetimes, re-send, stop, restart.
+The tree does the rest: leases, epochs, lifetimes, re-sending, stops and restarts.
 """
 
 from __future__ import annotations
@@ -35,11 +35,10 @@ from .wire import Observation, StopChannel, Wire
 
 
 class Reason(enum.StrEnum):
-    """Why the robot is asked to be safe. A driver's table of fallbacks maps each to a safe
-    state."""
+    """Why the robot has to be in a safe state. A driver's table of fallbacks maps each reason to one."""
 
-    EXPIRED = "expired"  # a streamed setpoint outlived its lifetime
-    LEASE = "lease"  # the caller stopped answering
+    EXPIRED = "expired"  # the lifetime of a setpoint has ended
+    LEASE = "lease"  # the caller sends no heartbeats, or has released its lease
     POLICY = "policy"  # the policy died, froze or raised
     STOP = "stop"
     ESTOP = "estop"
@@ -47,16 +46,15 @@ class Reason(enum.StrEnum):
     CALLER = "caller"  # the caller's process ended
     WIRE = "wire"  # the wire process died or stopped answering
     ROOT = "root"  # the root process died or stopped answering
-    LINK = "link"  # the cable, the socket, the bus
-    FAULT = "fault"  # the restart budget is spent, an actor broke, or the robot may not be commanded any more
+    LINK = "link"  # the cable, socket or bus was lost
+    FAULT = "fault"  # a broken condition of the robot, a failed hold or arming, too many restarts
 
 
 HOLDING_REASONS = frozenset({Reason.EXPIRED, Reason.LEASE, Reason.POLICY})
-"""Reasons after which a position robot stays energised (DESIGN: which reason does what)."""
+"""Reasons after which a robot that can hold its position stays energised."""
 
 ORDERED = frozenset({Reason.STOP, Reason.ESTOP})
-"""Somebody wants it stopped, whatever is known of it; the other reasons are for what the tree itself
-sees."""
+"""Reasons that a person or a program may order. The tree itself uses the others."""
 
 
 class Timing(msgspec.Struct, frozen=True):
@@ -97,34 +95,32 @@ class Service(msgspec.Struct, frozen=True):
     within_s: float  # longest time that ``Wire.perform`` may take
     arguments: Mapping[str, Any] = msgspec.field(default_factory=dict)
     counts: Mapping[str, int] = msgspec.field(default_factory=dict)  # arguments that are whole: 1 to so many
-    in_motion: bool = False  # may be asked for while a target stands
-    # It moves the robot: refused whenever a setpoint would be for the robot's state, and what it
-    # began is live as a latched setpoint is, until a stop or the end of the lease. An older target
-    # is not sent again.
+    in_motion: bool = False  # it may run while a target is in force
+    # It moves the robot. It is refused whenever a setpoint would be. Its motion counts as a latched
+    # target, until a stop or the end of the lease. An older target is not sent again.
     moves: bool = False
-    # It ends what is live, which it may be asked in the middle of: an older target is not sent again.
-    # No condition refuses it, as a landing must not be refused for a low battery.
+    # It ends the present motion, and may be asked for during it. An older target is not sent again. No
+    # condition refuses it: a landing must not be refused for a low battery.
     ends_motion: bool = False
-    # It gives motors power, lets go of them, or has them move by themselves afterwards: motion for
-    # whoever is not the robot's own program, also where ``moves`` would refuse it (to a robot that
-    # is not armed yet).
+    # It gives motors power, takes it away, or lets them move by themselves afterwards. For agents and
+    # the mesh it counts as motion, even when the robot is not armed.
     powers: bool = False
-    # Refused to a robot that is not armed, as a setpoint is: after a stop only ``resume`` lets it go
-    # on, also where a stopped robot keeps its power. For what ``moves`` this is so anyway.
+    # It is refused when the robot is not armed, even if a stopped robot keeps its power. With ``moves``
+    # that is so anyway.
     needs_armed: bool = False
-    # As ``Timing.late_s``, of this service: it powers or moves the robot, and may do so later.
+    # As ``Timing.late_s``, for a service that powers or moves the robot with a delay.
     late_s: float = 0.0
-    # No service of the wire's, but a command: its arguments are an action, with the lifetime and the
-    # gates of one. An argument whose default is None is left out of it unless it is given.
+    # It is no service of the wire but a command. Its arguments are an action, with the lifetime and the
+    # gates of one. An argument with the default None is left out of it unless it is given.
     acts: bool = False
-    # No service of the wire's, but an order to stop for this reason, which locks as an e-stop does:
-    # never refused, ahead of everything, and carried out by whoever is left.
+    # It is no service of the wire but a stop for this reason, with a lock as of an e-stop. It is never
+    # refused, and goes ahead of everything.
     stops: Reason | None = None
 
 
 class Live(msgspec.Struct, frozen=True, gc=False):
-    """A target that the robot follows. ``until_ns``: when it ends; None: it is latched, and ends with
-    its writer's lease."""
+    """A target that the robot follows. ``until_ns`` is its end; None if it is latched, and ends with the
+    lease."""
 
     until_ns: int | None = None
 
@@ -133,194 +129,213 @@ class Live(msgspec.Struct, frozen=True, gc=False):
         return self.until_ns is None
 
     def over(self, now_ns: int) -> bool:
-        """Return whether its time has passed."""
+        """Return True if its end has passed."""
         return self.until_ns is not None and now_ns >= self.until_ns
 
 
 class GateState(msgspec.Struct, frozen=True, gc=False):
-    """What a gate may look at. Pure data: a gate knows no clock and no I/O."""
+    """The input of a gate. A gate is pure: it has no clock and no I/O."""
 
     now_ns: int
     observation: Observation
     target: tuple[float, ...]  # the last accepted target, or the measured position after arming
-    target_ns: int  # when that was accepted
-    stream: bool  # part of a stream of setpoints, whose period is known
-    period_s: float = 0.0  # the stream's period; 0 for a one-shot
-    live: Live | None = None  # None: the robot follows no target
+    target_ns: int  # when the target was accepted
+    stream: bool  # True if the setpoint is part of a stream
+    period_s: float = 0.0  # period of the stream; 0 for a single command
+    live: Live | None = None  # the target in force; None if there is none
 
 
 class Candidate(msgspec.Struct, frozen=True, gc=False):
-    """An action on its way through the gates."""
+    """A parsed action, before the gates.
 
-    values: tuple[float, ...]  # the whole target, axis order; then what modifies it, where there is such
-    named: tuple[int, ...]  # indices of the axes the action names
-    until_ns: int = 0  # it ends then at the latest: it goes on with motion that was promised so long; 0: its own
+    Attributes:
+        values: The target of every axis, in axis order, then modifiers that the driver adds.
+        named: Indices of the axes that the action names.
+        until_ns: Latest end, for an action that continues a motion with an earlier end; 0 for none.
+    """
+
+    values: tuple[float, ...]
+    named: tuple[int, ...]
+    until_ns: int = 0
 
 
 GateCheck = Callable[[Candidate, GateState], Refused | None]
 
 ConditionCheck = Callable[[Observation, int], Refused | None]
-"""Refuses when something is not true of the robot: from the newest observation and now_ns. Pure."""
+"""Return a refusal if a condition is broken, from the newest observation and the time (ns). Pure."""
 
 
 class OnResume(enum.StrEnum):
-    """What ``resume()`` of an armed robot does when a condition is broken."""
+    """The reaction of ``resume()`` of an armed robot to a broken condition."""
 
-    REFUSE = "refuse"  # somebody has to mend it first, as the refusal says; no stop of ours breaks it
-    ARM_ANEW = "arm anew"  # arming mends it: the robot is stopped, then armed
-    STAY_ARMED = "stay armed"  # one of the robot's services mends it: take off, stand up
+    REFUSE = "refuse"  # a person has to mend it first; our own stop does not break it
+    ARM_ANEW = "arm anew"  # arming mends it, so the robot is stopped and armed
+    STAY_ARMED = "stay armed"  # a service mends it: take off, stand up
 
 
 class Condition(msgspec.Struct, frozen=True):
-    """What must be true of the robot, whatever it is told, and what is done when it no longer is.
+    """A condition that must be true while the robot is commanded, and its safe state.
 
-    Each has a fallback of its own: a drone with a low battery lands, one whose link is weak
-    hovers. A driver lists the most specific one first: the first that is broken is the cause that
-    people are told."""
+    Each condition may have its own safe state: a drone with a low battery lands, one with a weak link
+    hovers. A driver lists the most specific condition first, since the first broken one is shown as the
+    cause.
+
+    Attributes:
+        check: The check.
+        reason: The reason of the stop.
+        safe_state: The safe state; None for the driver's one for ``reason``.
+        always: Check it while the robot is energised, too, and not only while a target is in force.
+        on_resume: The reaction of ``resume()``.
+        is_silence: It only shows that the robot does not answer. Any other cause is more specific.
+    """
 
     check: ConditionCheck
     reason: Reason = Reason.FAULT
-    safe_state: SafeState | None = None  # None: what the driver's table has for ``reason``
-    always: bool = False  # looked at while the robot is energised, not only while a setpoint is live
+    safe_state: SafeState | None = None
+    always: bool = False
     on_resume: OnResume = OnResume.REFUSE
-    is_silence: bool = False  # it only says that the robot is not heard: any other cause is more specific
+    is_silence: bool = False
 
 
 class Driver(ABC):
-    """One robot of one wire, as data and pure functions."""
+    """One robot as data and pure functions."""
 
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]]
     ALIASES: ClassVar[Mapping[str, str]] = {}
-    """Other names to robots of ``SUPPORTED_ROBOTS``."""
+    """Other names of the robots in ``SUPPORTED_ROBOTS``."""
     PORT_KIND: ClassVar[Literal["serial", "address"]]
     PORT_OPTIONAL: ClassVar[bool] = False
-    """Whether the robot can be driven without ``port``: it speaks first, and whoever does is it."""
+    """True if ``port`` may be left out, because the robot sends first."""
     PORT_LIKE: ClassVar[str] = "192.0.2.10"
-    """An address as this robot's are written, for who left it out."""
+    """An example of this robot's addresses, for the refusal of a missing port."""
     TOLD_APART_BY: ClassVar[tuple[str, ...]] = ()
-    """Options by which several robots at one address are told apart: units behind a gateway."""
+    """Options that distinguish several robots at one address, as units behind a gateway."""
     TRANSPORTS: ClassVar[tuple[str, ...]] = ("twin",)
     WIRE: ClassVar[str] = ""
-    """``module:class`` of the wire, made as ``class(config, clock)``. A name: only the wire process
-    imports it."""
+    """``module:class`` of the wire, made as ``class(config, clock)``. It is a name, because only the wire
+    process imports it."""
     STOP_CHANNEL: ClassVar[str] = ""
     """``module:class`` of the stop channel, made as ``class(config, descriptors, clock)``."""
     TWIN: ClassVar[str]
     """``module:function`` that serves the twin."""
     OPTIONS: ClassVar[Mapping[str, str]] = {}
-    """Constructor keywords beyond ``port``, with what each means."""
+    """Keywords of the constructor besides ``port``, and their meanings."""
     SPELLINGS: ClassVar[Mapping[str, str]] = {}
-    """Other names of those keywords, as the drivers page has them: ``baud_rate`` for ``baud``."""
+    """Other names of these keywords: ``baud_rate`` for ``baud``."""
     SECRETS: ClassVar[frozenset[str]] = frozenset()
-    """Those of them that are in no recording, no certificate and no answer: passwords."""
+    """The keywords that appear in no recording, certificate or reply: passwords."""
     USB_IDS: ClassVar[tuple[tuple[int, int], ...]] = ()
-    """Vendor and product of the USB adapters that this wire is usually behind. A hint, no proof."""
+    """Vendor and product ids of the usual USB adapters. They are a hint and no proof."""
     CAMERAS: ClassVar[Mapping[str, str]] = {}
-    """Pictures that the robot's own service gives, by name: ``module:function`` of what opens them
+    """Cameras of the robot's own, by name: ``module:function`` that opens one
     (``contract/cameras.py``)."""
     ROLLOUTS: ClassVar[str] = ""
-    """Why this robot runs no policies; empty: it does."""
+    """Why this robot runs no policies; empty if it does."""
     TASKS: ClassVar[str] = ""
-    """Why this robot runs no policy in a process of its own; empty: it does."""
+    """Why this robot runs no policies in a separate process; empty if it does."""
     EXPERIMENTAL: ClassVar[Mapping[str, str]] = {}
-    """Ways to this robot that nobody has seen on a real one, and what each was tried with. A driver
-    that takes one says so in its ``caveats`` (``experimental``)."""
+    """Ways to connect that were never tried on a real robot, and how each was tried. A driver that uses
+    one adds ``experimental(way)`` to its ``caveats``."""
     SIMULATION: ClassVar[str] = ""
-    """Why there is no simulation of this robot; empty: there is."""
+    """Why there is no simulation of this robot; empty if there is."""
     SIMULATED: ClassVar[bool] = False
-    """Whether it drives a simulation: nobody's approval is needed for it."""
+    """True if it drives a simulation, for which no approval is needed."""
     SIMULATED_ROWS: ClassVar[int] = 1
-    """How many numbers per axis a target of ``parse_simulated`` has, row by row."""
+    """Numbers per axis in a target of ``parse_simulated``, row by row."""
     WHOLE_ACTIONS: ClassVar[bool] = False
-    """Whether its gates want every axis named: an arm that is only moved as a whole."""
+    """True if an action has to name every axis."""
     SERVICES: ClassVar[Mapping[str, Service]] = {}
-    """What this robot can do beyond the common verbs: methods of its handle, by name."""
+    """Services of this robot by name. Each becomes a method of its handle."""
     BEFORE_MOTION: ClassVar[str] = ""
-    """Which of them must have been done, after each resume, before the robot takes commands: take
-    off, stand up. Empty: none. A drill and the kill matrix do it, too."""
+    """The service that has to run after each resume, before the robot takes commands: take off, stand
+    up. Empty for none. Drills and the kill matrix run it, too."""
     TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (SENSORS, STATUS, STOP)
-    """What an agent, an MCP client or a command from the mesh may ask."""
+    """The verbs that agents, MCP clients and commands from the mesh may use."""
     SENSORS: ClassVar[tuple[Sensor, ...]] = ()
-    """What the robot has beyond its axes, and where it is published; the rest of what is read is in
-    ``health``."""
+    """Sensors and the topics on which they are published. All other readings are in ``health``."""
     READ_ONLY_JOINTS: ClassVar[tuple[ReadOnlyJoint, ...]] = ()
-    """Joints that are observed beside the axes, and that no action may name."""
+    """Joints that are observed but not commanded."""
     ANSWERS_WITH: ClassVar[tuple[str, ...]] = ()
-    """Sensors whose newest reading goes with the answer to an accepted command (``accepted``)."""
+    """Sensors whose newest readings are part of the reply to an accepted command (``accepted``)."""
     GUARDED: ClassVar[tuple[str, ...]] = ()
-    """Verbs, and keys of an action, that those may use only with an operator's approval. A stop
-    never needs one, nor does a zero of a velocity axis."""
+    """Verbs and keys of actions that need an operator's approval when an agent or the mesh uses them. A
+    stop and the zero of a velocity axis never do."""
     TOPICS: ClassVar[Mapping[str, str]] = {}
-    """Guarded keys that go out on a ROS topic, and which: who has approved the topic has approved
-    them."""
+    """The ROS topic of a guarded key. An approval of the topic approves the key."""
 
     robot: str
     parts: tuple[Part, ...] = ()
-    """The axes as data. ``declare`` takes them; a driver of another kind sets ``axes`` and ``ids``
-    itself."""
+    """The axes as data, set by ``declare``. A driver without parts sets ``axes`` and ``ids`` itself."""
     axes: tuple[str, ...]
     ids: tuple[int, ...]  # motor id per axis
     table: tuple[Axis, ...] = ()
     unit: str  # for people: "degrees (gripper: percent open)"
     timing: Timing
     fallbacks: Mapping[Reason, SafeState]
-    firmware_watchdog: str  # what the firmware does alone when all of us are gone
-    bound_s: float = 0.05  # published: from a death to the safe frame
+    firmware_watchdog: str  # what the firmware does if every process of ours is gone
+    bound_s: float = 0.05  # longest time from a death to the safe frame, a published bound
     config: Any
-    """What ``WIRE`` and ``STOP_CHANNEL`` know of the robot: a frozen struct. Neither is given the
-    driver itself."""
+    """A frozen struct with everything that ``WIRE`` and ``STOP_CHANNEL`` know of the robot."""
     gates: tuple[GateCheck, ...]
     caveats: tuple[str, ...] = ()
-    """What its user should know of this robot when it is connected: in the log, and in status."""
+    """Warnings for the user when the robot is connected. They stand in the log and in status."""
     conditions: tuple[Condition, ...] = ()
-    """Asked before the gates, and at every tick while a setpoint is live: it ends when one of them
-    refuses. Those that are ``always`` looked at also end a hold."""
+    """Checked before the gates, and at every tick while a target is in force. A broken one ends it. The
+    conditions with ``always`` also end a hold."""
 
     LEVELS: ClassVar[Mapping[str, str]] = {}
-    """Robots of this driver that can be commanded in another way, too, by another driver:
-    ``robot:level`` to its ``module:class``. The option ``level`` chooses it; the kill matrix calls it
-    by that name."""
+    """Other drivers for robots of this one that can be commanded in two ways: ``robot:level`` to
+    ``module:class``. The option ``level`` selects one. The kill matrix uses the same name."""
 
     @classmethod
     def at_level(cls, robot: str, options: Mapping[str, Any]) -> type[Driver]:
-        """Return the driver that is chosen by the option ``level``: one of ``LEVELS``, or this
-        one."""
+        """Return the driver for the option ``level``: one of ``LEVELS``, or this class."""
         where = cls.LEVELS.get(f"{robot}:{options.get('level')}")
         return cls if where is None else load(where)
 
     @classmethod
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
-        """Runs once, in the caller: check keywords, read files, return plain options for
-        ``__init__``. Raise ``ValueError`` or ``TypeError`` with what would be accepted."""
+        """Check the keywords, read files, and return plain options for ``__init__``. It runs once, in the
+        caller.
+
+        Raises:
+            ValueError: A value is wrong. The text says what is accepted.
+            TypeError: A type is wrong.
+        """
         return dict(options)
 
     @classmethod
     def services(cls, options: Mapping[str, Any]) -> Mapping[str, Service]:
-        """Return the services of a robot that was resolved to these options."""
+        """Return the services of a robot with these resolved options."""
         return cls.SERVICES
 
     @classmethod
     async def complete(cls, robot: str, port: str, options: Mapping[str, Any]) -> dict[str, Any]:
-        """Runs in the caller, before the tree is started: return the options with what only the
-        robot, or a process that may be killed, can tell. Asked again, it changes nothing. Raise
-        ``WireDown``."""
+        """Return the options, completed by facts that only the robot can give. It runs in the caller before
+        the tree is started, and may run again.
+
+        Raises:
+            WireDown: The robot does not answer.
+        """
         return dict(options)
 
     @abstractmethod
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None: ...
 
     def check_port(self) -> None:  # noqa: B027  # a default that accepts
-        """Raise ``ValueError`` for a port whose form is none of this robot's, with what would be
-        accepted. Asked in the caller when a robot is made with ``port``; nothing is opened. Default:
-        any will do."""
+        """Check the form of ``port``, without opening it. The default accepts any.
+
+        Raises:
+            ValueError: The form is wrong. The text says what is accepted.
+        """
 
     @property
     def late_s(self) -> float:
-        """Return the longest time for which anything that was cut off may still take effect."""
+        """Longest time after a cut-off in which an arming or a service may still take effect."""
         return max((self.timing.late_s, *(service.late_s for service in self.SERVICES.values())))
 
     def declare(self, *parts: Part) -> None:
-        """Take the axes of the parts: names, ids, parsing and the first target follow from them."""
+        """Set the axes of the robot. Names, ids, parsing and the first target follow from them."""
         self.parts = parts
         self.table = axes_of(parts)
         self.axes = tuple(axis.key for axis in self.table)
@@ -328,26 +343,26 @@ class Driver(ABC):
         self._index = {key: at for at, key in enumerate(self.axes)}
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
-        """Return the whole target: position axes that are not named keep ``state.target``, velocity
-        axes rest."""
+        """Return the target of every axis. Position axes that the action does not name keep
+        ``state.target``; velocity axes get zero."""
         parsed = parse_action(action, self.robot, self.table, self._index, state.target)
         return parsed if isinstance(parsed, Refused) else Candidate(*parsed)
 
     def parse_simulated(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
-        """As ``parse``, for the twin's body at its simulation control, which may take more than the
-        wire does (``aim`` of that body). Default: the same."""
+        """As ``parse``, for a simulation, whose body may accept more than the wire. The default is the
+        same."""
         return self.parse(action, state)
 
     def to_approve(self, action: Mapping[str, Any]) -> tuple[str, ...]:
-        """Return the keys of an action that may need approval: all but velocities at rest, which
-        stop the robot."""
+        """Return the keys of an action that may need approval: all except velocities of zero, which stop
+        the robot."""
         at_rest = {axis.key: axis.rest for axis in self.table if axis.mode is AxisMode.VELOCITY}
         keys = ((key, str(key).removesuffix(".pos")) for key in action)
         return tuple(plain for key, plain in keys if plain not in at_rest or finite(action[key]) != at_rest[plain])
 
     def first_target(self, observation: Observation) -> tuple[float, ...]:
-        """Return the target from which a robot that was just armed goes on: the measured position,
-        so that nothing jumps, and rest for velocity axes, so that nothing drives off."""
+        """Return the target of a robot that was just armed: the measured positions, so that it does not
+        jump, and zero for velocity axes."""
         return first_target(self.table, observation.position) if self.parts else observation.position
 
     def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
@@ -388,39 +403,42 @@ class Driver(ABC):
             load(self.WIRE)
 
     def open_wire(self, clock: Clock) -> Wire:
-        """Return the wire, not yet opened."""
+        """Return a new wire, which is not open yet."""
         wire: Wire = load(self.WIRE)(self.config, clock)
         return wire
 
     def stop_channel(self, descriptors: Sequence[int], clock: Clock) -> StopChannel:
-        """Return the root's way to the hardware, from what ``Wire.handover`` gave. ``descriptors``
-        empty: nothing was handed over, or it was closed since; then the path opens what it needs by
-        itself, when it is used."""
+        """Return a new stop channel.
+
+        Args:
+            descriptors: Those of ``Wire.handover``. Without any, the channel opens what it needs when it
+                is used.
+            clock: The clock.
+        """
         channel: StopChannel = load(self.STOP_CHANNEL)(self.config, descriptors, clock)
         return channel
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
-        """Return a row in axis order as the public keys."""
+        """Return a row in axis order as a mapping of public keys."""
         return dict(zip(self.axes, values, strict=True))
 
     def experimental(self, way: str) -> str:
-        """Return what is said of a way of ``EXPERIMENTAL``."""
+        """Return the warning for a way in ``EXPERIMENTAL``."""
         return f"{way} is experimental: {self.EXPERIMENTAL[way]}"
 
     def observed(self, observation: Observation) -> dict[str, float]:
-        """Return where the robot is, by public key: its axes, and its read-only joints that were read."""
+        """Return the positions by public key: of the axes, and of read-only joints that were read."""
         rows = {joint.key: observation.sensors.get(joint.sensor) for joint in self.READ_ONLY_JOINTS}
         return self.as_json(observation.position) | {key: row[0] for key, row in rows.items() if row}
 
     def as_telemetry(self, observation: Observation) -> dict[str, float]:
-        """``observed`` for other hosts: a position stands under ``x`` and under ``x.pos``, since a
-        reader of JSON cannot ask for the other."""
+        """Return ``observed`` for subscribers on the mesh, with each position under ``x`` and ``x.pos``."""
         told = self.observed(observation)
         rates = {axis.key for axis in self.table if axis.mode is AxisMode.VELOCITY}
         return told | {f"{key}{SUFFIX}": value for key, value in told.items() if key not in rates}
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
-        """Return what ``send_action`` answers: an accepted action and the target it became."""
+        """Return the reply of ``send_action``: the accepted action and its target."""
         target = self.as_json(values)
         named = {str(key).removesuffix(".pos") for key in action}
         return {"commanded": {key: target[key] for key in target if key in named}, "unit": self.unit}
@@ -428,35 +446,40 @@ class Driver(ABC):
     def accepted(
         self, action: Mapping[str, Any], values: Sequence[float], sensors: Mapping[str, tuple[float, ...]]
     ) -> dict[str, Any]:
-        """Return what ``send_action`` answers: ``commanded``, and what the driver makes of
-        ``sensors``, those of ``ANSWERS_WITH`` as they were last read."""
+        """Return the reply of ``send_action`` with readings.
+
+        Args:
+            action: The accepted action.
+            values: Its target.
+            sensors: The newest readings of ``ANSWERS_WITH``.
+        """
         return self.commanded(action, values)
 
     def timed(
         self, targets: Mapping[str, Any], seconds: float, observation: Observation
     ) -> dict[str, Any] | Refused | None:
-        """Return the command by which the robot itself goes to ``targets`` in so many seconds, for one
-        that plans its motions. None: it is sent a path of small steps. Default: None."""
+        """Return the command with which the robot itself plans a motion to ``targets`` in so many seconds.
+        None (the default) if it cannot; then a path of small steps is sent."""
         return None
 
     def readings(self, observation: Observation) -> dict[str, Any]:
-        """Return what ``state`` and ``status`` say of the robot beside its positions and
-        velocities, in the words of its users: a pose, a charge, a mode by its name. JSON."""
+        """Return more readings for ``state`` and ``status``, as JSON in the users' words: a pose, a charge,
+        the name of a mode."""
         return {}
 
     def model_units(self) -> tuple[tuple[float, float], ...]:
-        """Per axis (zero, scale): ``value = zero + scale * m``, where ``m`` is the joint in the
-        twin's model, radians or metres. Default: the same."""
+        """Return (zero, scale) of each axis: ``value = zero + scale * m``, where ``m`` is the joint of the
+        twin's model in radians or metres. The default is (0, 1)."""
         return ((0.0, 1.0),) * len(self.axes)
 
     def travel(self) -> dict[str, tuple[float, float]]:
-        """Return each axis' range as its calibration found it, in the driver's units, lower end
-        first. Empty when there is no calibration; default: there is none."""
+        """Return the calibrated range (low, high) of each axis in the driver's units; empty without a
+        calibration."""
         return {}
 
     def energised(self, safe_state: SafeState) -> bool:
-        """Return whether the robot stays ready in this state, so that the next setpoint moves it
-        again: motors keep torque, or a base stands at velocity zero."""
+        """Return True if the next setpoint moves the robot out of this safe state without a resume: motors
+        keep torque, or a base stands at velocity zero."""
         return safe_state in (SafeState.HOLD, SafeState.ZERO)
 
 

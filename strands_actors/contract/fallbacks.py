@@ -1,4 +1,4 @@
-"""Which reason, or condition, leads to which safe state: what a driver declares, as a type."""
+"""Check the table of a driver that maps reasons and conditions to safe states."""
 
 from __future__ import annotations
 
@@ -11,14 +11,21 @@ from .safe_state import SafeState
 
 
 def fallbacks_for(*, late: SafeState, otherwise: SafeState) -> dict[Reason, SafeState]:
-    """Return the usual table: ``late`` when the writer is late or lost, ``otherwise`` for every other
-    reason."""
+    """Return the usual table.
+
+    Args:
+        late: The safe state when the writer is late or lost.
+        otherwise: The safe state for every other reason.
+    """
     return {reason: late if reason in HOLDING_REASONS else otherwise for reason in Reason}
 
 
 def check_fallbacks(robot: str, fallbacks: Mapping[Reason, str]) -> dict[Reason, SafeState]:
-    """Return the table with its words as safe states. Raise ``ValueError`` that names what is missing
-    or misspelt."""
+    """Return a table with its words as safe states.
+
+    Raises:
+        ValueError: A reason is missing, or a word is no safe state. The text names it.
+    """
     if missing := [str(reason) for reason in Reason if reason not in fallbacks]:
         raise ValueError(f"{robot}: no safe state is declared for {', '.join(missing)}")
     _check_words(robot, fallbacks.values())
@@ -26,8 +33,11 @@ def check_fallbacks(robot: str, fallbacks: Mapping[Reason, str]) -> dict[Reason,
 
 
 def check_conditions(robot: str, conditions: Sequence[Condition]) -> tuple[Condition, ...]:
-    """Return them with their words as safe states. Raise ``ValueError`` that names what is
-    misspelt."""
+    """Return conditions with their words as safe states.
+
+    Raises:
+        ValueError: A word is no safe state. The text names it.
+    """
     _check_words(robot, (condition.safe_state for condition in conditions if condition.safe_state))
     return tuple(
         msgspec.structs.replace(

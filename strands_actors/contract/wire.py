@@ -1,4 +1,4 @@
-"""The I/O of a driver: ``Wire`` and ``StopChannel``, what they read and what they report."""
+"""The I/O of a driver: ``Wire``, ``StopChannel``, their observations and their reports."""
 
 from __future__ import annotations
 
@@ -15,177 +15,257 @@ from .safe_state import SafeState
 
 
 class Observation(Message, frozen=True):
-    """One reading of the robot. Rows are in axis order; an axis never read is NaN with stamp 0."""
+    """One reading of the robot. Rows are in axis order.
+
+    Attributes:
+        t_ns: Time of the newest value, in nanoseconds of CLOCK_MONOTONIC.
+        position: Position of each axis in the driver's units; NaN for an axis that was never read.
+        stamp_ns: When each position was read; 0 for never.
+        velocity: Units per second of each axis; empty if the robot does not report it.
+        sensors: Other values by name. The name ends with the unit (``rpy_rad``).
+        faults: Fault texts by axis, as the motors report them.
+    """
 
     t_ns: int
-    position: tuple[float, ...]  # in the driver's units
-    stamp_ns: tuple[int, ...]  # when each position was read
-    velocity: tuple[float, ...] = ()  # units per second
-    sensors: dict[str, tuple[float, ...]] = msgspec.field(default_factory=dict)  # by name, unit in the name
-    faults: dict[str, str] = msgspec.field(default_factory=dict)  # axis -> what its motor reports
+    position: tuple[float, ...]
+    stamp_ns: tuple[int, ...]
+    velocity: tuple[float, ...] = ()
+    sensors: dict[str, tuple[float, ...]] = msgspec.field(default_factory=dict)
+    faults: dict[str, str] = msgspec.field(default_factory=dict)
 
 
 class MotorReport(Message, frozen=True):
-    """What became of one motor when the robot was made safe."""
+    """The result of a stop for one motor.
+
+    Attributes:
+        axis: The axis of the motor.
+        id: The number of the motor.
+        written: The safe frame has left.
+        acknowledged: The motor has answered.
+        safe: A value that was read back afterwards shows the safe state.
+        detail: Why it is not safe; empty if it is.
+        target: The position at which it holds, in the driver's units; None if it does not hold.
+    """
 
     axis: str
     id: int
-    written: bool  # the frame left
-    acknowledged: bool  # the motor answered
-    safe: bool  # a register read back says so
+    written: bool
+    acknowledged: bool
+    safe: bool
     detail: str = ""
-    target: float | None = None  # where it was told to hold, in the driver's units
+    target: float | None = None
 
 
 class Permit(Protocol):
-    """The transport's word that a setpoint may still go out, or a motor be energised."""
+    """The last check before a setpoint is written or a motor is energised."""
 
     def check(self) -> None:
-        """Raise ``PermitDenied`` once the setpoint's deadline or epoch has passed.
+        """Raise ``PermitDenied`` if the setpoint's deadline or epoch has passed, or a stop waits.
 
-        In ``Wire.arm`` and ``Wire.perform`` a check that passes also notes that the robot is now
-        asked for something. If the call is then cut off, no stop is confirmed for ``late_s``
-        (``Timing``, ``Service``). So call it as the last thing before a request that energises or
-        moves, and not before requests that only read or connect.
+        In ``Wire.arm`` and ``Wire.perform`` a passed check also notes that a request is being sent. If
+        the call is then cut off, no stop is confirmed for ``late_s`` (``Timing``, ``Service``). So call
+        it immediately before each request that energises or moves the robot, and not before requests
+        that only read or connect.
         """
         ...
 
 
 class PermitDenied(Exception):
-    """The setpoint may not be written any more. Not an error of the wire; caught by the
-    transport."""
+    """The setpoint must not be written any more. This is no error of the wire; the transport
+    catches it."""
 
 
 class WireDown(Exception):
-    """The wire cannot be used: not there, closed, or not answering. The text says what and what to
-    do."""
+    """The wire cannot be used: it is missing, closed or silent. The text says why, and the remedy."""
 
 
 class ProcessSpent(Exception):
-    """Only a new process can use this wire again: the SDK in this one hangs, or cannot be closed.
-    Any call of a ``Wire`` but ``make_safe`` may raise it. The root ends the process, makes the
-    robot safe by its stop channel and starts another; that is no failure of the tree. The text says
-    why."""
+    """Only a new process can use this wire again, because an SDK hangs in this one or cannot be closed.
+
+    Any call of a ``Wire`` except ``make_safe`` may raise it. The root then ends the process, stops the
+    robot by its stop channel, and starts another process. This does not count as a failure.
+    """
 
 
 class Wire(ABC):
-    """All I/O of one robot's wire. Calls never overlap, but for ``serve`` and ``perform``.
+    """All I/O of one robot, in the wire process.
 
-    A stop cancels ``read`` and ``write`` where they wait: a wire may not be slower than its robot's
-    bound. A call that cannot be abandoned (an SDK's, in a thread) is shielded, and has a short
-    deadline of its own."""
+    Calls never overlap, except that ``serve`` and ``perform`` run beside the others. A stop cancels
+    ``read`` and ``write`` wherever they wait. A call that cannot be cancelled (of an SDK, in a thread)
+    has to be shielded, with a deadline shorter than the robot's bound.
+    """
 
     interruptible: ClassVar[bool] = False
-    """Whether ``arm``, and ``make_safe`` on a safe state that holds, or that takes seconds (land,
-    settle), may be cancelled wherever they wait: a stop then cuts them short. Not where an SDK goes
-    on with what it was told."""
+    """True if a stop may cancel ``arm``, and ``make_safe`` to a safe state that holds or takes seconds
+    (land, settle), wherever they wait. False if an SDK would go on with the order."""
 
     hold_failed: str = ""
-    """Why the last ``make_safe`` on a safe state that holds could not hold, and brought the robot
-    to rest in another way; empty: it did not. Then no setpoint is written until it is armed again,
-    before which the transport clears it."""
+    """Why the last hold failed and the robot was stopped in another way; empty if it did not fail.
+    No setpoint is written until the robot is armed again. The transport clears it before arming."""
 
     @abstractmethod
     async def open(self) -> dict[str, Any]:
-        """Open, shake hands, identify. Return facts for ``status``. Moves nothing.
-        Raise ``WireDown``."""
+        """Connect to the robot and identify it, without moving anything.
+
+        Returns:
+            Facts for ``status``.
+
+        Raises:
+            WireDown: It cannot be connected to.
+        """
 
     @abstractmethod
     async def arm(self, permit: Permit) -> Observation:
-        """Energise without a jump: goal := measured position first, then torque. ``permit.check()``
-        before each motor is energised: a stop during bring-up wins. Return what was measured. Raise
-        ``WireDown``; what was energised before a failure the caller makes safe."""
+        """Energise the robot without a jump: write the measured position as the goal, then switch on
+        torque.
+
+        Args:
+            permit: Call ``permit.check()`` before each motor is energised.
+
+        Returns:
+            The measured positions.
+
+        Raises:
+            WireDown: It failed. The caller stops the motors that were energised before.
+            PermitDenied: A stop came; let it pass.
+        """
 
     @abstractmethod
     async def read(self) -> Observation:
-        """Return one observation. A silent motor is named in ``faults`` and keeps its old stamp;
-        raise ``WireDown`` only when the link itself is gone."""
+        """Return one observation. A silent motor keeps its old stamp and is named in ``faults``.
+
+        Raises:
+            WireDown: The link itself is gone.
+        """
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Keep up what runs beside the calls: answer a peer that speaks first, keep the newest
-        sample for ``read``.
+        """Run in the background: answer a peer that asks by itself, keep the newest sample for ``read``.
 
-        Started after ``open``; ``started`` once the first ``read`` may come. Cancelled before
-        ``close``; may return when there is nothing to keep up. It writes no setpoint that ``write``
-        was not given, and none after ``make_safe``. Raise ``WireDown`` when the link is gone,
-        ``ProcessSpent`` as elsewhere."""
+        It is started after ``open`` and cancelled before ``close``. It may return if there is nothing
+        to do. It writes only setpoints that ``write`` was given, and none after ``make_safe``.
+
+        Args:
+            task_status: Call ``started()`` when the first ``read`` may come.
+
+        Raises:
+            WireDown: The link is gone.
+            ProcessSpent: An SDK hangs.
+        """
         task_status.started()
 
     async def feed(self) -> None:  # noqa: B027  # most firmware has no watchdog to feed
-        """Feed the firmware's own watchdog, where it has one that setpoints alone do not feed.
-        Called once per control period, only when the gate and the transport have answered in this
-        period. Raise ``WireDown``."""
+        """Feed the firmware's watchdog, if it has one that setpoints do not feed.
+
+        It is called once per control period, if gate and transport have replied in this period.
+
+        Raises:
+            WireDown: The link is gone.
+        """
 
     @property
     def prompt(self) -> bool:
-        """Return whether ``read`` and ``write`` would return now without waiting: the wire takes
-        what has arrived, and sends datagrams. Then no task is woken for them."""
+        """True if ``read`` and ``write`` return without waiting now, as a wire of datagrams does. The
+        transport then calls them without a task switch."""
         return False
 
     @abstractmethod
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
-        """Write one setpoint (``Candidate.values``). Call ``permit.check()`` as the last thing
-        before the bytes leave, after any wait. Raise ``WireDown``."""
+        """Write one setpoint.
+
+        Args:
+            values: ``Candidate.values``.
+            permit: Call ``permit.check()`` immediately before the bytes leave, after any wait.
+
+        Raises:
+            WireDown: The link is gone.
+            PermitDenied: It must not be written; let it pass.
+        """
 
     @abstractmethod
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """Bring every motor to ``safe_state``. The first safe frame leaves before the first wait;
-        every motor is tried; each is reported as confirmed or not. Never raises: a dead link is a
-        report of failures."""
+        """Bring every motor to a safe state. Never raises.
+
+        The first safe frame leaves before the first wait. Every motor is tried.
+
+        Returns:
+            A report of each motor. On a dead link every motor is unconfirmed.
+        """
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """As ``make_safe``, without a link: after it was lost (this wire is still open then, or
-        closed), or before it was ever up. Write to all that can still be written: what is open
-        first, then a port or connection opened for this. The first safe frame leaves before
-        anything is asked, and needs no answer; only where the frame itself could move the robot it
-        asks first. Leave nothing open that would keep another wire from opening. Never raises; may
-        be cancelled wherever it waits; is called again until all motors confirm.
+        """As ``make_safe``, without a working link: after it was lost, or before the first ``open``.
 
-        Default: nothing of its own, and the stop channel (``Driver.stop_channel`` without
-        descriptors) is used."""
+        Write on everything that is still open, then on a port or connection opened for this. The
+        first safe frame leaves before any question, and needs no answer. Only if that frame could move
+        the robot, ask first. Leave nothing open that would keep another wire from opening. Never
+        raises. It may be cancelled wherever it waits, and is repeated until all motors confirm.
+
+        Returns:
+            A report of each motor. Without any, a new stop channel is used instead (the default).
+        """
         return ()
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
-        """Do one of ``Driver.SERVICES``, after ``Driver.check_service``. Runs beside ``read``; a
-        stop cancels it. ``permit.check()`` before each write. Raise ``WireDown``."""
+        """Run a service of ``Driver.SERVICES``. A stop cancels it.
+
+        Args:
+            service: Its name.
+            arguments: Its arguments, which ``Driver.check_service`` has accepted.
+            permit: Call ``permit.check()`` before each write.
+
+        Returns:
+            The result for the caller, or a refusal.
+
+        Raises:
+            WireDown: The link is gone.
+        """
         raise NotImplementedError(f"{type(self).__name__} declares {service} and does not do it")
 
     def handover(self) -> Sequence[int]:
-        """Descriptors the root's stop channel needs; valid until ``close``."""
+        """Return the descriptors that the root's stop channel needs. They are valid until ``close``."""
         return ()
 
     @abstractmethod
     def close(self) -> None:
-        """Release the port. Writes nothing."""
+        """Close the port, without writing anything."""
 
 
 class StopChannel(ABC):
-    """The root's own way to the hardware. Used only after the wire process has been fenced, and
-    closed before the wire is started again; by the wire process itself when its link is lost.
-    Making one must not raise. It may be asked to make safe again and again, until every motor has
-    confirmed: what it was given may be dead, so it finds the robot anew each time."""
+    """A second way to the hardware, for a stop without the wire.
+
+    The root uses it after it has fenced the wire process, and closes it before the next wire starts.
+    The wire process uses one when its link is lost, and the standby has its own. Making one must not
+    raise. ``make_safe`` is repeated until every motor confirms. The descriptors may be dead by then, so
+    each call finds the robot anew.
+    """
 
     SERVED_FIRST: ClassVar[bool] = True
-    """Whether one that is made for a stop is served first, for ``Timing.handover_s`` at most. False
-    where ``make_safe`` opens what it needs by itself, and writes before the robot has answered."""
+    """True if a channel that is made during a stop has to be served first, for ``Timing.handover_s`` at
+    most. False if ``make_safe`` opens what it needs, and writes before the robot has answered."""
 
     @property
     def hosts(self) -> Sequence[str]:
-        """Return the hosts that ``make_safe`` connects to first, by name or number. They are looked up
-        before anything is energised."""
+        """The hosts that ``make_safe`` connects to, by name or address. They are looked up before anything
+        is energised."""
         return ()
 
     @property
     def lacks(self) -> str:
-        """Return why it could not make safe at once, after ``serve`` has started; empty: it could.
-        While the root's lacks something, nothing is armed."""
+        """Why the channel is not ready for a stop, after ``serve`` has started; empty if it is. While the
+        root's channel lacks something, nothing is armed."""
         return ""
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """What has to be done before the path is needed, and kept up until it is: discovery, a
-        session. ``started`` once it could be used at once; the wire does not count as up before.
-        Runs until it is cancelled, before ``close``, or returns when there is nothing to keep up.
-        Raise ``WireDown``."""
+        """Prepare the channel and keep it ready: discovery, a session.
+
+        It is cancelled before ``close``. It may return if there is nothing to keep up.
+
+        Args:
+            task_status: Call ``started()`` when the channel is ready for a stop. The wire's link
+                counts as up only then.
+
+        Raises:
+            WireDown: The channel is lost.
+        """
         task_status.started()
 
     @abstractmethod
@@ -194,4 +274,4 @@ class StopChannel(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Release what ``Driver.stop_channel`` was given."""
+        """Close the descriptors that ``Driver.stop_channel`` was given."""
