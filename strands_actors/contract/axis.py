@@ -1,7 +1,7 @@
-"""Axes as data: what a robot can be told, in which unit, and how far and how fast.
+"""Axes as data: the numbers of an action, their units, ranges and speeds.
 
-Names, parsing, range and speed gates, the JSON of ``send_action``, tool schemas and dataset
-features are all derived from this one table. A driver declares parts; each part has axes.
+A driver declares parts, and each part has axes. Names, parsing, range and speed gates, the JSON of
+``send_action``, tool schemas and dataset features all follow from this table.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from strands_actors.kernel.refusals import Code
 from .shown import shown
 
 SHOWN = 40
-"""Characters of a key or value that a refusal shows."""
+"""Longest text of a key or value in a refusal."""
 
 
 class AxisMode(enum.StrEnum):
-    """What the number of an axis means."""
+    """The meaning of an axis' number."""
 
-    POSITION = "position"  # where to go; an axis that an action does not name keeps its target
-    VELOCITY = "velocity"  # how fast to move; an axis that an action does not name rests
+    POSITION = "position"  # a position; an axis that an action does not name keeps its target
+    VELOCITY = "velocity"  # a speed; an axis that an action does not name gets its rest value
 
 
 class PartKind(enum.StrEnum):
-    """What a group of axes is, as Viam and LeRobot name components."""
+    """The kind of a group of axes, in the words of Viam and LeRobot."""
 
     ARM = "arm"
     GRIPPER = "gripper"
@@ -41,9 +41,20 @@ class PartKind(enum.StrEnum):
 
 
 class Axis(msgspec.Struct, frozen=True, kw_only=True):
-    """One number of an action. ``low``, ``high`` and ``speed`` are in ``unit``; ``speed`` is what
-    the axis may change in a second: its velocity, or of a velocity axis its acceleration; infinite:
-    no limit."""
+    """One number of an action.
+
+    Attributes:
+        key: Its name.
+        unit: Its unit, also of the range.
+        low: Lowest value.
+        high: Highest value.
+        speed: Largest change of the value in a second; infinite for no limit.
+        mode: Whether it is a position or a speed.
+        rest: The value of a velocity axis without a command.
+        sign: The number on the wire is ``sign`` times the value.
+        id: Number of its motor, joint or register on the wire.
+        optional: Not every robot of this name has it. A robot without it reads NaN.
+    """
 
     key: str
     unit: str
@@ -51,14 +62,14 @@ class Axis(msgspec.Struct, frozen=True, kw_only=True):
     high: float
     speed: float = math.inf
     mode: AxisMode = AxisMode.POSITION
-    rest: float = 0.0  # of a velocity axis: what it does when nobody commands it
-    sign: float = 1.0  # number on the wire = sign * value
-    id: int = 0  # of its motor, joint or register on the wire
-    optional: bool = False  # not every robot of this name has it; without it, it reads NaN
+    rest: float = 0.0
+    sign: float = 1.0
+    id: int = 0
+    optional: bool = False
 
     @property
     def label(self) -> str:
-        """Name the axis and its motor, for people."""
+        """The axis and its motor, for people."""
         return f"{self.key} (id {self.id})"
 
     @property
@@ -67,15 +78,15 @@ class Axis(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Part(msgspec.Struct, frozen=True):
-    """A group of axes that belong together."""
+    """A group of axes. ``name`` distinguishes two parts of one kind (left, right)."""
 
     kind: PartKind
     axes: tuple[Axis, ...]
-    name: str = ""  # where a robot has two of a kind: left, right
+    name: str = ""
 
 
 def axes_of(parts: Sequence[Part]) -> tuple[Axis, ...]:
-    """Return the axes of all parts, in order. Raise ``ValueError`` when two have one key."""
+    """Return the axes of all parts, in order. Raise ``ValueError`` if two have the same key."""
     axes = tuple(axis for part in parts for axis in part.axes)
     keys = [axis.key for axis in axes]
     if twice := sorted({key for key in keys if keys.count(key) > 1}):
@@ -84,8 +95,8 @@ def axes_of(parts: Sequence[Part]) -> tuple[Axis, ...]:
 
 
 def first_target(axes: Sequence[Axis], measured: Sequence[float]) -> tuple[float, ...]:
-    """Return the target from which a robot that was just armed goes on: the measured position, so
-    that nothing jumps, and for velocity axes rest, so that nothing drives off."""
+    """Return the target of a robot that was just armed: the measured positions, so that it does not
+    jump, and the rest values of velocity axes."""
     return tuple(
         axis.rest if axis.mode is AxisMode.VELOCITY else value for axis, value in zip(axes, measured, strict=True)
     )
@@ -98,11 +109,16 @@ def parse_action(
     index: Mapping[str, int],
     target: Sequence[float],
 ) -> tuple[tuple[float, ...], tuple[int, ...]] | Refused:
-    """Return the whole target and the indices of the axes that ``action`` names.
+    """Return the target of every axis, and the indices of the axes that the action names.
 
-    ``x`` and ``x.pos`` name the same axis: not both at once. A position axis that is not named
-    keeps its target, a velocity axis that is not named rests. ``index``: position of each key in
-    ``axes``.
+    ``x`` and ``x.pos`` name the same axis. An action must not have both.
+
+    Args:
+        action: Values by key.
+        robot: The robot's name, for refusals.
+        axes: The axes.
+        index: The index of each key in ``axes``.
+        target: The present target, which position axes keep if they are not named.
     """
     keys = ", ".join(index)
     if not action:
@@ -131,8 +147,8 @@ def parse_action(
 
 
 def _not_a_number(value: object) -> str:
-    """Return what came in place of a number. A text that reads like one, or like nothing, is said to
-    be a text; others speak for themselves, and may be what an object was written out as."""
+    """Return a value that is no number, for a refusal. A text that looks like a number is called a
+    text."""
     if value is None:
         return "None, as JSON also has what is infinite or not a number"
     if not isinstance(value, str):
@@ -145,8 +161,7 @@ def _not_a_number(value: object) -> str:
 
 
 def finite(value: object) -> float | None:
-    """Return ``value`` as a finite float, else None: text, a bool, infinite, not a number, too
-    large."""
+    """Return the value as a finite float; None if it is a text, a bool, infinite, NaN or too large."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     try:

@@ -1,4 +1,4 @@
-"""Packages that only some need: what is used of them, and the line that installs it."""
+"""Optional packages: the modules of each extra, and the line that installs it."""
 
 from __future__ import annotations
 
@@ -16,15 +16,16 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "record": ("mcap", "zstandard"),
     "top": ("textual",),
 }
-"""By extra, the modules that it brings. ``pyproject.toml`` has the packages."""
+"""The modules of each extra. ``pyproject.toml`` has the packages."""
 
 
 class MissingExtra(ImportError):
-    """An extra is not installed; the text has the line that installs it."""
+    """An extra is not installed. The text has the line that installs it."""
 
 
 def missing(extra: str, use: str) -> str:
-    """Return why ``use`` cannot be, with the line that installs the extra; empty: it is there."""
+    """Return why ``use`` is not possible, with the line that installs the extra; empty if it is
+    installed."""
     absent = [name for name in EXTRAS[extra] if importlib.util.find_spec(name) is None]
     if not absent:
         return ""
@@ -32,14 +33,14 @@ def missing(extra: str, use: str) -> str:
 
 
 def require(extra: str, use: str) -> None:
-    """Raise ``MissingExtra`` when ``use`` cannot be."""
+    """Raise ``MissingExtra`` if an extra that ``use`` needs is not installed."""
     if why := missing(extra, use):
         raise MissingExtra(why)
 
 
 def refusing(name: str, failure: ImportError) -> Callable[..., NoReturn]:
-    """Return what stands for a function whose extra is not installed: a call raises ``MissingExtra``
-    with the line that installs it."""
+    """Return a replacement for a function whose extra is not installed. A call raises
+    ``MissingExtra``."""
     why = str(failure) if isinstance(failure, MissingExtra) else f"{name} cannot be imported: {failure}"
 
     def refuse(*values: object, **keywords: object) -> NoReturn:

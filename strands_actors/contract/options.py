@@ -1,5 +1,5 @@
-"""Constructor keywords of a driver as a msgspec struct: types, ranges and meanings stand once, in
-the annotation.
+"""Constructor keywords of a driver as a msgspec struct. The annotation of a field has its type, its
+range and its meaning.
 
 ::
 
@@ -20,7 +20,7 @@ from .plain_numbers import as_python
 from .shown import closest
 
 ALWAYS = ("tool_name",)
-"""Keywords that every driver is given."""
+"""Keywords that every driver gets."""
 
 
 class DriverOptions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -31,14 +31,19 @@ Options = TypeVar("Options", bound=DriverOptions)
 
 
 def option(about: str, *, secret: bool = False, is_path: bool = False, **constraints: Any) -> msgspec.Meta:
-    """Describe a field: what it means, and ``gt``, ``ge``, ``lt``, ``le``, ``pattern``,
-    ``min_length`` ... A value that is ``secret`` is never shown, recorded or hashed. ``is_path``: its
-    text may be a path of another type."""
+    """Describe a field.
+
+    Args:
+        about: Its meaning.
+        secret: Its value is never shown, recorded or hashed.
+        is_path: Its text may also be given as a path object.
+        constraints: Constraints of msgspec: ``gt``, ``ge``, ``lt``, ``le``, ``pattern``, ``min_length``.
+    """
     return msgspec.Meta(description=about, extra={"secret": secret, "is_path": is_path}, **constraints)
 
 
 def secrets_of(options: type[DriverOptions]) -> frozenset[str]:
-    """Return the keywords that are secret, for ``Driver.SECRETS``."""
+    """Return the secret keywords, for ``Driver.SECRETS``."""
     hints = get_type_hints(options, include_extras=True)
     return frozenset(
         field.encode_name
@@ -48,7 +53,7 @@ def secrets_of(options: type[DriverOptions]) -> frozenset[str]:
 
 
 class Meanings(dict[str, str]):
-    """Each keyword of ``options`` with what it means and its default."""
+    """The meaning and default of each keyword of ``options``."""
 
     def __init__(self, options: type[DriverOptions]) -> None:
         super().__init__()
@@ -56,8 +61,8 @@ class Meanings(dict[str, str]):
 
 
 def meanings(options: type[DriverOptions]) -> Meanings:
-    """Return each keyword with what it means and its default, for ``list``, ``--help`` and the
-    signatures of ``Robot``."""
+    """Return the meaning and default of each keyword, for ``list``, ``--help`` and the signatures of
+    ``Robot``."""
     told = Meanings(options)
     hints = get_type_hints(options, include_extras=True)
     for field in msgspec.structs.fields(options):
@@ -67,8 +72,12 @@ def meanings(options: type[DriverOptions]) -> Meanings:
 
 
 def read_options(robot: str, options: type[Options], given: Mapping[str, Any]) -> Options:
-    """Return a driver's options as a struct. Raise ``TypeError`` for a keyword that is not there, with
-    the nearest, and ``ValueError`` for a value that is not accepted, with what would be."""
+    """Return a driver's options as a struct.
+
+    Raises:
+        TypeError: A keyword is unknown. The text suggests the nearest one.
+        ValueError: A value is not accepted. The text says which are.
+    """
     own = {
         name: value
         for name, value in given.items()
@@ -80,8 +89,8 @@ def read_options(robot: str, options: type[Options], given: Mapping[str, Any]) -
 def convert_options(
     robot: str, options: type[Options], given: Mapping[str, Any], *, from_text: bool = False
 ) -> Options:
-    """Do as ``read_options``, with every keyword. ``from_text``: numbers and bools may be text, as on a
-    command line."""
+    """As ``read_options``, without the keywords that every driver gets. ``from_text`` accepts numbers and
+    bools as text, as from a command line."""
     known = [field.encode_name for field in msgspec.structs.fields(options)]
     wanted = {name: as_python(value) for name, value in given.items()}
     if unknown := [name for name in wanted if name not in known]:
@@ -104,13 +113,13 @@ def convert_options(
 
 
 def plain(options: DriverOptions) -> dict[str, Any]:
-    """Return the options as plain data, to travel between processes and into a recording."""
+    """Return the options as plain data, for other processes and recordings."""
     told: dict[str, Any] = msgspec.to_builtins(options)
     return told
 
 
 def _wanted(options: type[DriverOptions], name: str) -> str:
-    """Return what an option accepts, for a refusal."""
+    """Return the accepted values of an option, for a refusal."""
     if name not in (field.encode_name for field in msgspec.structs.fields(options)):
         return "Leave it out"
     choices = _choices(get_type_hints(options)[name])
@@ -119,5 +128,5 @@ def _wanted(options: type[DriverOptions], name: str) -> str:
 
 
 def _choices(hint: Any) -> tuple[Any, ...]:
-    """Return the values of a ``Literal``, else nothing."""
+    """Return the values of a ``Literal``; empty for another type."""
     return get_args(hint) if get_origin(hint) is Literal else ()

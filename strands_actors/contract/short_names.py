@@ -1,6 +1,6 @@
-"""Other names of robots: what people call the usual one of a family, and the names by which the registry
-of strands-robots knows ours [read: its ``robots.json``]. A name in another spelling (``Koch-v1.1``) needs
-no row. What a wire itself calls its robots is in its ``robots.toml``."""
+"""Other names of robots: short names of the usual robot of a family, and names in the registry of
+strands-robots [read: its ``robots.json``]. Other spellings (``Koch-v1.1``) need no row. The names that a
+wire itself declares are in its ``robots.toml``."""
 
 from __future__ import annotations
 

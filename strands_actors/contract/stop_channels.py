@@ -1,12 +1,12 @@
-"""Stop channels of four kinds, to be completed with what one robot says. The fifth is
-``stop_process.OwnProcess``.
+"""Base classes for stop channels. A driver adds the frames of its robot.
 
-``DuplicateDescriptor``  the descriptor that the wire had open; the port opened anew where that is dead
-``ConnectWhenNeeded``    a connection of the root's own, made for the stop
-``WatchedFirmware``      the same, where the firmware stops by itself and what is left is to see that it did
-``KeptSession``          a session of the root's own, kept up, because opening one takes too long
+``DuplicateDescriptor``  a duplicate of the wire's descriptor; if it is dead, the port is opened anew
+``ConnectWhenNeeded``    a new connection for each stop
+``WatchedFirmware``      the same for firmware that stops by itself; the channel sees that it did
+``KeptSession``          a session that is kept open, because opening one takes too long
+``OwnProcess``           processes that load an SDK (``stop_process``)
 
-All are made as ``Driver.STOP_CHANNEL`` says: ``class(config, descriptors, clock)``.
+All are made as ``class(config, descriptors, clock)``.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ class Closable(Protocol):
 
 
 class Watch(Closable, Protocol):
-    """A connection that shows how the robot stops."""
+    """A connection on which the robot reports its state."""
 
     def look(self) -> Reports:
-        """Take in what has arrived and return what is known of each motor. Raise ``WireDown``."""
+        """Read the received data and return the report of each motor. Raise ``WireDown``."""
         ...
 
 
@@ -44,8 +44,8 @@ WatchT = TypeVar("WatchT", bound=Watch)
 
 
 class DuplicateDescriptor(StopChannel, Generic[ConfigT, PortT]):
-    """A duplicate of the wire's descriptor, used after its owner has ended. Where that is dead, or
-    none was handed over, the port is opened anew, and kept until ``close``."""
+    """Stop by a duplicate of the wire's descriptor. If it is dead, or there is none, the port is opened
+    anew, and stays open until ``close``."""
 
     def __init__(self, config: ConfigT, descriptors: Sequence[int], clock: Clock) -> None:
         self.config = config
@@ -54,27 +54,27 @@ class DuplicateDescriptor(StopChannel, Generic[ConfigT, PortT]):
 
     @abstractmethod
     def adopt(self, descriptor: int) -> PortT:
-        """Return the port on a descriptor that now belongs to it. Must not raise."""
+        """Return a port that owns the descriptor. Must not raise."""
 
     @abstractmethod
     async def open_port(self) -> PortT:
-        """Return the port, opened by its path or address. Raise ``WireDown``."""
+        """Open the port by its path or address. Raise ``WireDown``."""
 
     async def hung_up(self, port: PortT) -> None:
-        """Return once the device behind the port is gone. Most ports do not tell that."""
+        """Wait until the device behind the port is gone. Most ports never report that."""
         await trio.sleep_forever()
 
     @abstractmethod
     async def make_safe_on(self, port: PortT, safe_state: SafeState) -> Reports:
-        """Do as ``make_safe``. Raise ``WireDown`` when nothing could be written on this port."""
+        """As ``make_safe``, on this port. Raise ``WireDown`` if nothing could be written."""
 
     @abstractmethod
     def failed(self, why: str) -> Reports:
         """Report that nothing was written."""
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Let go of a port that was unplugged: while somebody has it open, an adapter gets another
-        name when it comes back."""
+        """Close a port whose adapter was unplugged. While it is open, the adapter gets another name when
+        it comes back."""
         task_status.started()
         if self.port is not None:
             await self.hung_up(self.port)
@@ -99,9 +99,11 @@ class DuplicateDescriptor(StopChannel, Generic[ConfigT, PortT]):
 
 
 class ConnectWhenNeeded(StopChannel, Generic[ConfigT, PortT]):
-    """A connection made for the stop. By then the wire's is gone with its process, so a controller
-    that takes one client takes this one. A name for an address has to be looked up then, too: a
-    number is quicker."""
+    """Stop by a new connection.
+
+    The wire's connection is gone with its process by then, so a controller with one client accepts this
+    one. A host name has to be looked up for it, which takes longer than an address.
+    """
 
     def __init__(self, config: ConfigT, descriptors: Sequence[int], clock: Clock) -> None:
         self.config = config
@@ -109,15 +111,15 @@ class ConnectWhenNeeded(StopChannel, Generic[ConfigT, PortT]):
 
     @abstractmethod
     async def connect(self) -> PortT:
-        """Raise ``WireDown``."""
+        """Connect to the robot. Raise ``WireDown``."""
 
     @abstractmethod
     async def make_safe_by(self, port: PortT, safe_state: SafeState) -> Reports:
-        """Do as ``make_safe``, on this connection. Raise ``WireDown`` when it is lost."""
+        """As ``make_safe``, on this connection. Raise ``WireDown`` if it is lost."""
 
     @abstractmethod
     def failed(self, why: str, port: PortT | None = None) -> Reports:
-        """Report that no motor is confirmed. ``port``: the connection, where there was one."""
+        """Return reports in which no motor is confirmed. ``port`` is the connection, if there was one."""
 
     def release(self, port: PortT) -> None:
         port.close()
@@ -139,15 +141,16 @@ class ConnectWhenNeeded(StopChannel, Generic[ConfigT, PortT]):
 
 
 class WatchedFirmware(ConnectWhenNeeded[ConfigT, WatchT]):
-    """The firmware stops by itself once the wire process is gone. Connect, tell it to stop all the
-    same, and look until every motor is seen to be safe."""
+    """Stop a robot whose firmware stops by itself when the wire process is gone. The channel orders the
+    stop nevertheless, and observes the robot until every motor is safe."""
 
     CONFIRM_S: ClassVar[float]
-    """For so long."""
+    """Longest time of the observation."""
     LOOK_S: ClassVar[float] = 0.002
+    """Pause between two observations."""
 
     def order(self, watch: WatchT, safe_state: SafeState) -> None:
-        """Tell it to stop, for whoever else might be moving it. Raise ``WireDown``."""
+        """Order the stop, in case another client moves the robot. Raise ``WireDown``."""
 
     async def make_safe_by(self, watch: WatchT, safe_state: SafeState) -> Reports:
         self.order(watch, safe_state)
@@ -160,11 +163,11 @@ class WatchedFirmware(ConnectWhenNeeded[ConfigT, WatchT]):
 
 
 class KeptSession(StopChannel, Generic[ConfigT, PortT]):
-    """A session of the root's own, opened before the wire counts as up, and kept up until it is
-    used. One that is lost is replaced as soon as another can be opened."""
+    """Stop by a session that is opened before the wire's link counts as up, and kept open. A lost session
+    is replaced."""
 
     AGAIN_S: ClassVar[float] = 0.2
-    """Pause before a session is opened in place of one that was lost."""
+    """Pause before a lost session is replaced."""
 
     def __init__(self, config: ConfigT, descriptors: Sequence[int], clock: Clock) -> None:
         self.config = config
@@ -174,20 +177,19 @@ class KeptSession(StopChannel, Generic[ConfigT, PortT]):
 
     @abstractmethod
     async def connect(self) -> PortT:
-        """Raise ``WireDown``."""
+        """Open a session. Raise ``WireDown``."""
 
     @abstractmethod
     async def keep_up(self, session: PortT) -> None:
-        """Keep the session alive. Return, or raise ``WireDown``, when it is lost."""
+        """Keep a session alive until it is lost. Return then, or raise ``WireDown``."""
 
     @abstractmethod
     async def make_safe_by(self, session: PortT | None, safe_state: SafeState) -> Reports:
-        """Do as ``make_safe``. ``session``: nobody else uses it any more; None: there is none.
-        Never raises."""
+        """As ``make_safe``. Never raises. ``session`` is for this call alone; None if there is none."""
 
     @property
     def has_other_way(self) -> bool:
-        """Return whether the robot can be stopped without a session of the root's own."""
+        """True if the robot can be stopped without a session."""
         return False
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
@@ -207,14 +209,14 @@ class KeptSession(StopChannel, Generic[ConfigT, PortT]):
                 with contextlib.suppress(WireDown):
                     self.replace(await self.connect())
         if not told:
-            task_status.started()  # it has been used meanwhile
+            task_status.started()  # It was used for a stop meanwhile.
 
     async def make_safe(self, safe_state: SafeState) -> Reports:
         self._serving.cancel()
         return await self.make_safe_by(self.session, safe_state)
 
     def replace(self, session: PortT | None) -> None:
-        """Close the session, and go on with another."""
+        """Close the session and use another one."""
         if self.session is not None and self.session is not session:
             self.session.close()
         self.session = session

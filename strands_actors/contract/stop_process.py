@@ -1,16 +1,16 @@
-"""The fifth kind of stop channel: processes of its own, for what needs a vendor's SDK.
+"""A stop channel in processes of its own, for a stop that needs an SDK.
 
-An SDK may not be loaded in the root, which must never hang. A child loads ``CHANNEL``, an ordinary
-stop channel, and makes the robot safe when it is ordered to, over a socket pair. A newer order ends
-the one that is being carried out.
+An SDK must not be loaded in the root, which must never hang. A child loads ``CHANNEL``, an ordinary
+stop channel, and stops the robot when it gets an order over a socket pair. A newer order ends the
+present one.
 
-``READY`` children stand ready, because importing an SDK takes longer than a robot's bound. Only one
-of them acts on an order: the first, unless the system says that it has been killed or stopped. It
-acknowledges the order before it carries it out. One that does not acknowledge within ``HEARD_S`` is
-killed, and the next one is ordered at once: so two never write at a time, and a frozen one that is
-continued later writes nothing. The last one is given ``ANSWER_S``, unless the system says that it
-is stopped, too: then another one is begun. While nobody needs them they are
-asked for a sign of life; whoever has ended, or does not answer, is replaced.
+Two children (``READY``) stand ready, because importing an SDK takes longer than a robot's bound. One
+of them acts on an order: the first that is neither dead nor stopped (SIGSTOP). It acknowledges the
+order before it acts. A child that does not acknowledge within ``HEARD_S`` is killed, and the next one
+is ordered at once. So two children never write at a time, and a frozen child never writes later. The
+last child gets ``ANSWER_S``; if it is stopped, another one is started.
+
+Idle children are asked for a sign of life. A child that has ended or does not answer is replaced.
 """
 
 from __future__ import annotations
@@ -47,46 +47,46 @@ _ENTRY = "strands_actors.contract.stop_process:main"
 _DEATH_SIGNAL = 1
 """``PR_SET_PDEATHSIG`` of Linux."""
 _KILLED_S = 0.2
-"""How long the end of a killed child is waited for, before the next one is started."""
+"""How long to wait for the end of a killed child, before the next one is started."""
 LOOK_S = 0.1
-"""How often an idle child is asked for a sign of life."""
+"""Period of the questions for a sign of life."""
 SILENT_S = 0.3
-"""An idle child that has given none for so long is frozen, or its SDK keeps the interpreter's lock."""
+"""An idle child without a sign of life for so long is replaced. It is frozen, or its SDK keeps the
+interpreter's lock."""
 
 
 class OwnProcess(StopChannel, Generic[ConfigT]):
-    """``config`` is a struct of msgspec: it travels to the child as plain data."""
+    """Stop by a child process. ``config`` is a msgspec struct, since it is sent to the child."""
 
     CHANNEL: ClassVar[str]
     """``module:class`` of the stop channel, made in the child as ``class(config, descriptors,
     clock)``."""
     READY: ClassVar[int] = 2
-    """Children that stand ready: one may be dead or frozen when it is needed."""
+    """Children that stand ready, since one may be dead or frozen when it is needed."""
     START_S: ClassVar[float] = 8.0
-    """Within which a child has loaded and connected what it needs. Four of them begin at a time, two
-    of the root's and two of the standby's: 0.7 s of computing each, on a busy machine. Less than
-    ``Timing.handover_s`` of its driver."""
+    """Longest start of a child. Root and standby start two each at the same time, and each computes for
+    0.7 s. It must be less than ``Timing.handover_s`` of the driver."""
     HEARD_S: ClassVar[float] = 0.02
-    """Within which a child acknowledges an order, as long as there is another one to ask."""
+    """Longest time to an acknowledgement, while there is another child to ask."""
     ANSWER_S: ClassVar[float] = 0.6
-    """Within which it has made safe. Two answers fit into ``Timing.safe_s``."""
+    """Longest time to a result. Two of them fit into ``Timing.safe_s``."""
     AGAIN_S: ClassVar[float] = 0.2
-    """Pause before a child that was lost is replaced."""
+    """Pause before a lost child is replaced."""
     ATTEMPTS: ClassVar[int] = 2
-    """Children that may fail to carry out one order."""
+    """How many children may fail at one order."""
 
     def __init__(self, config: ConfigT, descriptors: Sequence[int], clock: Clock) -> None:
         self.config = config
         self.clock = clock
         self._descriptors = tuple(descriptors)
-        self._children: list[StopChild] = []  # that are ready, the one to ask first
-        self._beginning = 0  # children that are not ready yet
-        self._begun = trio.Event()  # the next of them is ready, or was given up
+        self._children: list[StopChild] = []  # ready children; the first one gets the next order
+        self._beginning = 0  # number of children that are starting
+        self._begun = trio.Event()  # set when one of them is ready or has failed
         self._closed = False
 
     @abstractmethod
     def failed(self, why: str) -> Reports:
-        """Report that no motor is confirmed."""
+        """Return reports in which no motor is confirmed."""
 
     @property
     def lacks(self) -> str:
@@ -94,7 +94,7 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
 
     @property
     def processes(self) -> tuple[int, ...]:
-        """Return the ids of the children that stand ready, the one to ask first in front."""
+        """The process ids of the ready children. The first one gets the next order."""
         return tuple(child.process.pid for child in self._children)
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
@@ -108,9 +108,11 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
             raise _first_of(down) from None
 
     async def make_safe(self, safe_state: SafeState) -> Reports:
-        """The first order leaves before the first wait, where a child is ready. When cancelled, the
-        child lives on: the guardian cancels what it ordered before a fence to order it again after
-        that, and a new child would have to load everything again."""
+        """Stop the robot. If a child is ready, the order leaves before the first wait.
+
+        A cancelled call leaves the child alive, because the guardian cancels an order before a fence
+        and repeats it afterwards.
+        """
         why, failures = "", 0
         while failures < self.ATTEMPTS:
             try:
@@ -140,7 +142,7 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
     # -- the children
 
     async def _ready(self) -> StopChild:
-        """Return the child to order next; start one when there is none. Raise ``WireDown``."""
+        """Return the next child to order, and start one if there is none. Raise ``WireDown``."""
         while True:
             while self._children and self._children[0].is_lost:
                 self._children.pop(0).abandon()
@@ -152,8 +154,8 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
                 await self._begin()
 
     async def _keep_one(self, task_status: trio.TaskStatus[None]) -> None:
-        """Keep a child ready, and another when it is lost. Raise ``WireDown`` when the first one
-        cannot begin."""
+        """Keep a child ready and replace it when it is lost. Raise ``WireDown`` if the first one cannot
+        start."""
         child = await self._begin()
         task_status.started()
         while True:
@@ -164,7 +166,7 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
                 child = await self._begin()
 
     async def _until_lost(self, child: StopChild) -> None:
-        """Return when it has ended or was given up, and when it is silent although it is idle."""
+        """Wait until a child has ended, was discarded, or is idle and silent."""
         detector = FailureDetector(SILENT_S, LOOK_S, partial(suspected, child.process.pid))
         while child in self._children and child.process.alive:
             now_ns = self.clock.now_ns()
@@ -175,7 +177,7 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
             await trio.sleep(LOOK_S)
 
     async def _begin(self) -> StopChild:
-        """Start a child, and return it when it is ready. Raise ``WireDown``."""
+        """Start a child and wait until it is ready. Raise ``WireDown``."""
         self._beginning += 1
         kept = False
         child: StopChild | None = None
@@ -194,7 +196,7 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
             begun.set()
 
     def _start(self) -> StopChild:
-        """Raise ``WireDown``."""
+        """Start a child process. Raise ``WireDown``."""
         told = {
             "channel": self.CHANNEL,
             "config_class": place_of(type(self.config)),
@@ -210,9 +212,10 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
         return StopChild(process, self.CHANNEL, self.clock)
 
     async def _discard(self, child: StopChild) -> None:
-        """Kill it. The next one is ordered at once: who was killed runs no code of its own."""
+        """Kill a child. The next one can be ordered at once, since a killed process runs no more of its
+        code."""
         if child not in self._children:
-            return  # somebody else has
+            return  # another task has discarded it
         self._children.remove(child)
         if self._children:
             child.abandon()
@@ -237,7 +240,7 @@ def main(args: dict[str, Any], sock: socket.socket) -> None:
     be_taken_last()
     raise_limits()
     RESERVE.begin(lambda: True)
-    run_first(STANDBY_PRIORITY)  # it is what makes the robot safe when the wire cannot
+    run_first(STANDBY_PRIORITY)  # It stops the robot when the wire cannot.
     trio.run(_answer, channel, Frames(sock))
 
 
@@ -258,14 +261,14 @@ async def _answer(channel: StopChannel, frames: Frames) -> None:
                         with RESERVE.freed():
                             reports = await channel.make_safe(safe_state)
                         if not all(report.safe for report in reports):
-                            RESERVE.end_if_short()  # the parent starts another process
+                            RESERVE.end_if_short()  # The parent then starts another child.
                         frames.send(Answer(number, reports))
 
             while data := await frames.receive():
                 order = msgspec.msgpack.decode(data, type=Order)
                 frames.send(Answer(order.number))
                 if order.safe_state is not None:
-                    carried_out.cancel()  # nobody waits for it any more
+                    carried_out.cancel()  # The newer order replaces it.
                     carried_out = trio.CancelScope()
                     nursery.start_soon(carry_out, order.number, order.safe_state, carried_out)
             nursery.cancel_scope.cancel()
@@ -274,9 +277,9 @@ async def _answer(channel: StopChannel, frames: Frames) -> None:
 
 
 def _end_with_parent(parent: int) -> None:
-    """End when the root does, whatever an SDK does here: it may hang, or keep the interpreter's
-    lock. Without Linux a child that hangs outlives a root that is killed."""
+    """End with the parent, even if an SDK hangs or keeps the interpreter's lock. Only Linux can do that;
+    elsewhere a hanging child outlives a killed parent."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_DEATH_SIGNAL, int(signal.SIGKILL))
         if os.getppid() != parent:
-            os._exit(1)  # it ended before that was said
+            os._exit(1)  # The parent ended before the call.

@@ -1,4 +1,4 @@
-"""The interface of the drivers page: which members a driver class has, whoever runs it."""
+"""The members that the reference's drivers page requires of a driver class."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ from .driver import Driver
 
 @runtime_checkable
 class HardwareDriver(Protocol):
-    """What a driver of the drivers page has. No inheritance: whatever has the members is one, a
-    robot that ``Robot`` returns too."""
+    """The members of a driver, without inheritance. A robot that ``Robot`` returns has them, too."""
 
     @property
     def tool_name(self) -> str: ...
@@ -45,30 +44,28 @@ PARAMETERS: Mapping[str, tuple[str, ...]] = {
     "tool_spec": (),
     "tool_type": (),
 }
-"""The members, each with its parameters."""
+"""The parameters of each member."""
 
 DRIVER_SURFACE: tuple[str, ...] = tuple(PARAMETERS)
-"""What a driver class must have. ``start_task``, which older ones have too, is not asked for."""
+"""The required members. ``start_task`` of older drivers is not required."""
 
 DEPRECATED: Mapping[str, tuple[str, ...]] = {
     "start_task": ("instruction", "policy_port", "policy_host", "policy_provider", "duration"),
 }
 
 OTHER_SPELLINGS = {"policy": "policy_object"}
-"""Parameters that go by another name, too."""
+"""Parameters with another accepted name."""
 
 
 def missing_driver_members(cls: type[Any]) -> list[str]:
-    """Return the members of the drivers page that ``cls`` lacks, sorted. A ``Driver`` (run as a
-    tree) lacks none."""
+    """Return the required members that ``cls`` lacks, sorted; empty for a ``Driver``."""
     if isinstance(cls, type) and issubclass(cls, Driver):
         return []
     return [member for member in sorted(PARAMETERS) if not hasattr(cls, member)]
 
 
 def drifted_driver_parameters(cls: type[Any]) -> dict[str, list[str]]:
-    """Return, by member, the parameters of the drivers page that it does not take. Empty: nothing
-    has drifted."""
+    """Return the parameters that each member of ``cls`` lacks; empty if there are none."""
     if isinstance(cls, type) and issubclass(cls, Driver):
         return {}
     drifted = {}

@@ -1,9 +1,8 @@
-"""What those who are not the robot's own program may ask of it: an agent, an MCP client, a command
-from the mesh.
+"""The verbs of a robot for agents, MCP clients and commands from the mesh.
 
-A driver declares its verbs as data (``Driver.TOOL_VERBS``). What a verb *does* is one of eight
-things that every robot knows; what differs is its name, its inputs and the action they make. Verbs
-that are commands are methods of the robot's handle, too, by the same names.
+A driver declares its verbs as data (``Driver.TOOL_VERBS``). Each verb does one of eight things that
+every robot can do. Its name, inputs and action differ. Verbs that are commands are also methods of the
+robot's handle.
 """
 
 from __future__ import annotations
@@ -20,31 +19,31 @@ Schema = Mapping[str, Any]
 
 
 class ToolVerb(msgspec.Struct, frozen=True):
-    """One verb. ``does``:
+    """One verb. ``does`` is one of:
 
-    ``status``   what ``get_status()`` says
+    ``status``   the result of ``get_status()``
     ``sensors``  positions, sensors and faults, with their age
     ``state``    positions and velocities, with their age
-    ``action``   one command, as ``send_action()``: ``action``, and with it each input that is a number under its
-                 own name, and the entries of each input that is an object
-    ``move_to``  what ``move_to()`` does: input ``targets``, and ``seconds``
+    ``action``   one command, as ``send_action()``: ``action``, each input that is a number by its name,
+                 and the entries of each input that is an object
+    ``move_to``  ``move_to()`` with the inputs ``targets`` and ``seconds``
     ``service``  the driver's service of that name, with the inputs as its arguments
     ``torque``   input ``enabled``: true energises at the measured position, false is a stop
-    ``stop``     what ``stop()`` does; takes any input and minds none
+    ``stop``     ``stop()``; it ignores all inputs
     """
 
     name: str
     does: Does
-    says: str  # a sentence by which a model chooses
+    says: str  # one sentence, for a model that chooses a verb
     inputs: Mapping[str, Schema] = {}
     required: tuple[str, ...] = ()
     action: Mapping[str, float] = {}
     lasts: str = ""
-    """Of an ``action``: the input that says for how many seconds the command is sent again, before a
-    zero. Without it the command is sent once, and lives as long as the driver says."""
+    """The input of an ``action`` with the seconds for which the command is re-sent, before a zero.
+    Without it the command is sent once, with the lifetime of the driver."""
 
     def command(self, inputs: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the command that an ``action`` with these inputs is."""
+        """Return the action that these inputs make."""
         made: dict[str, Any] = dict(self.action)
         for name, value in inputs.items():
             if name != self.lasts:
@@ -69,16 +68,16 @@ MOVE_TO = ToolVerb(
 )
 
 DURATION = "duration_s"
-"""Input of a verb that holds a speed: for how many seconds."""
+"""The input with the seconds of a held speed."""
 
 
 def held_move(says: str, speeds: Mapping[str, str], rest: Mapping[str, float]) -> ToolVerb:
     """Return the verb ``move`` of a base, which can hold its speeds.
 
     Args:
-        says: How it moves, for a model that chooses.
-        speeds: Axis to what its number means.
-        rest: What each axis is told that the call does not name.
+        says: One sentence, for a model that chooses a verb.
+        speeds: The meaning of each axis' number.
+        rest: The values of axes that a call does not name.
     """
     inputs: dict[str, Schema] = {
         axis: {"type": "number", "description": meaning} for axis, meaning in speeds.items()
@@ -94,7 +93,7 @@ MOVE_AT_ONCE = ToolVerb(
     {"targets": {"type": "object", "description": "joint to target, in the robot's units"}},
     ("targets",),
 )
-"""For a driver that knows no more of its robot than that it takes targets."""
+"""For a driver that only knows that its robot accepts targets."""
 
 SET_TORQUE = ToolVerb(
     "set_torque",
