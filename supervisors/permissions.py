@@ -1,10 +1,14 @@
-"""What each process of a tree may say to the others: in whose name, and to which actors.
+"""The messages that each process of a tree may send to the others.
 
-The root knows whom it has started over which link; the wire has a session of its own for policies
-(``policy_access``). A policy runs code of others, so it may say what a rollout needs and nothing
-else. The tree's own caller knows the secret of its session and may do what an operator may; who
-joins the run directory's sockets may look, stop and resume, but move nothing. What the parts of a
-tree report to each other counts over their own link alone.
+    sender                                 may send
+    root, wire, standby, cameras           their own messages, over their own links only
+    policy process                         what a rollout needs (it runs user code)
+    caller, by the secret of its session   what an operator may order
+    visitor, by the run directory          questions, stops and resumes, but no motion
+    other host                             questions to the gateway, and stops
+
+The root knows which process is at the other end of a link, since it has started it. The wire has a
+session for policies (``policy_access``).
 """
 
 from __future__ import annotations
@@ -33,10 +37,10 @@ from .mesh.gateway_messages import Dated, Sync
 
 READS: frozenset[type[Message]] = frozenset({GetObservation, GetSafety, GetStatus})
 WRITES: frozenset[type[Message]] = READS | {Setpoint, Acquire, Release, Stop}
-"""What a rollout tells the gate. A stop is refused to nobody."""
+"""The messages of a rollout to the gate. Every sender may send a stop."""
 COMMANDS: frozenset[type[Message]] = WRITES | {Beat, Perform, Resume}
 ORDERS: frozenset[type[Message]] = READS | {Stop, Resume}
-"""What who writes nothing tells the gate."""
+"""The messages to the gate from senders that write nothing."""
 
 
 def _of(robot: str, process: str, names: tuple[str, ...], instruments: bool = True) -> frozenset[str]:
@@ -62,23 +66,21 @@ def of_root(robot: str) -> Channel:
 
 
 def of_standby(robot: str) -> Channel:
-    """Return the channel whose other end is the standby process. It answers, and tells nobody
-    anything."""
+    """Return the channel whose other end is the standby process. It only sends replies."""
     hosts = _of(robot, "standby", ("standby",), instruments=False)
     return Channel("", hosts, f"{PREFIX}/node/{robot}.standby.", {})
 
 
 def of_camera(robot: str, name: str) -> Channel:
-    """Return the channel whose other end is a camera's process. It answers, and tells nobody
-    anything."""
+    """Return the channel whose other end is a camera's process. It only sends replies."""
     process = f"camera/{name}"
     hosts = _of(robot, process, (process,), instruments=False)
     return Channel("", hosts, f"{PREFIX}/node/{robot}.camera.{name}.", {})
 
 
 def of_policy(robot: str, name: str) -> Channel:
-    """Return the channel whose other end is a policy process: in the root, and in the wire.
-    ``name``: what its leases are bound to."""
+    """Return the channel whose other end is a policy process, for the root and the wire. Its leases are
+    bound to ``name``."""
     at = addresses.of(robot)
     tells: dict[str, Told] = {at.gate: WRITES, at.tasks: frozenset({TaskStatus, EpisodeKey})}
     return Channel(
@@ -87,9 +89,8 @@ def of_policy(robot: str, name: str) -> Channel:
 
 
 def of_caller(robot: str, node: str) -> Channel:
-    """Return the channel whose other end is the process that started the tree: of its link, and of
-    the session that nobody enters without its secret. ``node``: its node's address. Its policy may
-    be there."""
+    """Return the channel whose other end is the process that started the tree: its link, and its session,
+    which needs a secret. ``node`` is the address of its node. A policy object may run there."""
     at = addresses.of(robot)
     tells: dict[str, Told] = dict.fromkeys((at.root, at.tasks))
     tells |= {at.gate: COMMANDS, at.guardian: frozenset({Fence})}
@@ -97,40 +98,40 @@ def of_caller(robot: str, node: str) -> Channel:
 
 
 def of_user(robot: str) -> Channel:
-    """Whoever comes in by a socket of the run directory, under any name: a program of this user.
-    None of them has a lease, nor ends the tree or a task."""
+    """Return the channel of visitors: programs of the same user that connect to a socket of the run
+    directory, under any name. They get no lease, and end neither the tree nor a task."""
     at = addresses.of(robot)
     tells: dict[str, Told] = {at.gate: ORDERS, at.guardian: frozenset({Fence}), at.root: frozenset({Describe})}
-    tells[at.tasks] = frozenset({EpisodeState})  # a recorder says how far it is
+    tells[at.tasks] = frozenset({EpisodeState})  # progress of a recorder
     return Channel("a visitor", tells=tells | _inside(robot))
 
 
 def of_visitors(robot: str, process: str) -> tuple[str, ...]:
-    """The actors of one process that visitors reach, by address."""
+    """Return the addresses of the actors in one process that visitors can reach."""
     at = addresses.of(robot)
     own = {"root": (at.root, at.guardian, at.tasks), "wire": (at.gate,)}[process]
     return (*own, *(f"{PREFIX}/{path(process)}" for path in (at.introspection, at.instrument)))
 
 
 def shown(robot: str) -> str:
-    """Key on which visitors are told who tells whom what."""
+    """Return the topic of the trace: sender, receiver and type of every message."""
     return f"{PREFIX}/{robot}/shown"
 
 
 def _inside(robot: str) -> dict[str, Told]:
-    """What recorders, and who wants to know, ask."""
+    """Return the addresses that recorders and `strands-actors tree` ask."""
     at = addresses.of(robot)
     paths = [path(process) for process in ("root", "wire") for path in (at.introspection, at.instrument)]
     return {f"{PREFIX}/{path}": None for path in paths}
 
 
-@functools.lru_cache(maxsize=64)  # asked for with each setpoint
+@functools.lru_cache(maxsize=64)  # needed for each setpoint
 def of_elsewhere(robot: str, who: str) -> Channel:
-    """Return the channel of questions to the gateway, asked by the node ``who``."""
+    """Return the channel for questions of the node ``who`` to the gateway."""
     asks: frozenset[type[Message]] = READS | {Sync, Dated, Describe}
     return Channel(who, frozenset(), f"{PREFIX}/node/{who}", {addresses.of(robot).gateway: asks})
 
 
 def of_stops_elsewhere(robot: str) -> Channel:
-    """Whoever stops the robot from another host, under any name."""
+    """Return the channel for stops from other hosts, under any name."""
     return Channel(tells={addresses.of(robot).gateway_stop: frozenset({Stop})})

@@ -1,12 +1,11 @@
-"""What became of a stop, for who ordered it: a closed type. Pure.
+"""The result of a stop as a closed type. Pure.
 
 Every operation that ends motion (stop, e-stop, release, the end of a task, cleanup) has one of three
-results. There is no fourth, and none of them is ``None``: the absence of an answer is never success
-(SAF-023).
+results. ``None`` is not among them: a missing answer is never success (SAF-023).
 
-    Confirmed      every motor was read back safe, or nothing of ours is energised
-    Unconfirmed    it was ordered, and the named motors have not confirmed it
-    Unreachable    nobody answered who could know: all motors of the robot are named
+    Confirmed      every motor was read back and is safe, or nothing of ours is energised
+    Unconfirmed    the stop was ordered, and the named motors have not confirmed it
+    Unreachable    no process answered that could know; all motors of the robot are named
 
 ``match`` a result exhaustively and end with ``assert_never``.
 """
@@ -26,7 +25,7 @@ from strands_actors.supervisors.gate.messages import Released, StopReport
 
 
 class NothingRan(msgspec.Struct, frozen=True):
-    """Nothing was started or commanded from here, so nothing of ours is energised."""
+    """This program has started and commanded nothing, so nothing of ours is energised."""
 
     why: str = "nothing was running"
 
@@ -40,13 +39,13 @@ class Unconfirmed(msgspec.Struct, frozen=True):
 
     @property
     def unsafe(self) -> tuple[MotorReport, ...]:
-        """Return the motors that have not confirmed it."""
+        """The motors that have not confirmed the stop."""
         return tuple(motor for motor in self.report.motors if not motor.safe)
 
 
 class Unreachable(msgspec.Struct, frozen=True):
-    """``motors``: those whose state is not known. Empty: of a robot whose motors are not known
-    here either."""
+    """No process answered. ``motors`` are those whose state is unknown; empty if this program does not
+    know the robot's motors."""
 
     refusal: Refused
     motors: tuple[str, ...]
@@ -68,8 +67,13 @@ def of_report(report: StopReport) -> Confirmed | Unconfirmed:
 
 
 def of_answer(verb: str, answer: Message | None, motors: Sequence[str]) -> StopResult:
-    """Return what an answer to a stop says. ``answer``: None where there was none. ``motors``: all of
-    the robot's."""
+    """Return the result that an answer to a stop contains.
+
+    Args:
+        verb: The verb of the order, for refusals.
+        answer: The answer; None if there was none.
+        motors: All motors of the robot.
+    """
     match answer:
         case StopReport():
             return of_report(answer)
@@ -83,17 +87,18 @@ def of_answer(verb: str, answer: Message | None, motors: Sequence[str]) -> StopR
 def silent(
     verb: str, why: object, driver: Driver, remedy: str = REMEDY, code: str = Code.UNREACHABLE
 ) -> Unreachable:
-    """Return the result of a stop that nobody answered."""
+    """Return the result of a stop without an answer."""
     return Unreachable(Refused(code, str(why), remedy, verb=verb), driver.axes)
 
 
 def timed_out(why: str, result: StopResult, confirmed: str, remedy: str) -> Refused:
-    """Return the refusal of what was not answered in time and was stopped for it.
+    """Return the refusal of a request that was not answered in time, so that the robot was stopped.
 
     Args:
-        why: what was not answered.
-        result: what became of the stop.
-        confirmed: what may be said, with ``remedy``, where the stop is confirmed.
+        why: Which request was not answered.
+        result: The result of the stop.
+        confirmed: The text for a confirmed stop.
+        remedy: The remedy for a confirmed stop.
     """
     match result:
         case Confirmed():

@@ -1,5 +1,4 @@
-"""What the root's actors are told and asked, and what they answer: the guardian, the root itself,
-the tasks."""
+"""Messages to the actors of the root (guardian, root, tasks), and their replies."""
 
 from __future__ import annotations
 
@@ -14,7 +13,7 @@ from strands_actors.supervisors.gate.messages import StopReport
 
 
 class Renew(Message, frozen=True):
-    """The wire asks for a new process: its SDK is spent."""
+    """A request of the wire for a new process, because its SDK hangs."""
 
     lane = "urgent"
 
@@ -22,8 +21,8 @@ class Renew(Message, frozen=True):
 
 
 class SilentUntil(Message, frozen=True):
-    """The wire process may not beat until then: it opens or arms an SDK that keeps the
-    interpreter's lock. 0: that is over. The root believes it for ``Timing.silent_s`` at most."""
+    """Until then the wire process may send no heartbeat, because an SDK keeps the interpreter's lock; 0
+    when that is over. The root accepts ``Timing.silent_s`` at most."""
 
     lane = "urgent"
 
@@ -31,7 +30,7 @@ class SilentUntil(Message, frozen=True):
 
 
 class StateIs(Message, frozen=True):
-    """The gate's failsafe state, told at each change: what a restarted wire must go on from."""
+    """The gate's failsafe state, sent at each change. A restarted wire continues from it."""
 
     lane = "urgent"
 
@@ -42,8 +41,7 @@ class StateIs(Message, frozen=True):
 
 
 class Decided(Message, frozen=True):
-    """What the gate was told, by whom, and what it answered: for the audit. ``over``: the name of
-    the channel, where it has one."""
+    """A decision of the gate, for the audit: sender, request, answer, and the name of its channel."""
 
     who: str
     what: str
@@ -52,8 +50,8 @@ class Decided(Message, frozen=True):
 
 
 class Handover(Message, frozen=True):
-    """Descriptors for the stop channels of root and standby. They travel with the message.
-    ``again``: for a standby that was started since; the root has its own."""
+    """Descriptors for the stop channels of root and standby. ``again`` is true if they are for a new
+    standby only."""
 
     lane = "urgent"
 
@@ -66,7 +64,7 @@ class HandedOver(Message, frozen=True):
 
 
 class Fence(Message, frozen=True):
-    """End the wire process and make safe by the stop channel: for who got no answer to a stop."""
+    """Fence the wire process and stop the robot by the stop channel, after a stop without an answer."""
 
     lane = "urgent"
 
@@ -76,7 +74,7 @@ class Fence(Message, frozen=True):
 
 
 class Shutdown(Message, frozen=True):
-    """Make safe, then end the whole tree."""
+    """Stop the robot, then end the whole tree."""
 
     lane = "urgent"
 
@@ -85,21 +83,32 @@ class Shutdown(Message, frozen=True):
 
 
 class Rollout(Message, frozen=True):
-    """What a policy actor needs to run: until its steps are done or its duration is over, whichever
-    comes first. ``over``: the caller's lease it writes under."""
+    """The parameters of a rollout. It ends after its steps or its duration.
+
+    Attributes:
+        robot: The robot's name.
+        axes: Its axes.
+        instruction: The task, for the policy and for people.
+        period_s: Time between two setpoints.
+        ttl_s: Lifetime of a setpoint.
+        duration_s: Longest duration; infinite for none.
+        n_steps: Number of steps; 0 for no limit.
+        over: The caller's lease under which it writes.
+        table: The data of each axis, for a policy that asks for it.
+        keeps: True if its last setpoint is a single command, which stays in force afterwards under the
+            caller's lease.
+    """
 
     robot: str
     axes: tuple[str, ...]
     instruction: str
     period_s: float
     ttl_s: float
-    duration_s: float  # infinite: until the steps are done
-    n_steps: int = 0  # 0: until the duration ends
+    duration_s: float
+    n_steps: int = 0
     over: int = 0
     table: tuple[Axis, ...] = ()
-    """What each axis can do, for a policy that asks for it."""
     keeps: bool = False
-    """Whether its last step is a command on its own, which stands afterwards as one of the caller's."""
 
 
 START_TASK = "start_task"
@@ -107,21 +116,27 @@ START_TASK = "start_task"
 
 
 class StartTask(Message, frozen=True):
-    """Run a policy in a process of its own. ``provider``: ``module:factory``. ``deadline_ns``: the
-    process has begun by then or does nothing, since nobody waits for it any more; 0: none."""
+    """Run a policy in a separate process.
+
+    Attributes:
+        provider: ``module:factory``.
+        options: Keywords of the factory.
+        rollout: The parameters.
+        deadline_ns: If the process has not begun by then it does nothing; 0 for no deadline.
+        is_actor: The factory makes an actor that sends the setpoints itself, as ``factory(rollout,
+            report, **options)``.
+    """
 
     provider: str
     options: dict[str, Any]
     rollout: Rollout
     deadline_ns: int = 0
     is_actor: bool = False
-    """``provider`` is an actor in the policy's place, made as ``factory(rollout, report, **options)``:
-    it sends the setpoints itself."""
 
 
 class Operate(Message, frozen=True):
-    """What an operator does at a keyboard, for a teleoperation: the dead-man, and how fast each
-    axis is to go, -1..1. Told again and again: it stands for a moment only."""
+    """The input of an operator for a teleoperation: the dead-man switch, and the speed of each axis from
+    -1 to 1. It is valid for a moment and has to be sent again and again."""
 
     lane = "latest"
 
@@ -131,17 +146,22 @@ class Operate(Message, frozen=True):
 
 
 class EpisodeKey(Message, frozen=True):
-    """The operator of a teleoperation presses a key of the recorder's, who hears of it in the
-    root's journal. ``word``: as ``record --dataset`` takes it; ``t_ns``: when it was pressed."""
+    """A key of the recorder that the operator of a teleoperation has pressed. The recorder reads it in the
+    root's journal. ``word`` is a word of ``record --dataset``, ``t_ns`` the time of the key."""
 
     t_ns: int
     word: str
 
 
 class EpisodeState(Message, frozen=True):
-    """A recorder of episodes tells the operator of a teleoperation how far it is: at each change,
-    and once a second. ``running``: an episode; ``text``: its line of progress; ``said``: what
-    happened last."""
+    """The progress of an episode recorder, for the operator of a teleoperation; sent at each change and
+    once a second.
+
+    Attributes:
+        running: An episode is being recorded.
+        text: The line of progress.
+        said: The last event.
+    """
 
     lane = "latest"
 
@@ -159,8 +179,8 @@ class GetTask(Message, frozen=True):
 
 
 class TaskStatus(Message, frozen=True):
-    """One shape for every driver. ``exit_reason``: stopped, n_steps, duration, policy, gate,
-    publish, stop, cleanup or refused; empty while running and before the first task."""
+    """The status of the last task. ``exit_reason`` is stopped, n_steps, duration, policy, gate, publish,
+    stop, cleanup or refused; empty while it runs and before the first task."""
 
     lane = "latest"
 
@@ -184,7 +204,7 @@ class GetMesh(Message, frozen=True):
 
 
 class OnMesh(Message, frozen=True):
-    problem: str = ""  # empty: it is
+    problem: str = ""  # why it is not; empty if it is
 
 
 class ActorInfo(Message, frozen=True):
@@ -214,12 +234,12 @@ class TreeReport(Message, frozen=True):
     epoch: int
     processes: tuple[ProcessInfo, ...]
     actors: tuple[ActorInfo, ...]
-    last_stop: StopReport | None = None  # by the root's own path
-    locked_by: str = ""  # who e-stopped it
+    last_stop: StopReport | None = None  # the last stop by the root's stop channel
+    locked_by: str = ""  # who has pressed the e-stop
 
 
 class Happened(Message, frozen=True):
-    """What no message between actors says: a process was started or has ended."""
+    """An event that is in no message between actors: a process was started or has ended."""
 
     what: str
     detail: str = ""

@@ -1,7 +1,7 @@
-"""The root process: robot supervisor, guardian, tasks. Tiny: no numpy, no SDK, no user code.
+"""The root process: it supervises the tree of one robot.
 
-It belongs to the process that started it. When that one ends, for whatever reason, the robot is
-made safe and the whole tree goes.
+It runs no numpy, no SDK and no user code. It belongs to the process that started it: when that ends,
+for any reason, the root stops the robot and ends the tree.
 """
 
 from __future__ import annotations
@@ -78,14 +78,14 @@ from .tasks import Tasks
 
 WIRE_BUDGET = Budget(restarts=3, within_s=5.0, backoff_s=0.05)
 LAST_WORDS_S = 0.02
-"""For what has been told to leave, before its process ends."""
+"""Time for the last messages to leave before the process exits."""
 ACTORS_BUDGET = Budget(restarts=3, within_s=5.0, backoff_s=0.05)
 
 _DULL = frozenset({Tick, Describe, TreeReport, GetTask, TaskStatus, EpisodeState})
 
 
 class Root(Actor):
-    """Answers for the whole tree, and ends it."""
+    """Describe the tree, and shut it down."""
 
     def __init__(self, tree: Tree) -> None:
         self._tree = tree
@@ -112,7 +112,7 @@ class Root(Actor):
 
 
 class Unconfirmed:
-    """What the root's note in the run directory says of motors that it could not confirm safe."""
+    """The unconfirmed motors in the root's note in the run directory."""
 
     def __init__(self, note: str) -> None:
         self._note = Path(note)
@@ -120,20 +120,20 @@ class Unconfirmed:
         self._writing = threading.Lock()
 
     def tell(self, report: StopReport) -> None:
-        """In a thread: no attempt waits for a disk."""
+        """Write the motors in a thread, so that a slow disk delays no stop."""
         motors = report.unconfirmed
         if motors == self._told:
             return
         before, self._told = self._told, motors
         try:
             threading.Thread(target=self._write, daemon=True).start()
-        except RuntimeError as error:  # no thread: the next report tries again
+        except RuntimeError as error:  # No thread could start. The next report tries again.
             self._told = before
             report_failure("the note on unconfirmed motors", error)
 
     def _write(self) -> None:
         run_like_others()
-        with self._writing:  # the newest last
+        with self._writing:  # The newest is written last.
             self._write_note(self._told)
 
     def _write_note(self, motors: list[str]) -> None:

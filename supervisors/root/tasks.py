@@ -1,5 +1,4 @@
-"""Named policies, each in a process of its own: the root's part (``Tasks``) and the process
-itself."""
+"""Named policies in separate processes: the actor in the root (``Tasks``), and the process' entry."""
 
 from __future__ import annotations
 
@@ -49,14 +48,25 @@ from strands_actors.supervisors.root.messages import (
 from .guardian import Guardian
 
 STOP_S = 0.3
-"""A policy process that has not ended its rollout by then is killed, a wire that has not held a
-robot fenced; of a robot that needs longer than most to be safe, so much later."""
+"""Longest end of a rollout. A policy process that takes longer is killed; a wire that has not held
+the robot by then is fenced. A slow robot gets more time (``longer_s``)."""
 LAST_WORDS_S = 0.05
-"""For the last status to leave."""
+"""Time for the last status to leave before the process exits."""
 
 
 class Tasks(Actor):
-    """At most one policy process. Its death, by whatever cause, is told to the gate at once."""
+    """Start and stop the policy process of a robot, at most one. The gate is told at once when it ends.
+
+    Args:
+        robot: The robot's name.
+        start: Start a process with an entry and arguments.
+        endpoint: Where the wire accepts policies.
+        label: See ``take_name``.
+        safe_s: ``Timing.safe_s`` of the driver.
+        limits: ``PolicyLimits`` as a mapping.
+        audit: Write a line of the audit.
+        secret: Secret of ``endpoint``.
+    """
 
     def __init__(
         self,
@@ -69,9 +79,6 @@ class Tasks(Actor):
         audit: Callable[[str, str, str, str], None] = lambda *_: None,
         secret: str = "",
     ) -> None:
-        """``endpoint``, ``secret``: where the wire lets policies in, and by what. ``label``: see
-        ``take_name``. ``safe_s``: what the robot's driver says that a stop may take. ``limits``:
-        ``PolicyLimits``."""
         self._limits = dict(limits or {})
         self._audit = audit
         self._label = label
@@ -92,7 +99,7 @@ class Tasks(Actor):
         self._gate: Ref = self.context.ref(at.gate, Gate)
         self._guardian: Ref = self.context.ref(at.guardian, Guardian)
         self._policy: Ref = self.context.ref(at.policy, Policy)
-        if self.process is not None:  # of an incarnation that failed: nobody attended to it since
+        if self.process is not None:  # left by an incarnation of this actor that has failed
             self.context.start_soon(self._end, self.process)
 
     async def receive(
@@ -161,19 +168,20 @@ class Tasks(Actor):
         return late or self.status
 
     def end(self, why: str) -> None:
-        """Kill the policy process: an e-stop leaves nothing behind that could go on."""
+        """Kill the policy process, for an e-stop."""
         if self.process is not None and not self._ended_by:
             self._ended_by = why
             self.process.kill()
 
     def _refuse_late(self, message: StartTask) -> Refused | None:
-        """Who asked has been told that nothing was started, and means it."""
+        """Return a refusal if the deadline of the request has passed. Its sender was told then that nothing
+        was started."""
         if not message.deadline_ns:
             return None
         return refuse_by_deadline(message.deadline_ns, self.context.clock.now_ns())
 
     async def _dismiss(self, process: ChildProcess) -> bool:
-        """Its task has ended, and itself not quite. Whether it has now."""
+        """End a process whose task is over. Return True if it has ended."""
         if not await process.fence():
             return False
         await self._gone.wait()
@@ -188,7 +196,7 @@ class Tasks(Actor):
         self._ended(process, code)
 
     async def _end(self, process: ChildProcess) -> None:
-        """As ``_attend``, of a process whose link is closed."""
+        """As ``_attend``, for a process whose link is closed."""
         process.kill()
         self._ended(process, await process.wait())
 
@@ -226,7 +234,7 @@ class Tasks(Actor):
         return self.status
 
     async def _hold(self) -> str:
-        """Have the gate end what the policy commanded. What is to be said if it does not answer."""
+        """Make the robot hold after a policy that did not answer. Return what to add to the detail."""
         try:
             answer = await self._gate.ask(Stop(Reason.POLICY, "the task was stopped"), self._stop_s)
         except Unreachable:
@@ -240,8 +248,8 @@ class Tasks(Actor):
 
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
-    """Entry of the policy process."""
-    os.environ.pop("STRANDS_ACTORS_MESH", None)  # where keys are: none of its business
+    """Run the policy process."""
+    os.environ.pop("STRANDS_ACTORS_MESH", None)  # A policy must not learn where the mesh keys are.
     take_name(args["robot"], "policy", args["label"])
     trio.run(_main, args, sock)
 
@@ -270,7 +278,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
 
     async with trio.open_nursery() as nursery:
         await nursery.start(node.run)
-        link = Link(node, sock, on_closed=lambda: os._exit(0))  # the root is gone: so are we
+        link = Link(node, sock, on_closed=lambda: os._exit(0))  # End with the root.
         await nursery.start(link.run)
         if 0 < args["deadline_ns"] <= node.clock.now_ns():
             detail = "its process began after the time by which it was wanted"
@@ -281,7 +289,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
         mesh.attach(node)
         await nursery.start(mesh.run)
         await _until_reachable(node, at.gate)
-        try:  # now: who is another user, or may use no more memory, could not come so far
+        try:  # Not earlier: another user, or a process without memory, could not connect.
             msgspec.convert(args["limits"], PolicyLimits).apply()
         except (OSError, ValueError, KeyError) as error:
             detail = f"policy_limits cannot be put on: {error}"
