@@ -7,8 +7,8 @@ actor::
     class Gate(Actor):
         def receive(self, message: Setpoint | Stop) -> Accepted | Refused | StopReport: ...
 
-A synchronous ``receive`` is the fast path; an asynchronous one may wait. An answer that is not
-known yet is given later: return ``self.context.defer()`` and ``send`` on what it holds.
+A synchronous ``receive`` is the fast path; an asynchronous one may wait. To reply later, return
+``self.context.defer()`` and call ``send`` on it when the answer is known.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from .ticker import Ticker
 
 
 class Deferred:
-    """Returned by ``receive`` instead of an answer; answer with ``send`` when it is known."""
+    """A reply that ``receive`` returns in place of an answer. Call ``send`` when the answer is known."""
 
     __slots__ = ("_context", "_reply", "number")
 
@@ -41,7 +41,7 @@ class Deferred:
         self._reply = reply
         self._context = context
         self.number = number
-        """Of its actor's, in the order they were made."""
+        """Counts the deferred replies of an actor."""
 
     def send(self, answer: Message | None) -> None:
         context = self._context
@@ -53,26 +53,25 @@ class Deferred:
 
 
 class Actor:
-    """Subclass with a typed ``receive``; override ``started`` to set timers or look others up."""
+    """Base of all actors. Define ``receive`` with types; override ``started`` to set timers or to look up
+    other actors."""
 
     context: Context
 
     async def started(self) -> None:
-        """Runs before the first message of each incarnation."""
+        """Run before the first message of each incarnation."""
 
     def receive(self, message: Any) -> Any:
         raise NotImplementedError
 
     def is_prompt(self, message: Any) -> bool:
-        """Of an actor whose ``receive`` is asynchronous: whether it would return now without
-        waiting for anything. Such a message can be handled in the turn of whoever sent it
-        (``dispatch``)."""
+        """Return True if an asynchronous ``receive`` would handle this message without waiting. The
+        message can then be handled in the sender's turn (``dispatch``)."""
         return False
 
 
 def read_protocols() -> None:
-    """Read the protocol of every actor class that is imported: a process that is about to fork spares its
-    children that."""
+    """Read the protocols of all imported actor classes, so that forked children need not."""
     unread: list[type[Actor]] = [Actor]
     while unread:
         derived = unread.pop().__subclasses__()
@@ -82,7 +81,7 @@ def read_protocols() -> None:
 
 
 class Context:
-    """What an actor may use of its surroundings; new for each incarnation."""
+    """The interface of an actor to its node; new for each incarnation."""
 
     def __init__(self, cell: Cell, nursery: trio.Nursery) -> None:
         self._cell = cell
@@ -92,14 +91,14 @@ class Context:
         self.address = cell.address
         self.reply: ReplyTo | None = None
         self.received_ns = self.clock.now_ns()
-        """When the present message was taken up; before the first one, when this incarnation began.
-        A handler that reads the time here and nowhere else is a function of its state, the message
-        and this."""
+        """When the present message was taken from the mailbox; before the first one, when this incarnation
+        began. A handler that reads the time only here depends on its state, the message and this time
+        alone, and can be replayed."""
         self.deferrals = 0
 
     @property
     def asked(self) -> bool:
-        """Return whether somebody waits for the answer to the present message."""
+        """True if the sender waits for the answer to the present message."""
         return self.reply is not None
 
     @property
@@ -111,23 +110,22 @@ class Context:
         return self.node.ref(address, protocol, sender=self.address)
 
     def defer(self) -> Deferred:
-        """Keep the present message's reply for later."""
+        """Return a reply to the present message that is sent later."""
         self.deferrals += 1
         return Deferred(self.reply, self, self.deferrals)
 
     def saw(self, value: object) -> None:
-        """For a recorder: what a handler has just read of the world beside its message, or written
-        into it."""
+        """Record a value that a handler has read or written outside of its message, for replays."""
         if (instrument := self.node.instrument) is not None:
             instrument.saw(self.address, value)
 
     def note(self, message: Message) -> None:
-        """For a recorder: an event that no message tells."""
+        """Record an event that is in no message."""
         if (instrument := self.node.instrument) is not None:
             instrument.noted(self.address, self.clock.now_ns(), message)
 
     def watch(self, address: str) -> None:
-        """Receive ``Down`` when the actor at ``address`` ends or cannot be reached any more."""
+        """Receive ``Down`` when the actor at ``address`` has ended or cannot be reached."""
         self.node.watch(address, self.address)
 
     @property
@@ -136,9 +134,8 @@ class Context:
 
     @contextlib.contextmanager
     def until_urgent(self) -> Iterator[None]:
-        """Leave the block, wherever it waits, when an urgent message comes for this actor: a
-        handler that waits for a slow robot does not keep a stop waiting. What the block assigns may
-        then be missing."""
+        """Cancel the block when an urgent message comes for this actor, so that a stop does not wait for a
+        slow robot. Assignments of the block may be missing then."""
         mailbox = self._cell.mailbox
         with trio.CancelScope() as scope:
             mailbox.on_urgent = scope.cancel
@@ -150,8 +147,7 @@ class Context:
                 mailbox.on_urgent = None
 
     def every(self, period_s: float, make: Callable[[int], Message]) -> Ticker:
-        """Tell this actor ``make(now_ns)`` once per period, by a ticker of its own; whose pace is
-        given back."""
+        """Send ``make(now_ns)`` to this actor once per period. Return the ticker."""
         put, dispatch, address = self._cell.mailbox.put, self.node.dispatch, self.address
 
         def tick(now_ns: int) -> None:
@@ -163,7 +159,7 @@ class Context:
         return ticker
 
     def start_soon(self, task: Callable[..., Awaitable[Any]], *args: Any) -> None:
-        """A task that lives as long as this incarnation; its failure is the actor's."""
+        """Start a task that is cancelled with this incarnation. If it fails, the actor fails."""
         self._nursery.start_soon(task, *args)
 
 
@@ -179,17 +175,17 @@ class Cell:
         self.protocol: Protocol = protocol_of(type(self.actor))
         can_be_helped = not self.protocol.is_async or type(self.actor).is_prompt is not Actor.is_prompt
         self.plain = self.protocol.accepts - self.protocol.carriers
-        """What goes into the mailbox as it is."""
+        """Messages that go into the mailbox unchanged, without descriptors."""
         self.commands = frozenset(kind for kind in self.plain if kind.lane == "command")
         self.mailbox = Mailbox(offer=partial(node.dispatch.offer, self) if can_be_helped else None)
         self._error: Exception | None = None
         self.hosted = False
-        """By its node: the address is known there."""
+        """True while its node knows the address."""
         self.incarnations = 0
         self.state = "starting"
 
     async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """One incarnation: returns only by cancellation or by the actor's exception."""
+        """Run one incarnation, until it is cancelled or the actor raises."""
         if self.incarnations:
             self.actor = self.factory()
         self.incarnations += 1
@@ -211,7 +207,7 @@ class Cell:
             self.state = "stopped"
             self.node.unhost(self, reason)
 
-    # -- handling: in its own task, or in a turn of somebody else's
+    # -- handling, in its own task or in a sender's turn
 
     async def _loop(self) -> None:
         mailbox, dispatch = self.mailbox, self.node.dispatch
@@ -229,11 +225,11 @@ class Cell:
 
     def help(self, until_ns: int) -> bool:
         if not self.mailbox.take_up():
-            return True  # it has been woken, or ends
+            return True  # Its own task was woken, or it ends.
         try:
             return self._work_promptly(until_ns) if self.protocol.is_async else self.work(until_ns)
         except Exception as error:
-            self._error = error  # its own task raises it
+            self._error = error  # Its own task raises it.
             self.wake()
             return True
 
@@ -241,14 +237,14 @@ class Cell:
         self.mailbox.wake()
 
     def work(self, until_ns: int) -> bool:
-        """Handle what is there, of a synchronous actor; whether that was all. Raise what the actor
-        raises."""
+        """Handle the waiting messages of a synchronous actor. Return True if none is left. Raise the
+        actor's exceptions."""
         urgent, queue = self.mailbox.urgent, self.mailbox.queue
         now_ns, instrument = self.node.clock.now_ns, self.node.instrument
         context, receive = self.actor.context, self.actor.receive
         at_ns = now_ns()
         for _ in range(BURST):
-            if urgent:  # as Mailbox.pop; a call less for each message
+            if urgent:  # as Mailbox.pop, without the cost of a call for each message
                 item: Any = urgent.popleft()
             elif queue:
                 item = queue.popleft()
@@ -278,7 +274,7 @@ class Cell:
         return not self.mailbox
 
     def _work_promptly(self, until_ns: int) -> bool:
-        """As ``work``, of an asynchronous actor, as long as it is prompt."""
+        """As ``work``, for an asynchronous actor, while its messages are prompt."""
         mailbox, now_ns, actor = self.mailbox, self.node.clock.now_ns, self.actor
         at_ns = now_ns()
         while (entry := mailbox.first()) is not None:
@@ -339,7 +335,7 @@ class Cell:
 
 
 def _at_once(handler: Coroutine[Any, Any, Any]) -> Any:
-    """Return what it returns. Raise ``RuntimeError`` when it waits all the same."""
+    """Run a handler that must not wait, and return its result. Raise ``RuntimeError`` if it waits."""
     try:
         handler.send(None)
     except StopIteration as done:
@@ -349,13 +345,13 @@ def _at_once(handler: Coroutine[Any, Any, Any]) -> Any:
 
 
 def first_of(error: BaseException) -> BaseException:
-    """Return the first cause in a group; another error as it is."""
+    """Return the first error of an exception group; any other error unchanged."""
     while isinstance(error, BaseExceptionGroup):
         error = error.exceptions[0]
     return error
 
 
 def describe(error: BaseException) -> str:
-    """Return one line for people; of a group, its first cause."""
+    """Return an error as one line for people. Of a group, the first error."""
     error = first_of(error)
     return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__

@@ -1,11 +1,11 @@
-"""Messages: frozen structs that name their lane.
+"""Messages: frozen structs with a lane.
 
-``urgent``   stop, e-stop, lifecycle: handled before anything else that waits.
-``command``  bounded first-in-first-out: a full queue refuses, it never grows.
-``latest``   conflating: of one sender and one type only the newest waits (setpoints, observations).
+``urgent``   Stops and lifecycle. They are handled before all other waiting messages.
+``command``  First in, first out, bounded: a full queue refuses further messages.
+``latest``   Of one sender and one type only the newest waits (setpoints, observations).
 
-On the wire between actors a message is msgpack, array-like, tagged with its class name: 0.8 us for
-encode and decode of a seven-joint state.
+Between processes a message is msgpack, array-like, and tagged with its class name. To encode and
+decode a state of seven joints takes 0.8 us.
 """
 
 from __future__ import annotations
@@ -20,17 +20,22 @@ MAX_MESSAGE_BYTES = 64 * 1024
 
 
 class Message(msgspec.Struct, frozen=True, array_like=True, tag=True, gc=False):
-    """Base of everything that travels between actors."""
+    """Base of all messages between actors."""
 
     lane: ClassVar[Lane] = "command"
 
 
 class Refused(Message, frozen=True):
-    """A typed no: what was wrong, what was offered, what would be accepted. Nothing was written.
+    """A refusal. Nothing was written.
 
-    ``code`` is stable and for programs; ``reason`` and ``remedy`` are sentences for people, and no
-    program reads them. ``verb``: what was refused. Whoever answers an order names it: a rule that
-    refuses knows only why. ``because``: the ``Reason`` of the stop in which the robot is.
+    Attributes:
+        code: For programs; it is stable.
+        reason: What is wrong, for people. No program reads it.
+        remedy: What to do, for people.
+        offered: The refused value.
+        limit: The accepted values.
+        verb: The refused verb. The actor that replies adds it (``about``).
+        because: The ``Reason`` of the stop in which the robot is.
     """
 
     code: str
@@ -43,11 +48,11 @@ class Refused(Message, frozen=True):
 
     @property
     def text(self) -> str:
-        """Return it for people, as ``verb: reason. remedy``."""
+        """The refusal for people, as ``verb: reason. remedy``."""
         verb = f"{self.verb}: " if self.verb else ""
         remedy = f". {self.remedy}" if self.remedy else ""
         return f"{verb}{self.reason}{remedy}"
 
     def about(self, verb: str) -> Refused:
-        """Return it as the answer to ``verb``."""
+        """Return the refusal as a reply to ``verb``."""
         return msgspec.structs.replace(self, verb=verb)
