@@ -71,11 +71,6 @@ def names_estop(text: str) -> bool:
     return bool(_LOCKING.search(text.lower()))
 
 
-def is_off(flag: object) -> bool:
-    """Return whether a flag is not set, in whatever form: ``False``, ``"false"``, ``"off"``, 0."""
-    return not _is_set(flag, True)
-
-
 def _words(text: str) -> set[str]:
     plain = text if text.isascii() else unicodedata.normalize("NFKC", text)
     return {word for word in _WORD.findall(_HUMP.sub(" ", plain).lower()) if not word.isdigit()}

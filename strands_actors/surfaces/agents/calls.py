@@ -11,7 +11,7 @@ from strands_actors.contract.agent_verbs import undeclared, verbs_of
 from strands_actors.contract.driver import Driver, Service
 from strands_actors.contract.plain_numbers import as_python
 from strands_actors.contract.shown import closest, shown
-from strands_actors.contract.stop_words import asks_for_stop, is_off
+from strands_actors.contract.stop_words import asks_for_stop
 from strands_actors.contract.tool_spec import tool_spec
 from strands_actors.contract.tool_verbs import ToolVerb
 from strands_actors.kernel.messages import Refused
@@ -86,7 +86,7 @@ def read(driver: Driver, given: object, tool_name: str = "") -> Call | Refused:
         return Refused(
             Code.BAD_INPUT, f"the input is {shown(given)}", f"give an object with action: {names}", verb=TOOL
         )
-    if verb is not None and verb.does == "torque" and is_off(as_python(given.get("enabled"))):
+    if verb is not None and verb.does == "torque" and as_python(given.get("enabled")) is False:
         return Call(verb, {"enabled": False})  # a stop, too
     if len(given) > MAX_INPUTS:
         return Refused(Code.BAD_INPUT, f"it has {len(given)} inputs", f"give at most {MAX_INPUTS}", verb=TOOL)
