@@ -76,6 +76,8 @@ RECORDER_S = 3.0
 """A recorder that has told nothing for so long is gone."""
 
 KEY, GRIPPER = "key", "gripper"
+CONNECTED, CONNECTING = "connected", "connecting"
+"""How a leader is reported; else the reason why it is not there."""
 MOVED = 0.2
 """Degrees, or percent of a gripper: two counts of a servo's 4096, of which one is noise."""
 OVER = (Code.DISARMED, Code.FAULTED, Code.LOCKED_OUT, Code.STOPPED, Code.ENDING, Code.NO_DRILL)
@@ -113,7 +115,7 @@ class Teleoperation(Actor):
         self._newest = Frame(0, False, {})
         self._read_last: Mapping[str, float] = {}
         self._steps = 0
-        self._leader = "connecting"
+        self._leader = CONNECTING
         self._position: dict[str, float] = {}
         self._ended: TaskStatus | None = None
         self._episode = EpisodeState()
@@ -171,7 +173,7 @@ class Teleoperation(Actor):
             while self._ended is None:
                 try:
                     await source.open()
-                    opened, self._leader = True, "connected"
+                    opened, self._leader = True, CONNECTED
                     await self._read(source)
                 except GONE as gone:
                     if not opened and not isinstance(gone, WireDown):

@@ -16,7 +16,7 @@ from strands_actors.caller.robot import RealRobot
 from strands_actors.surfaces.recording import read, record, replay
 from strands_actors.surfaces.recording.code import build_driver
 from strands_actors.testing import Twin
-from tests.answers import json_of, state, task_ended, until, why
+from tests.answers import json_of, resumed, state, task_ended, until, why
 from tests.trees import connected
 
 
@@ -121,7 +121,7 @@ def arm(joint: str, past: dict[str, float], trouble: str, over: str) -> Callable
         twin.order(trouble)
         until(lambda: state(robot) == "disarmed", "it is disarmed")
         twin.order(over)
-        until(lambda: robot.resume()["status"] == "success", "it is armed again")
+        resumed(robot)
 
     return deeds
 

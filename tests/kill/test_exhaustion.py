@@ -23,7 +23,7 @@ from strands_actors.caller.robot import RealRobot
 from strands_actors.contract.loading import load
 from strands_actors.drivers import WIRES
 from strands_actors.testing import Bench, Twin
-from tests.answers import pids, status, until, why
+from tests.answers import pids, resumed, status, until, why
 
 from .broken_disk import Disk, broken, can_mount, small
 from .exhausted import SETTLE_S, Lacks, Roles, Row, can_group, can_lack_table, run_exhausted, take
@@ -123,7 +123,7 @@ def test_saf_024_a_wire_that_lacks_files_is_not_armed(strands_robot: Start) -> N
     assert "no file can be opened" in why(arm.resume())
     assert twin.log.host("enable", asked_ns) == []
     resource.prlimit(wire, resource.RLIMIT_NOFILE, before)
-    until(lambda: arm.resume()["status"] == "success", "it is armed")
+    resumed(arm)
     assert twin.log.host("enable", asked_ns)
 
 

@@ -16,7 +16,7 @@ import pytest
 from strands_actors import Robot
 from strands_actors.caller.robot import RealRobot
 from strands_actors.testing import Twin, WireLog
-from tests.answers import pids, until
+from tests.answers import pids, resumed, until
 
 Start = Callable[..., tuple[RealRobot, Twin]]
 
@@ -80,7 +80,7 @@ def test_saf_003_a_stop_of_a_task_beside_a_dead_wire_does_not_end_the_root(stran
     safe = twin.log.first_safe(killed_ns)
     assert safe is not None and safe.safe_state == "limp"
     twin.log.no_setpoint_after_safe(killed_ns)
-    until(lambda: arm.resume()["status"] == "success", "the next wire is up")
+    resumed(arm)
 
 
 def with_policy(arm: RealRobot) -> dict[str, int] | None:

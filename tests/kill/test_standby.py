@@ -20,7 +20,7 @@ import pytest
 from strands_actors.caller.robot import RealRobot
 from strands_actors.supervisors.standby.report import LOCK, REPORT, StandbyReport, holder, read
 from strands_actors.testing import Twin
-from tests.answers import pids, status, until, why
+from tests.answers import pids, resumed, status, until, why
 
 Start = Callable[..., tuple[RealRobot, Twin]]
 
@@ -174,7 +174,7 @@ def test_saf_016_without_a_standby_nothing_is_armed(moving: Callable[[str], Any]
     refused = why(arm.resume())
     assert "a process that could stop the robot is missing" in refused and "try again" in refused
     assert twin.log.host("enable", asked_ns) == []
-    until(lambda: arm.resume()["status"] == "success", "another has been started")
+    resumed(arm)
     assert twin.log.host("enable", asked_ns)
 
 

@@ -19,7 +19,7 @@ from strands_actors import Robot, estop
 from strands_actors.caller.portal import portal
 from strands_actors.caller.robot import RealRobot
 from strands_actors.testing import Twin
-from tests.answers import json_of, pids, status, until, why
+from tests.answers import json_of, pids, resumed, status, until, why
 
 from .conftest import NewArm
 from .helpers import far
@@ -189,7 +189,7 @@ def test_saf_001_a_wire_that_is_killed_is_no_longer_spoken_to(arm: RealRobot, tw
     assert time.monotonic() - began_s < 5.0
     until(lambda: twin.log.first_safe(killed_ns) is not None, "it is safe")
     assert twin.log.setpoints_after_safe(killed_ns) == 0
-    until(lambda: arm.resume()["status"] == "success", "the new wire is armed")
+    resumed(arm)
     json_of(arm.send_action({"shoulder_pan": far(arm)}))
     with no_loop():
         json_of(arm.send_action({"shoulder_pan": far(arm)}))

@@ -13,7 +13,7 @@ from strands_actors import Robot
 from strands_actors.caller.robot import RealRobot
 from strands_actors.drivers.ur.arms import JOINTS
 from strands_actors.testing import Twin
-from tests.answers import json_of, status, task, task_ended, until, why
+from tests.answers import json_of, resumed, status, task, task_ended, until, why
 
 from .test_reference_feetech import ask, hold
 
@@ -194,7 +194,7 @@ def test_an_agents_verbs_are_those_of_the_schema(bench: RealRobot) -> None:
         assert repr(other) in said and ", ".join(verbs) in said
     assert json_of(ask(bench, action="stop"))["unconfirmed"] == []
     assert "resume() first" in why(bench.send_action({ELBOW: elbow(bench)}))
-    until(lambda: bench.resume()["status"] == "success", "it is armed again")
+    resumed(bench)
 
 
 def test_a_controller_that_may_not_move_or_is_not_there_is_named_when_connecting(

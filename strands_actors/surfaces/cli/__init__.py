@@ -16,7 +16,7 @@ from strands_actors.contract.extras import MissingExtra
 from strands_actors.surfaces.recording.errors import RecordingError
 
 from .errors import Problem
-from .options import All, Every, Json, Kind, Mesh, What, Which, finite, named, one_or_all
+from .options import All, Every, Json, Kind, Mesh, What, Which, finite, one_or_all
 from .stop_forms import spelled
 
 USAGE = 2
@@ -99,7 +99,7 @@ def stop(robot: Which = None, all_: All = False, mesh: Mesh = None, json: Json =
     """De-energise a robot."""
     from .orders import stop as run
 
-    raise typer.Exit(run(named(robot, all_), all_, mesh, as_json=json))
+    raise typer.Exit(run(robot, all_, mesh, as_json=json))
 
 
 @app.command()
@@ -107,7 +107,7 @@ def estop(robot: Which = None, all_: All = False, mesh: Mesh = None, json: Json 
     """De-energise every robot, or one, and lock it until `resume`."""
     from .orders import estop as run
 
-    raise typer.Exit(run(named(robot, all_), all_, mesh, as_json=json))
+    raise typer.Exit(run(robot, all_, mesh, as_json=json))
 
 
 @app.command()

@@ -24,12 +24,6 @@ def one_or_all(verb: str, robot: str | None, every: bool) -> None:
         raise Problem(f"{verb}: {robot} and --all are both given. name a robot, or say --all")
 
 
-def named(robot: str | None, every: bool) -> str | None:
-    """Return the robot that a stop is for; None where it is for all. A name beside --all keeps no
-    robot from its stop."""
-    return None if every else robot
-
-
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead.")]
 
 

@@ -33,12 +33,13 @@ NOT_CONFIRMED = 1
 
 
 def stop(robot: str | None, every: bool, mesh: Path | None, as_json: bool) -> int:
-    return trio.run(_run, robot, every, mesh, as_json, _stop)
+    """A name beside ``--all`` keeps no robot from its stop."""
+    return trio.run(_run, None if every else robot, every, mesh, as_json, _stop)
 
 
 def estop(robot: str | None, every: bool, mesh: Path | None, as_json: bool) -> int:
-    """Without a robot: every one."""
-    return trio.run(_run, robot, every or robot is None, mesh, as_json, _estop)
+    """Without a robot: every one. As with ``stop``, a name beside ``--all`` changes nothing."""
+    return trio.run(_run, None if every else robot, every or robot is None, mesh, as_json, _estop)
 
 
 def resume(robot: str | None, every: bool, mesh: Path | None, as_json: bool) -> int:

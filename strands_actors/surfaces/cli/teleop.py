@@ -16,7 +16,7 @@ from strands_actors.caller.envelopes import warn_unless_safe
 from strands_actors.caller.factory import Robot
 from strands_actors.caller.real_robot import RealRobot
 from strands_actors.contract.loading import load
-from strands_actors.teleoperation.actor import KEY
+from strands_actors.teleoperation.actor import CONNECTED, CONNECTING, KEY
 from strands_actors.teleoperation.keys import Keys
 from strands_actors.teleoperation.teleoperator import KEYBOARD, PAGES, PHONE, Teleoperator
 
@@ -26,7 +26,6 @@ TURN_S = 0.03
 SHOW_S = 0.1
 ENTER = "\n"
 QUIT = ("x", "\x1b")
-CONNECTED, CONNECTING = "connected", "connecting"
 TWIN = "twin"
 
 

@@ -11,13 +11,13 @@ import trio
 from strands_actors.caller import directory, envelopes
 from strands_actors.caller.run_directory import Note
 from strands_actors.caller.strays import strays
+from strands_actors.supervisors.gate.failsafe import Mode
 from strands_actors.supervisors.root.messages import ProcessInfo, TreeReport
 
 if TYPE_CHECKING:
     from rich.text import Text
     from rich.tree import Tree
 
-DISARMED = "disarmed"
 STATE_STYLES = {
     "armed": "bold green",
     "holding": "bold yellow",
@@ -104,7 +104,7 @@ def state_of(state: str, locked_by: str) -> Text:
     if not locked_by:
         return styled(state)
     lock = Text(f"e-stopped by {locked_by}", "bold magenta")
-    return lock if state == DISARMED else Text.assemble(styled(state), ", ", lock)
+    return lock if state == Mode.DISARMED else Text.assemble(styled(state), ", ", lock)
 
 
 def styled(state: str) -> Text:

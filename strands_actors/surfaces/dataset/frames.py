@@ -55,6 +55,11 @@ class Axes(msgspec.Struct, frozen=True):
     def joints(self) -> tuple[str, ...]:
         return tuple(f"{key}.{'vel' if key in self.velocities else 'pos'}" for key in self.keys)
 
+    @property
+    def read_only_joints(self) -> tuple[tuple[str, str], ...]:
+        """The joints of the state alone, each with its unit."""
+        return tuple((f"{joint.key}.pos", joint.unit) for joint in self.read_only)
+
     def without(self, absent: Collection[str]) -> Axes:
         kept = [at for at, key in enumerate(self.keys) if key not in absent]
         units = tuple(self.units[at] for at in kept) if self.units else ()
@@ -112,6 +117,8 @@ class Assembler:
         # What the robot may lack, and was never read.
         self._absent = axes.optional.intersection(axes.keys).union(joint.key for joint in axes.read_only)
         self._period_ns = round(period_s * NS)
+        self._late_ms = STALE_PERIODS * period_s * 1e3
+        self._state_late_ms = STALE_PERIODS * max(period_s, axes.cycle_s) * 1e3
         self._states: _History[tuple[dict[str, float], int]] = _History()  # with when the oldest was read
         self._wanted: _History[_Wanted] = _History()
         self._lease = 0
@@ -222,8 +229,6 @@ class Assembler:
             return None
         state, oldest_ns = found[1]
         age_ms = {"state": (due.at_ns - oldest_ns) / 1e6} | due.age_ms
-        late_ms = dict.fromkeys(age_ms, STALE_PERIODS * self._period_ns / 1e6)
-        late_ms["state"] = max(late_ms["state"], STALE_PERIODS * self._axes.cycle_s * 1e3)
         wanted = self._wanted.at(end_ns)
         target, requested = (_STAYS.target, {}) if wanted is None else (wanted[1].target, wanted[1].requested)
         stays = {key: 0.0 if key in self._axes.velocities else state[key] for key in self._axes.keys}
@@ -234,7 +239,11 @@ class Assembler:
             self._action(action | requested),
             tuple(age_ms.values()),
             self.take_gap(),
-            tuple(name for name, age in age_ms.items() if age > late_ms[name]),
+            tuple(
+                name
+                for name, age in age_ms.items()
+                if age > (self._state_late_ms if name == "state" else self._late_ms)
+            ),
         )
         return Made(row, due.pictures)
 

@@ -340,7 +340,7 @@ class DatasetSession:
                 self._shapes,
                 codec,
                 axes.units,
-                tuple((f"{joint.key}.pos", joint.unit) for joint in axes.read_only),
+                axes.read_only_joints,
             )
         )
 

@@ -19,7 +19,7 @@ from strands_actors import Robot
 from strands_actors.caller.robot import RealRobot
 from strands_actors.drivers.franka.arms import arm_of
 from strands_actors.testing import Twin
-from tests.answers import json_of, pids, state, status, until, why
+from tests.answers import json_of, pids, resumed, state, status, until, why
 from tests.drivers.common.twin_process import TwinProcess
 from tests.trees import answers_status, made_safe, robot_on, shared_twin
 
@@ -243,7 +243,7 @@ def test_saf_003_a_stop_of_the_controllers_own(moving: RealRobot, twin: Twin, or
     lifted_ns = time.monotonic_ns()
     time.sleep(0.3)
     twin.log.silent_after(lifted_ns, "setpoint")
-    until(lambda: moving.resume()["status"] == "success", "it can be armed again")
+    resumed(moving)
     goal = away(moving, 0.01)
     json_of(moving.send_action(goal))
     wait_at(moving, goal)

@@ -18,7 +18,7 @@ from strands_actors.caller.robot import RealRobot
 from strands_actors.contract.driver import Reason
 from strands_actors.drivers.kinova.protocol import Call, Decoder, Feedback
 from strands_actors.testing import WireLog
-from tests.answers import json_of, pids, state, status, task_ended, until, why
+from tests.answers import json_of, pids, resumed, state, status, task_ended, until, why
 from tests.drivers.common.twin_process import TwinProcess
 from tests.trees import connected, first_safe, is_resumed, made_safe, set_moving, wave
 
@@ -126,7 +126,7 @@ def test_a_policy_runs_at_40_hz_and_ends_in_a_hold_that_the_next_command_leaves(
         ended = task_ended(bench.arm)
         if ended["exit_reason"] == "duration":
             break
-        until(lambda: bench.arm.resume()["status"] == "success", "it is armed")
+        resumed(bench.arm)
     assert ended["exit_reason"] == "duration", ended
     assert ended["steps"] > 40, "half of what a free machine does"
     assert state(bench.arm) == "holding"
@@ -311,7 +311,7 @@ def test_saf_012_answers_that_are_late_end_a_motion(bench: Bench) -> None:
     made_safe(bench.log, since_ns)
     bench.twin.command("fault ok")
     task_ended(bench.arm)
-    until(lambda: bench.arm.resume()["status"] == "success", "it is armed")
+    resumed(bench.arm)
     bench.works()
 
 

@@ -15,7 +15,7 @@ from strands_actors import Robot, estop
 from strands_actors.caller.robot import RealRobot
 from strands_actors.testing import Twin
 from tests import trees
-from tests.answers import json_of, state, status, until, why
+from tests.answers import json_of, resumed, state, status, until, why
 from tests.trees import Step, made_safe, robot_on, run_for, set_moving, shared_twin
 
 """On the published bounds, for a busy machine."""
@@ -145,7 +145,7 @@ def test_saf_003_the_robot_stops_by_itself(moving: RealRobot, twin: Twin, order:
         until(lambda: status(moving)["sensors"]["control_manager"] == [1.0], "the manager is idle")
     else:
         twin.order("emergency-stop released")
-    until(lambda: moving.resume()["status"] == "success", "it can be armed again")
+    resumed(moving)
     json_of(nudge(moving))
 
 

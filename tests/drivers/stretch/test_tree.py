@@ -23,7 +23,7 @@ from strands_actors.drivers.stretch.parameters import parameters_of
 from strands_actors.surfaces.mesh import estop
 from strands_actors.testing import Twin
 from strands_actors.testing.wirelog import Entry
-from tests.answers import json_of, pids, state, status, until, why
+from tests.answers import json_of, pids, resumed, state, status, until, why
 from tests.trees import armed, first_safe, robot_on
 
 SLACK_S = 0.4
@@ -203,7 +203,7 @@ def test_saf_005_one_board_that_is_unplugged_keeps_no_other_from_being_stopped(
     twin.log.no_setpoint_after_safe(began_ns)
     twin.order("plug-board hello-motor-lift")
     until(lambda: state(stretch) == "disarmed", "it is back, disarmed")
-    until(lambda: stretch.resume()["status"] == "success", "and can be used again")
+    resumed(stretch)
 
 
 def test_a_runstop_that_is_pressed_ends_what_is_live_and_is_released_on_the_robot(
@@ -216,7 +216,7 @@ def test_a_runstop_that_is_pressed_ends_what_is_live_and_is_released_on_the_robo
     assert sensor(stretch, "runstop") == [1.0]
     assert "the runstop is pressed. Release it on the robot" in why(stretch.resume())
     twin.order("runstop off")
-    until(lambda: stretch.resume()["status"] == "success", "it is released")
+    resumed(stretch)
     json_of(stretch.send_action({"lift": 0.5}))
 
 
@@ -231,7 +231,7 @@ def test_an_empty_battery_is_told_as_such_and_not_as_a_button_that_somebody_pres
     assert (sensor(stretch, "runstop"), sensor(stretch, "low_battery")) == ([1.0], [1.0])
     twin.order("low-battery off")
     twin.order("runstop off")
-    until(lambda: stretch.resume()["status"] == "success", "it is charged and released")
+    resumed(stretch)
 
 
 def test_an_arm_that_meets_something_is_not_sent_against_it_again_and_everything_holds(
@@ -372,4 +372,4 @@ def test_saf_007_an_estop_presses_the_runstop(stretch: RealRobot, twin: Twin) ->
     assert "e-stopped by the red button" in why(stretch.set_twist(vx=0.1))
     assert "the runstop is pressed" in why(stretch.resume()), "who lifts the lock releases it on the robot"
     twin.order("runstop off")
-    until(lambda: stretch.resume()["status"] == "success", "it is released")
+    resumed(stretch)

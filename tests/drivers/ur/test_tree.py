@@ -29,7 +29,7 @@ from strands_actors.drivers.ur.protocol import DASHBOARD_PORT
 from strands_actors.testing import Twin
 from strands_actors.testing.wirelog import Entry
 from tests import trees
-from tests.answers import json_of, pids, state, status, task_ended, until, why
+from tests.answers import json_of, pids, resumed, state, status, task_ended, until, why
 from tests.trees import Step, answers_status, made_safe, robot_on, run_for, set_moving, shared_twin
 
 PAN, LIFT, ELBOW = "shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint"
@@ -265,7 +265,7 @@ def test_a_stop_of_the_controllers_own(
     assert name in why(moving.resume())
     for line in undo:
         twin.order(line)
-    until(lambda: moving.resume()["status"] == "success", "it can be armed again")
+    resumed(moving)
     json_of(nudge(moving))
 
 
@@ -346,7 +346,7 @@ def test_saf_023_an_arm_that_holds_in_a_protective_stop_is_not_answered_armed(
     assert refused.startswith("resume: ") and name in refused
     assert remedy in refused
     twin.order(undo)
-    until(lambda: arm.resume()["status"] == "success", "resume() alone is enough")
+    resumed(arm)
     json_of(nudge(arm))
 
 
@@ -474,7 +474,7 @@ def test_power_cycled(moving: RealRobot, twin: Twin) -> None:
     until(lambda: state(moving) == "disarmed", "it is back")
     assert "robot is POWER_OFF (3)" in why(moving.resume())
     twin.order("mode RUNNING")
-    until(lambda: moving.resume()["status"] == "success", "it can be armed")
+    resumed(moving)
     json_of(nudge(moving))
 
 

@@ -20,7 +20,7 @@ from strands_actors.caller.robot import RealRobot
 from strands_actors.drivers.xarm import protocol as p
 from strands_actors.testing import Twin
 from tests import trees
-from tests.answers import json_of, pids, state, status, until, why
+from tests.answers import json_of, pids, resumed, state, status, until, why
 from tests.trees import Step, made_safe, robot_on, run_for, set_moving, shared_twin
 
 """On the published bounds, for a busy machine."""
@@ -168,7 +168,7 @@ def test_saf_003_the_controller_stops_by_itself_or_by_another_client(
         assert "controller holds error 31 (collision). Clear it at the arm" in why(arm.resume())
         assert not twin.log.host("enable", ordered_ns), "refused before anything is energised"
         twin.order("error 0")
-    until(lambda: arm.resume()["status"] == "success", "it can be armed again")
+    resumed(arm)
     json_of(nudge(arm))
 
 

@@ -7,8 +7,9 @@ from collections import deque
 from rich.table import Table
 from rich.text import Text
 
+from strands_actors.supervisors.gate.failsafe import Mode
 from strands_actors.supervisors.gate.messages import StopReport
-from strands_actors.surfaces.cli.trees import DISARMED, styled
+from strands_actors.surfaces.cli.trees import styled
 
 from .feed import Seen
 
@@ -105,7 +106,7 @@ def state(seen: Seen) -> Text:
     """Return the failsafe mode; the gate's word is newer than the root's."""
     if seen.status is None:
         return styled(seen.tree.state)
-    if seen.status.locked_by and seen.status.mode == DISARMED:
+    if seen.status.locked_by and seen.status.mode == Mode.DISARMED:
         return Text("e-stopped", "bold magenta")
     return styled(seen.status.mode)
 
