@@ -1,4 +1,4 @@
-"""``python -m tests``: style, types, tests (four at a time: most of them wait for processes); stops
+"""``python -m tests``: style, types, tests (three at a time: most of them wait for processes); stops
 at the first that fails. Arguments go to pytest.
 
 ``python -m tests lerobot``: what needs LeRobot itself (``tests/lerobot``), and nothing else.
@@ -43,13 +43,13 @@ STEPS = (
     ("ruff", "check", "."),
     ("ruff", "format", "--check", "."),
     ("mypy",),
-    ("pytest", "-n", "4", "--dist", "worksteal", "--durations=20", *ARGUMENTS),
+    ("pytest", "-n", "3", "--dist", "worksteal", "--durations=20", *ARGUMENTS),
 )
 ALONE = ("pytest", "--last-failed", "--last-failed-no-failures", "none", *ARGUMENTS)
 SUITES = {"newton": ("tests/newton/suite.py",), "peers": ("tests/peers/suite.py",), "soak": ("tests/soak",)}
 """Not in the ordinary run: no file of theirs is called ``test_``, or its test is long."""
 COMPILE = (sys.executable, "-m", "pytest", "--collect-only", "-q")
-"""In a fresh clone each of the four workers would compile all tests: one process does, beside mypy. What is
+"""In a fresh clone each of the three workers would compile all tests: one process does, beside mypy. What is
 wrong with them they find, too, and say so."""
 SOME_FAILED = 1
 """Pytest's exit code; others say that it could not run."""

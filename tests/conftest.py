@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import os
 import shutil
@@ -14,12 +15,17 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+from strands_actors import drivers
+from strands_actors.drivers import list_native_drivers
 from strands_actors.kernel.health import busy
 
 from .forked import fork_what_is_started_here
 
 pytest_plugins = ["strands_actors.pytest_plugin", "tests.long", "tests.machines", "tests.real_time"]
 """The first as if the package were installed with its entry point."""
+
+REGISTRY = ("_registered", "_aliases", "_broken", "_robots", "_found")
+"""What ``strands_actors.drivers`` knows in this process."""
 
 collect_ignore = ["lerobot"]
 """Asked for by itself: ``python -m tests lerobot``."""
@@ -57,6 +63,30 @@ def pytest_collection() -> Generator[None, object, object]:
 def on_an_idle_computer() -> Iterator[None]:
     """What this process says of a missed deadline is the same on a busy computer."""
     with busy.assumed(busy.IDLE):
+        yield
+
+
+@contextlib.contextmanager
+def registry_kept() -> Iterator[None]:
+    """Forget what is registered meanwhile."""
+    list_native_drivers()
+    with pytest.MonkeyPatch.context() as patch:
+        for name in REGISTRY:
+            patch.setattr(drivers, name, getattr(drivers, name).copy())
+        yield
+
+
+@pytest.fixture(autouse=True)
+def registry() -> Iterator[None]:
+    """A robot that a test registers is unknown to the next test."""
+    with registry_kept():
+        yield
+
+
+@pytest.fixture(scope="module", autouse=True)
+def registry_of_module() -> Iterator[None]:
+    """A robot that a fixture of a module registers is unknown to the next module."""
+    with registry_kept():
         yield
 
 

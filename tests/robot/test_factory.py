@@ -11,10 +11,10 @@ import pytest
 from serial.tools import list_ports
 
 import strands_actors
-from strands_actors import Robot, drivers
+from strands_actors import Robot
 from strands_actors.caller.robot import RealRobot, SimRobot
 from strands_actors.caller.wanted import read as factory_keywords
-from strands_actors.drivers import HardwareDriver, list_native_drivers, register_native_driver, register_robot
+from strands_actors.drivers import HardwareDriver, register_native_driver, register_robot
 
 PORT = {"mode": "real", "port": "/dev/ttyACM0"}
 TWIN = {"mode": "real", "transport": "twin"}
@@ -191,13 +191,6 @@ def test_a_twin_is_made_of_a_simulation_of_the_same_robot() -> None:
         Robot("so100", **TWIN, sim=arm)  # its wire is taken
 
 
-@pytest.fixture
-def registry(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What the test registers is forgotten after it."""
-    list_native_drivers()
-    monkeypatch.setattr(drivers, "_registered", dict(drivers._registered))
-
-
 # -- the mode
 
 
@@ -296,7 +289,6 @@ class Lamp:
     stop = stop_task = stream = nothing
 
 
-@pytest.mark.usefixtures("registry")
 def test_a_class_of_the_users_is_run_as_a_tree_with_its_own_keywords() -> None:
     register_robot("lamp")
     register_native_driver("lamp", Lamp)
@@ -323,7 +315,6 @@ def test_a_class_of_the_users_is_run_as_a_tree_with_its_own_keywords() -> None:
             Robot("lamp", **keywords)
 
 
-@pytest.mark.usefixtures("registry")
 def test_a_class_registered_for_another_name_of_a_robot_of_ours_drives_it() -> None:
     with pytest.raises(
         ValueError, match=r"koch_follower \(koch\) is already served by DynamixelDriver. pass overwrite"

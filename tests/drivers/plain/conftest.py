@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from strands_actors import Robot, drivers
+from strands_actors import Robot
 from strands_actors.caller.robot import RealRobot
-from strands_actors.drivers import list_native_drivers, register_native_driver, register_robot
+from strands_actors.drivers import register_native_driver, register_robot
 
 from .rig import SmallArm
 
@@ -18,11 +18,7 @@ NewRobot = Callable[..., RealRobot]
 
 
 @pytest.fixture
-def registry(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What the test registers is forgotten after it."""
-    list_native_drivers()
-    for name in ("_registered", "_aliases", "_robots"):
-        monkeypatch.setattr(drivers, name, getattr(drivers, name).copy())
+def small_arm_known() -> None:
     register_robot("small_arm")
 
 
@@ -39,7 +35,7 @@ def wrong(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def new_robot(registry: None, small_arm: SmallArm, wrong: Path) -> Iterator[NewRobot]:
+def new_robot(small_arm_known: None, small_arm: SmallArm, wrong: Path) -> Iterator[NewRobot]:
     """Make a robot of a class, and connect it."""
     made: list[RealRobot] = []
 

@@ -255,7 +255,7 @@ def test_saf_016_the_process_that_would_stop_the_robot_is_replaced(
 # -- what cannot be run
 
 
-def test_a_robot_that_is_not_there_says_so(registry: None) -> None:
+def test_a_robot_that_is_not_there_says_so(small_arm_known: None) -> None:
     register_native_driver("small_arm", SmallArmDriver)
     robot = Robot("small_arm", mode="real", port="/dev/nowhere")
     problem = robot.connect_eagerly() or ""
@@ -263,7 +263,7 @@ def test_a_robot_that_is_not_there_says_so(registry: None) -> None:
     robot.cleanup()
 
 
-def test_a_class_that_says_nothing_of_its_axes_is_refused(registry: None, small_arm: SmallArm) -> None:
+def test_a_class_that_says_nothing_of_its_axes_is_refused(small_arm_known: None, small_arm: SmallArm) -> None:
     register_native_driver("small_arm", SilentArmDriver)
     robot = Robot("small_arm", mode="real", port=small_arm.port)
     assert "SilentArmDriver names no axes. Give it action_features" in (robot.connect_eagerly() or "")
@@ -272,7 +272,7 @@ def test_a_class_that_says_nothing_of_its_axes_is_refused(registry: None, small_
 
 
 @pytest.mark.long
-def test_a_connection_that_hangs_is_given_up(registry: None, small_arm: SmallArm, wrong: Path) -> None:
+def test_a_connection_that_hangs_is_given_up(small_arm_known: None, small_arm: SmallArm, wrong: Path) -> None:
     register_native_driver("small_arm", DeclaredArmDriver)
     wrong.write_text("connect hangs")
     robot = Robot("small_arm", mode="real", port=small_arm.port, wrong=str(wrong))
