@@ -166,7 +166,7 @@ def _why_not(driver: Driver, victim: str, fault: Faults) -> str:
 
 
 def proves(victim: str, fault: Faults) -> tuple[str, ...]:
-    """The requirements (docs/safety.md) that a safe outcome of this cell shows."""
+    """The requirements (docs/safety-evidence.md) that a safe outcome of this cell shows."""
     if victim is Victims.TWIN:
         if fault in RETURNING:
             return ("SAF-002", "SAF-008", "SAF-012")

@@ -110,7 +110,7 @@ it measures that robot, and puts its column in the place of the one before.
 * **Victims** are the roles of the running tree. Of a process of which the wire shows nothing (standby,
   spawner, camera, recorder, stop process) the robot must go on for half a second; then it is stopped,
   and time counts from that stop.
-* **proves**: requirements of [safety.md](safety.md).
+* **proves**: requirements of [safety-evidence.md](safety-evidence.md#requirements).
 """
 
 
@@ -128,7 +128,7 @@ from the program. This page was made by
   whole robot to its safe state; 0 when it was there before the second one broke.
 * **bound**: of root and wire together the standby's: after two kills the driver's own, else the
   time after which both count as silent, and one look, before it. Of all others the longer of the
-  two alone ([safety.md](safety.md)).
+  two alone ([safety-faults.md](safety-faults.md#bounds-of-two-at-once)).
 * **Victims** are the roles of the running tree, every two of them. Two of which the wire shows nothing
   are followed by a stop, from which time counts.
 * **after**: setpoints behind that frame, over all trials. Anything but 0 is a defect; so is a time
@@ -138,7 +138,7 @@ from the program. This page was made by
 * **pkill python** reaches the script alone: the processes of the tree have names of their own.
   `pkill -9 -f strands` reaches them all at once. Nobody is left to write, so there is no row for
   it: what happens then is the firmware's doing (`firmware_watchdog` in the status of each robot,
-  and [safety.md](safety.md)).
+  and [safety-faults.md](safety-faults.md#firmware)).
 """
 
 

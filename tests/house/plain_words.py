@@ -38,7 +38,8 @@ MARKS = re.compile(
     r"|\b(?:told|tells|said|says)\b|\bis to\b"
     r"|\w+: (?:none|nobody|not|it|all|as|what|who|else)\b"
 )
-CODE = re.compile(r"```.*?```|``[^`]*``|`[^`]*`|<!--.*?-->", re.DOTALL)
+CODE = re.compile(r"```.*?```|``[^`]*``|`[^`]*`|<!--.*?-->|\]\([^)\s]*\)", re.DOTALL)
+"""Neither code nor the targets of links are prose."""
 
 
 class Text(NamedTuple):

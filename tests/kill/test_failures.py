@@ -1,4 +1,4 @@
-"""Failures that others had, and that no cell of the matrix would notice. docs/safety.md names the
+"""Failures that others had, and that no cell of the matrix would notice. docs/safety-evidence.md names the
 rest."""
 
 from __future__ import annotations

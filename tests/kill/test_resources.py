@@ -23,7 +23,7 @@ from tests.answers import PATIENCE_S, pids, until
 from .restarts import private_kb
 
 RESTARTS = int(os.environ.get("STRANDS_ACTORS_RESTARTS", "5000"))
-"""In virtual time; the figure that docs/safety.md gives is of 100000."""
+"""In virtual time; the figure that docs/safety-faults.md gives is of 100000."""
 REAL_RESTARTS = int(os.environ.get("STRANDS_ACTORS_REAL_RESTARTS", "60"))
 GROWTH = 1.05
 WARM_UP = 100

@@ -121,7 +121,7 @@ def test_saf_003_it_passes_on_a_twin_and_leaves_a_certificate(cli: Command, robo
 
 
 def test_it_fails_when_one_line_of_the_safety_wiring_is_changed(cli: Command, tmp_path: Path) -> None:
-    """The example of docs/safety.md: the root's own path takes the safe state of a late writer."""
+    """The example of docs/safety-evidence.md: the root's own path takes the safe state of a late writer."""
     package = Path(strands_actors.__file__).parent
     copy = tmp_path / "changed"
     shutil.copytree(package, copy / "strands_actors", ignore=shutil.ignore_patterns("__pycache__"))

@@ -116,7 +116,7 @@ def check_scheduling() -> Iterator[Check]:
         rf"printf '{user} - rtprio 20\n{user} - memlock unlimited\n' | "
         "sudo tee /etc/security/limits.d/robots.conf, then log in again "
         "(systemd: LimitRTPRIO=20, LimitMEMLOCK=infinity; docker: --ulimit rtprio=20 --ulimit memlock=-1; "
-        "never as its process 1: docs/safety.md)"
+        "never as its process 1: docs/safety-faults.md)"
     )
     if len(os.sched_getaffinity(0)) < 2:
         yield Check("scheduling", WEAK, "one core: a robot's tree does not run before other programs", "use two")
@@ -136,7 +136,7 @@ def check_load() -> Iterator[Check]:
 
     seen = machine()
     if seen.busy:
-        remedy = "close other programs, or give the robot a computer that does nothing else: docs/safety.md"
+        remedy = "close other programs, or give the robot a computer that does nothing else: docs/safety-faults.md"
         yield Check(LOAD, WEAK, f"this computer is busy: {seen.text}", remedy)
     else:
         yield Check(LOAD, OK, seen.text)
