@@ -1,8 +1,9 @@
-"""Rainbow Robotics RB-Y1, model A: torso, two arms and head, through its gRPC server. No SDK.
+"""Drive a Rainbow Robotics RB-Y1, model A: torso, two arms and head, through its gRPC server. No SDK.
 
-Safe is to hold, whatever the reason: ``CancelControl`` ends what the robot does, and its controller
-keeps it where it is. For a late writer the next command goes on from there; after a stop only
-``resume()`` does. The power stays on, unless ``on_estop="power_off"`` asks for what drops the arms.
+The robot holds its position in every safe state. ``CancelControl`` ends the motion, and the robot's
+controller holds the position. After a hold for a late writer, the next command continues from there.
+After a stop, only ``resume()`` does. The power stays on, unless ``on_estop="power_off"`` asks an
+e-stop to remove it, which drops the arms.
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ from .gates import CONDITIONS, all_gates
 from .robots import TABLES, parts_of
 
 HOLD_S = 0.3
-"""For how long the controller holds on to a target that is not repeated. The vendor's examples have
-1 s and more; how short a robot takes it, nobody of us has seen."""
+"""How long the controller holds a target that is not repeated. The vendor's examples use 1 s and
+more; the shortest time that a robot accepts was never tried on a real one."""
 
 
 class Options(DriverOptions, frozen=True):
