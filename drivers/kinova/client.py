@@ -78,9 +78,7 @@ class KortexClient:
     """A client for one connection and session. Its calls never overlap.
 
     Args:
-        stream: The connection.
         name: The base's name in error messages.
-        clock: The clock.
         page: Id and counter of a session that is already open; by default there is no session yet.
     """
 

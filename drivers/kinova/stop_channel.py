@@ -46,10 +46,7 @@ class KinovaStopChannel(KeptSession[KinovaConfig, KortexClient]):
     ) -> None:
         """
         Args:
-            config: The robot's settings.
             descriptors: The wire's connection and its page, if they were handed over.
-            clock: The clock.
-            open_stream: Opens a connection.
             wires: The wire's client, when the channel runs in the wire process. The wire closes it.
         """
         super().__init__(config, descriptors, clock)

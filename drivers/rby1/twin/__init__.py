@@ -48,7 +48,7 @@ class Machine:
 
         Args:
             fault: The fault.
-            unit: 2 to 23 for a joint, which can only get stuck. None for what the server sends.
+            unit: 2 to 23 for a joint, which can only get stuck. None for all that the server sends.
         """
         plant = self._service.controller.plant
         if unit is None:
