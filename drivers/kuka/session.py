@@ -1,8 +1,8 @@
 """Compute the client's answers in an FRI session, cycle by cycle. Pure: no clock, no socket.
 
-A message is checked against our own answers. It is new if its sequence number continues the last one. The position that the
-controller has taken is looked up in the sent answers, by the number that the message reflects. A repeated, late
-or forged message therefore neither moves a hold nor confirms one (SAF-022).
+A message is checked against our own answers. It is new if its sequence number continues the last one. The
+position that the controller has taken is looked up in the sent answers, by the number that the message
+reflects. A repeated, late or forged message therefore neither moves a hold nor confirms one (SAF-022).
 
 Every cycle gets one answer, by the state of the session:
 
