@@ -44,8 +44,8 @@ def refuse_mode(mode: int, reasons: str) -> Refused | None:
         return None
     name = mode_name(mode)
     why = f" ({reasons})" if reasons else ""
-    known = mode in tuple(RobotMode)
-    remedy = _REMEDIES.get(RobotMode(mode), _OTHER_REMEDY) if known else _OTHER_REMEDY
+    has_name = mode in tuple(RobotMode)
+    remedy = _REMEDIES.get(RobotMode(mode), _OTHER_REMEDY) if has_name else _OTHER_REMEDY
     return Refused(Code.ROBOT_MODE, f"arm is in {name}{why}", remedy, name, "idle or move")
 
 

@@ -233,7 +233,7 @@ class Dialect:
         if not self.is_plausible(data):
             raise MalformedFrame("a state with modes that there are not")
         errors, reflex = self.get(data, "errors"), self.get(data, "reflex_reason")
-        found = State(
+        state = State(
             int(self.get(data, "message_id")[0]),
             self.get(data, "q"),
             self.get(data, "q_d"),
@@ -249,7 +249,7 @@ class Dialect:
         )
         if not self.tells_joints(data):
             raise MalformedFrame("a state with a position or a speed that no joint has")
-        return found
+        return state
 
     def is_plausible(self, data: bytes) -> bool:
         """Return whether ``data`` can be a state, by its size and its smallest fields. It is fast enough to check
@@ -349,13 +349,13 @@ def connect_request(payload: bytes) -> tuple[int, int]:
 
 def _layout(fields: str, number: str) -> tuple[dict[str, _Field], int]:
     """Return the offset and the format of each field, and the total size."""
-    at, found = 0, {}
+    offset, layout = 0, {}
     for text in fields.split():
         name, _, kind = text.partition(":")
         field = struct.Struct("<" + (kind if kind in ("Q", "B") or kind.endswith("?") else f"{kind}{number}"))
-        found[name] = at, field
-        at += field.size
-    return found, at
+        layout[name] = offset, field
+        offset += field.size
+    return layout, offset
 
 
 DIALECTS = {version: Dialect(version) for version in (5, 10)}

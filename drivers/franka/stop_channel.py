@@ -95,11 +95,11 @@ def reports(
 ) -> tuple[MotorReport, ...]:
     """Return a report per joint. ``state`` is the last one since the stop was written; None without one."""
     moves: Sequence[int] = range(len(config.arm.keys)) if state is None else moving(state)
-    found = []
+    results = []
     for at, joint in enumerate(config.arm.keys):
         safe = state is not None and at not in moves
         detail = "" if safe else trouble or "it moves"
         if safe and state is not None and state.robot_mode not in (p.RobotMode.IDLE, p.RobotMode.MOVE):
             detail = ", ".join((p.mode_name(state.robot_mode), *state.reasons))
-        found.append(MotorReport(joint, at + 1, written, acknowledged, safe, detail))
-    return tuple(found)
+        results.append(MotorReport(joint, at + 1, written, acknowledged, safe, detail))
+    return tuple(results)

@@ -275,8 +275,8 @@ class FrankaWire(SessionWire[FrankaSession]):
             session.stand_down()
             session.client.close_in_order()
             self.close()
-        found = await FrankaStopChannel(self._config, (), self._clock).make_safe(safe_state)
-        return tuple(msgspec.structs.replace(motor, written=motor.written or written) for motor in found)
+        motors = await FrankaStopChannel(self._config, (), self._clock).make_safe(safe_state)
+        return tuple(msgspec.structs.replace(motor, written=motor.written or written) for motor in motors)
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
         session = self.session

@@ -61,14 +61,14 @@ class Kinova(Driver):
         return plain(read_options(robot, Options, options))
 
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
-        wanted = read_options(robot, Options, options)
+        chosen = read_options(robot, Options, options)
         table = TABLES.table(robot)
         self.robot = TABLES.canonical(robot)
         fastest_rad_s = float(table["gate_rad_s"])
-        period_s = 1.0 / wanted.control_frequency
+        period_s = 1.0 / chosen.control_frequency
         silent_s = SILENT_PERIODS * period_s
         self.timing = Timing(
-            control_hz=wanted.control_frequency,
+            control_hz=chosen.control_frequency,
             keepalive_s=period_s / 2,  # less than a period, so that each period has one
             stream_ttl_s=silent_s,
             oneshot_ttl_s=None,
@@ -81,7 +81,7 @@ class Kinova(Driver):
         self.config = KinovaConfig(
             robot=self.robot,
             port=port,
-            login=(wanted.username, wanted.password),
+            login=(chosen.username, chosen.password),
             axes=self.axes,
             fastest_rad_s=fastest_rad_s,
             period_s=period_s,

@@ -65,11 +65,13 @@ def refuse_state(state: int, fault_bank: int) -> Refused | None:
     """Refuse a base that would not move its arm. Arming makes the same check."""
     if state == ArmState.SERVOING_READY:
         return None
-    name, wanted = arm_state_name(state), arm_state_name(ArmState.SERVOING_READY)
+    name, required = arm_state_name(state), arm_state_name(ArmState.SERVOING_READY)
     if state == ArmState.IN_FAULT:
         why = f"base in fault (bank 0x{fault_bank:x})"
-        return Refused(KinovaCode.BASE_IN_FAULT, why, "clear it, then reconnect", name, wanted)
-    return Refused(KinovaCode.ARM_STATE, f"the arm is {name}", "make it ready on the base's own page", name, wanted)
+        return Refused(KinovaCode.BASE_IN_FAULT, why, "clear it, then reconnect", name, required)
+    return Refused(
+        KinovaCode.ARM_STATE, f"the arm is {name}", "make it ready on the base's own page", name, required
+    )
 
 
 def base_ready(observation: Observation, now_ns: int) -> Refused | None:

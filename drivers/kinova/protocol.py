@@ -141,10 +141,10 @@ class Frame(msgspec.Struct, frozen=True):
 
 def decode(body: bytes) -> Frame:
     """Decode the protobuf ``Frame`` without magic and length. Raise ``MalformedFrame``."""
-    found = pb.message(body)
-    header = pb.message(pb.last_bytes(found, 1))
+    fields = pb.message(body)
+    header = pb.message(pb.last_bytes(fields, 1))
     info, message, service, size = (pb.last_int(header, number) & 0xFFFF_FFFF for number in (1, 2, 3, 4))
-    payload = pb.last_bytes(found, 2)
+    payload = pb.last_bytes(fields, 2)
     if size & 0xFF_FFFF != len(payload):
         raise MalformedFrame(f"kortex: {size & 0xFF_FFFF} bytes of payload announced, {len(payload)} there")
     return Frame(
@@ -193,12 +193,12 @@ class Decoder:
     def _align(self) -> bool:
         """Drop the bytes before the next magic, or before a possible beginning of it. Return whether any
         bytes are left."""
-        at = self._pending.find(MAGIC)
-        if at < 0:
+        start = self._pending.find(MAGIC)
+        if start < 0:
             begins = (size for size in range(len(MAGIC) - 1, 0, -1) if self._pending.endswith(MAGIC[:size]))
-            at = len(self._pending) - next(begins, 0)
-        if at:
-            self._skip(at)
+            start = len(self._pending) - next(begins, 0)
+        if start:
+            self._skip(start)
         return bool(self._pending)
 
     def _skip(self, count: int) -> None:
@@ -229,12 +229,12 @@ class Login(msgspec.Struct, frozen=True):
     @classmethod
     def decode(cls, data: bytes) -> Login:
         """Raise ``MalformedFrame``."""
-        found = pb.message(data)
+        fields = pb.message(data)
         try:
-            username, password = (pb.last_bytes(found, number).decode() for number in (1, 3))
+            username, password = (pb.last_bytes(fields, number).decode() for number in (1, 3))
         except UnicodeDecodeError:
             raise MalformedFrame("kortex: a name that is no UTF-8") from None
-        return cls(username, password, pb.last_int(found, 2), pb.last_int(found, 4))
+        return cls(username, password, pb.last_int(fields, 2), pb.last_int(fields, 4))
 
 
 def encode_number(value: int) -> bytes:
@@ -306,15 +306,15 @@ class Feedback(msgspec.Struct, frozen=True):
     @classmethod
     def decode(cls, data: bytes) -> Feedback:
         """Decode a feedback. Raise ``MalformedFrame``, also for numbers that are not finite."""
-        found = pb.message(data)
-        base = pb.message(pb.last_bytes(found, 2))
+        fields = pb.message(data)
+        base = pb.message(pb.last_bytes(fields, 2))
         return cls(
             pb.last_int(base, 2),
-            tuple(_actuator(one) for one in _messages(found, 3)),
+            tuple(_actuator(one) for one in _messages(fields, 3)),
             _finite(base, 3),
             (_finite(base, 13), _finite(base, 14), _finite(base, 15)),
             (pb.last_int(base, 31), pb.last_int(base, 32)),
-            pb.last_int(found, 1),
+            pb.last_int(fields, 1),
         )
 
 

@@ -215,19 +215,19 @@ def _top(data: bytes, number: int) -> _Found:
     if len(data) > LARGEST:
         raise MalformedFrame(f"FRI: {len(data)} bytes, {LARGEST} at most")
     top = pb.message(data)
-    found = pb.last_int(pb.message(pb.last_bytes(top, 1)), 1)
-    if found != number:
-        raise MalformedFrame(f"FRI: message {found:#x} instead of {number:#x}")
+    actual = pb.last_int(pb.message(pb.last_bytes(top, 1)), 1)
+    if actual != number:
+        raise MalformedFrame(f"FRI: message {actual:#x} instead of {number:#x}")
     return top
 
 
-def _joints(found: _Found, number: int, what: str, missing: tuple[float, ...] | None = None) -> tuple[float, ...]:
+def _joints(found: _Found, number: int, name: str, missing: tuple[float, ...] | None = None) -> tuple[float, ...]:
     """Return one finite number per joint. If the field is missing, return ``missing`` unless that is None."""
     if missing is not None and number not in found:
         return missing
     values = pb.doubles(pb.last_bytes(found, number), 1)
     if len(values) != JOINTS or not all(map(math.isfinite, values)):
-        raise MalformedFrame(f"FRI: {len(values)} {what} instead of {JOINTS}, or one that is not finite")
+        raise MalformedFrame(f"FRI: {len(values)} {name} instead of {JOINTS}, or one that is not finite")
     return values
 
 

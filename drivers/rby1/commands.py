@@ -64,12 +64,12 @@ class JointPosition(msgspec.Struct, frozen=True):
     @classmethod
     def decode(cls, data: bytes) -> JointPosition:
         """Decode a request. Raise ``MalformedFrame``, also for numbers that are not finite."""
-        found = pb.message(data)
+        fields = pb.message(data)
         position = pb.doubles(data, 3)
         if not all(map(math.isfinite, position)):
             raise MalformedFrame(f"rb.api: joints at {position}")
-        hold_s = decode_duration(pb.last_bytes(pb.message(pb.last_bytes(found, 1)), 1))
-        return cls(position, decode_duration(pb.last_bytes(found, 2)), hold_s)
+        hold_s = decode_duration(pb.last_bytes(pb.message(pb.last_bytes(fields, 1)), 1))
+        return cls(position, decode_duration(pb.last_bytes(fields, 2)), hold_s)
 
 
 def encode_command(parts: Mapping[str, JointPosition], priority: int) -> bytes:
@@ -95,14 +95,14 @@ class Command(msgspec.Struct, frozen=True):
     def decode(cls, data: bytes) -> Command:
         """Decode joint positions of torso, arms and head, given by part or for the body as a whole. Raise
         ``MalformedFrame``."""
-        found = pb.message(data)
-        request = pb.message(pb.last_bytes(found, 2))
+        fields = pb.message(data)
+        request = pb.message(pb.last_bytes(fields, 2))
         components = pb.message(pb.last_bytes(request, 3))
         parts = dict(_parts(components))
         for name, part in parts.items():
             if len(part.position) != PARTS[name]:
                 raise MalformedFrame(f"rb.api: {len(part.position)} positions for {name}, which has {PARTS[name]}")
-        return cls(parts, pb.last_int(found, 3), bool(pb.last_bytes(request, 2)))
+        return cls(parts, pb.last_int(fields, 3), bool(pb.last_bytes(request, 2)))
 
 
 def _parts(components: dict[int, list[pb.Value]]) -> Iterator[tuple[str, JointPosition]]:
@@ -121,12 +121,12 @@ def _parts(components: dict[int, list[pb.Value]]) -> Iterator[tuple[str, JointPo
 
 def _whole_body(body: JointPosition) -> Iterator[tuple[str, JointPosition]]:
     """Split a body of twenty joints into torso, right arm and left arm."""
-    at = 0
+    start = 0
     for name in ("torso", "right_arm", "left_arm"):
-        yield name, msgspec.structs.replace(body, position=body.position[at : at + PARTS[name]])
-        at += PARTS[name]
-    if len(body.position) != at:
-        raise MalformedFrame(f"rb.api: {len(body.position)} positions for a body of {at}")
+        yield name, msgspec.structs.replace(body, position=body.position[start : start + PARTS[name]])
+        start += PARTS[name]
+    if len(body.position) != start:
+        raise MalformedFrame(f"rb.api: {len(body.position)} positions for a body of {start}")
 
 
 _BODY = {"right_arm": 2, "left_arm": 3, "torso": 4}
@@ -145,8 +145,8 @@ class Feedback(msgspec.Struct, frozen=True):
     @classmethod
     def decode(cls, data: bytes) -> Feedback:
         """Raise ``MalformedFrame``."""
-        found = pb.message(pb.last_bytes(pb.message(data), 2))
-        return cls(pb.last_int(found, 10), pb.last_int(found, 11))
+        fields = pb.message(pb.last_bytes(pb.message(data), 2))
+        return cls(pb.last_int(fields, 10), pb.last_int(fields, 11))
 
     @property
     def dropped(self) -> str:
@@ -158,10 +158,10 @@ class Feedback(msgspec.Struct, frozen=True):
 
 def split(values: Sequence[float]) -> dict[str, tuple[float, ...]]:
     """Return a row of all driven joints as rows by part. The row is in the order of ``PARTS``."""
-    rows, at = {}, 0
+    rows, start = {}, 0
     for name, count in PARTS.items():
-        rows[name] = tuple(values[at : at + count])
-        at += count
+        rows[name] = tuple(values[start : start + count])
+        start += count
     return rows
 
 
@@ -173,8 +173,8 @@ def encode_duration(seconds: float) -> bytes:
 
 def decode_duration(data: bytes) -> float:
     """Return seconds. Raise ``MalformedFrame``, also for a negative duration."""
-    found = pb.message(data)
-    whole, nanos = pb.last_int(found, 1), pb.last_int(found, 2)
+    fields = pb.message(data)
+    whole, nanos = pb.last_int(fields, 1), pb.last_int(fields, 2)
     if whole >> 63 or nanos >= NS:
         raise MalformedFrame("rb.api: a negative time")
     return whole + nanos / NS

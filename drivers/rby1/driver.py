@@ -81,12 +81,12 @@ class RBY1(Driver):
         return plain(read_options(robot, Options, options))
 
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
-        wanted = read_options(robot, Options, options)
-        period_s = 1.0 / wanted.control_frequency
+        chosen = read_options(robot, Options, options)
+        period_s = 1.0 / chosen.control_frequency
         self.robot = TABLES.canonical(robot)
         self.declare(*parts_of(TABLES.table(robot)))
         self.timing = Timing(
-            control_hz=wanted.control_frequency,
+            control_hz=chosen.control_frequency,
             keepalive_s=HOLD_S / 3,
             stream_ttl_s=0.1,
             oneshot_ttl_s=None,
@@ -97,14 +97,14 @@ class RBY1(Driver):
         )
         self.fallbacks: Mapping[Reason, SafeState] = {
             **fallbacks_for(late=SafeState.HOLD, otherwise=SafeState.STOP),
-            Reason.ESTOP: SafeState.OFF if wanted.on_estop == "power_off" else SafeState.STOP,
+            Reason.ESTOP: SafeState.OFF if chosen.on_estop == "power_off" else SafeState.STOP,
         }
         self.config = RBY1Config(
             robot=self.robot,
             port=port,
             axes=self.axes,
             ids=self.ids,
-            priority=wanted.priority,
+            priority=chosen.priority,
             period_s=period_s,
             hold_s=HOLD_S,
             silent_s=0.3,

@@ -64,8 +64,8 @@ def powered(observation: Observation, now_ns: int) -> Refused | None:
     power, ready = number_of(observation.sensors, "power"), number_of(observation.sensors, "joints_ready")
     if power == 1 and ready == 1:
         return None
-    what = "the motors have no power" if power != 1 else "servos are off"
-    return Refused(RBY1Code.POWER, what, _RESUME, "off", "on")
+    reason = "the motors have no power" if power != 1 else "servos are off"
+    return Refused(RBY1Code.POWER, reason, _RESUME, "off", "on")
 
 
 def enabled(observation: Observation, now_ns: int) -> Refused | None:
@@ -73,8 +73,8 @@ def enabled(observation: Observation, now_ns: int) -> Refused | None:
     manager = number_of(observation.sensors, "control_manager")
     if manager == Manager.ENABLED:
         return None
-    name, wanted = name_of(Manager, manager), name_of(Manager, Manager.ENABLED)
-    return Refused(RBY1Code.NOT_ENABLED, f"the control manager is {name}", _RESUME, name, wanted)
+    name, required = name_of(Manager, manager), name_of(Manager, Manager.ENABLED)
+    return Refused(RBY1Code.NOT_ENABLED, f"the control manager is {name}", _RESUME, name, required)
 
 
 def obeying(observation: Observation, now_ns: int) -> Refused | None:

@@ -31,8 +31,8 @@ def limits_of(urdf: str, joints: Sequence[str]) -> Limits:
     except NotXml as error:
         raise MalformedFrame(f"the robot's model is no URDF ({error})") from None
     # Read only the joints below the root: a transmission names them again, without limits.
-    found = {joint.get("name"): joint.first("limit") for joint in root.all("joint")}
-    rows = [_row(found.get(name)) for name in joints]
+    limits = {joint.get("name"): joint.first("limit") for joint in root.all("joint")}
+    rows = [_row(limits.get(name)) for name in joints]
     if missing := [name for name, row in zip(joints, rows, strict=True) if row is None]:
         raise MalformedFrame(f"the robot's model has no limits of {', '.join(missing)}")
     low, high, speed = zip(*(row for row in rows if row is not None), strict=True)

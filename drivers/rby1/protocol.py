@@ -95,8 +95,8 @@ class Power(enum.IntEnum):
 
 def name_of(kind: type[enum.IntEnum], number: int) -> str:
     """Return the name and the number of an enum's value, as ``MAJOR_FAULT (4)``."""
-    known = number in tuple(kind)
-    return f"{kind(number).name if known else 'unknown'} ({number})"
+    has_name = number in tuple(kind)
+    return f"{kind(number).name if has_name else 'unknown'} ({number})"
 
 
 # -- requests
@@ -109,8 +109,8 @@ def encode_order(name: str, order: int) -> bytes:
 
 def decode_order(data: bytes) -> tuple[str, int]:
     """Return name and order. Raise ``MalformedFrame``."""
-    found = pb.message(data)
-    return text(pb.last_bytes(found, 2)), pb.last_int(found, 3)
+    fields = pb.message(data)
+    return text(pb.last_bytes(fields, 2)), pb.last_int(fields, 3)
 
 
 def encode_manager_order(order: ManagerOrder) -> bytes:
@@ -155,8 +155,8 @@ def encode_done(done: Done, why: str = "") -> bytes:
 
 def decode_done(data: bytes) -> tuple[int, str]:
     """Return status and message. Raise ``MalformedFrame``."""
-    found = pb.message(data)
-    return pb.last_int(found, 2), text(pb.last_bytes(found, 3))
+    fields = pb.message(data)
+    return pb.last_int(fields, 2), text(pb.last_bytes(fields, 3))
 
 
 def encode_model(urdf: str) -> bytes:
@@ -193,8 +193,8 @@ class ManagerState(msgspec.Struct, frozen=True):
     @classmethod
     def decode(cls, data: bytes) -> ManagerState:
         """Raise ``MalformedFrame``."""
-        found = pb.message(data)
-        return cls(pb.last_int(found, 1), pb.last_int(found, 3), double(found, 2), pb.varints(data, 4))
+        fields = pb.message(data)
+        return cls(pb.last_int(fields, 1), pb.last_int(fields, 3), double(fields, 2), pb.varints(data, 4))
 
     @property
     def text(self) -> str:
@@ -248,13 +248,13 @@ class RobotInfo(msgspec.Struct, frozen=True):
     def decode(cls, data: bytes) -> RobotInfo:
         """Raise ``MalformedFrame``."""
         info = pb.last_bytes(pb.message(data), 2)
-        found = pb.message(info)
+        fields = pb.message(info)
         return cls(
-            text(pb.last_bytes(found, 12)),
-            text(pb.last_bytes(found, 16)),
-            _names(found, 5),
-            _names(found, 3),
-            _names(found, 11),
+            text(pb.last_bytes(fields, 12)),
+            text(pb.last_bytes(fields, 16)),
+            _names(fields, 5),
+            _names(fields, 3),
+            _names(fields, 11),
             tuple((part, pb.varints(info, number)) for number, part in _PARTS.items()),
         )
 

@@ -26,9 +26,9 @@ def parts_of(table: Mapping[str, Any]) -> tuple[Part, ...]:
         for number, joint in enumerate(table["joints"], FIRST_JOINT)
         for low, high in (joint["range_rad"],)
     ]
-    parts, at = [], 0
+    parts, start = [], 0
     for name, count in PARTS.items():
         side = name.removesuffix("_arm") if name.endswith("_arm") else ""
-        parts.append(Part(_KINDS[name], tuple(axes[at : at + count]), side))
-        at += count
+        parts.append(Part(_KINDS[name], tuple(axes[start : start + count]), side))
+        start += count
     return tuple(parts)

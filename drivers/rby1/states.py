@@ -71,27 +71,27 @@ class RobotState(msgspec.Struct, frozen=True):
         """Decode a response. Raise ``MalformedFrame``, also for positions or velocities that are not finite."""
         answer = pb.message(data)
         state = pb.last_bytes(answer, 2)
-        found = pb.message(state)
-        position, velocity = _row(found, 31), _row(found, 32)
+        fields = pb.message(state)
+        position, velocity = _row(fields, 31), _row(fields, 32)
         if not all(map(math.isfinite, (*position, *velocity))):
             raise MalformedFrame("rb.api: a joint that is nowhere")
         if len(position) > MAX_JOINTS or len(velocity) != len(position):
             raise MalformedFrame(f"rb.api: {len(position)} positions, {len(velocity)} velocities")
-        battery = pb.message(pb.last_bytes(found, 3))
-        odometry = pb.message(pb.last_bytes(found, 45))
+        battery = pb.message(pb.last_bytes(fields, 3))
+        odometry = pb.message(pb.last_bytes(fields, 45))
         place = pb.message(pb.last_bytes(odometry, 1))
-        mass = pb.message(pb.last_bytes(found, 46))
-        time = pb.message(pb.last_bytes(found, 1))
+        mass = pb.message(pb.last_bytes(fields, 46))
+        time = pb.message(pb.last_bytes(fields, 1))
         return cls(
             position,
             velocity,
-            _row(found, 34),
-            _row(found, 41),
-            _row(found, 33),
-            tuple(float(_signed(value)) for value in _numbers(found, 48)),
-            tuple(value != 0.0 for value in _row(found, 30)),
-            tuple(pb.last_int(one, 1) for one in messages(found, 4)),
-            tuple(pb.last_int(one, 1) for one in messages(found, 100)),
+            _row(fields, 34),
+            _row(fields, 41),
+            _row(fields, 33),
+            tuple(float(_signed(value)) for value in _numbers(fields, 48)),
+            tuple(value != 0.0 for value in _row(fields, 30)),
+            tuple(pb.last_int(one, 1) for one in messages(fields, 4)),
+            tuple(pb.last_int(one, 1) for one in messages(fields, 100)),
             double(battery, 3) if battery else math.nan,
             double(battery, 1) if battery else math.nan,
             (double(place, 1), double(place, 2), double(odometry, 2)),

@@ -167,8 +167,8 @@ class Stop:
     def _trouble(self, state: RobotState, orders: Sequence[Order]) -> str:
         """Return how the state differs from the orders; empty if it does not."""
         rows = zip(self._config.axes, self._config.ids, strict=True)
-        self._position, known = state.position, len(state.velocity)
-        speeds = {axis: abs(state.velocity[at]) if at < known else math.inf for axis, at in rows}
+        self._position, count = state.position, len(state.velocity)
+        speeds = {axis: abs(state.velocity[at]) if at < count else math.inf for axis, at in rows}
         self._moving = [axis for axis, rad_s in speeds.items() if rad_s >= STANDING_RAD_S]
         if state.manager.control in _BUSY:
             self._moving = self._config.axes

@@ -176,14 +176,14 @@ class Services:
             case "track_face":
                 return await self._track(client, given, permit)
             case "camera":
-                found = await self._get(client, p.CAMERA)
+                answer = await self._get(client, p.CAMERA)
                 host = self._where[0]
                 host = f"[{host}]" if ":" in host else host
                 stream = f"ws://{host}:{self._config.media_port}"
-                return found if isinstance(found, Refused) else {**p.decode_object(found), "webrtc": stream}
+                return answer if isinstance(answer, Refused) else {**p.decode_object(answer), "webrtc": stream}
         target = {"volume": p.VOLUME, "tracking_status": p.TRACKED_FACE}[service]
-        found = await self._get(client, target)
-        return found if isinstance(found, Refused) else p.decode_object(found)
+        answer = await self._get(client, target)
+        return answer if isinstance(answer, Refused) else p.decode_object(answer)
 
     async def _move(self, client: HttpPort, target: str, body: bytes, permit: Permit) -> dict[str, Any] | Refused:
         """Begin a move in place of our running one, and wait for its end. The daemon ignores it while another
@@ -329,5 +329,5 @@ class Services:
 
 
 def _said_no(status: int, body: bytes) -> Refused:
-    said = body[:120].decode("utf-8", "replace")
-    return Refused(ReachyCode.DAEMON, f"the daemon answers status {status}: {said}", "look at its log", str(status))
+    text = body[:120].decode("utf-8", "replace")
+    return Refused(ReachyCode.DAEMON, f"the daemon answers status {status}: {text}", "look at its log", str(status))

@@ -109,11 +109,11 @@ class ReachyTwin:
         self.body.pass_time()
         target = request.target.partition("?")[0]
         try:
-            found = self._read(target) if request.method == "GET" else self._write(target, request.body)
+            answer = self._read(target) if request.method == "GET" else self._write(target, request.body)
         except MalformedFrame as malformed:
             return _tell({"detail": str(malformed)}, "other", _BAD)
         self._report()
-        return found
+        return answer
 
     def _read(self, target: str) -> Answer:
         body = self.body
@@ -182,8 +182,8 @@ class ReachyTwin:
             return _tell({"detail": f"no mode {mode}"}, "other", _BAD)
         self.body.set_mode(mode)
         safe = mode == "disabled"
-        told = msgspec.json.encode({"status": f"motors changed to {mode} mode"})
-        return Answer(p.OK, told, "safe" if safe else "other", "limp" if safe else None)
+        message = msgspec.json.encode({"status": f"motors changed to {mode} mode"})
+        return Answer(p.OK, message, "safe" if safe else "other", "limp" if safe else None)
 
     def _play(self, stages: Sequence[tuple[Row, float]]) -> Answer:
         move = Move(str(uuid.uuid4()), stages)
@@ -197,34 +197,34 @@ class ReachyTwin:
         nod = (15.0, *neutral[1:])
         return self._play([(nod, 0.4), (neutral, 0.4)])
 
-    def _stop(self, wanted: object) -> Answer:
+    def _stop(self, requested: object) -> Answer:
         move = self.body.move
-        if move is None or move.uuid != wanted:
+        if move is None or move.uuid != requested:
             return Answer(_ERROR, b"Internal Server Error", "other")  # as the daemon does
         self._cancel()
-        return _tell({"message": f"Stopped move with UUID: {wanted}"}, "other")
+        return _tell({"message": f"Stopped move with UUID: {requested}"}, "other")
 
     def _cancel(self) -> None:
         ended = self.body.end_move()
         if ended:
             self._notify("move_cancelled", ended)
 
-    def _target(self, told: Mapping[str, Any], pose: str, antennas: str, body_yaw: str) -> Row:
+    def _target(self, fields: Mapping[str, Any], pose: str, antennas: str, body_yaw: str) -> Row:
         """Return the target of all axes. An axis that is not in the message keeps its target."""
         row = list(self.body.target)
-        if (given := told.get(pose)) is not None:
+        if (given := fields.get(pose)) is not None:
             if not isinstance(given, dict):
                 raise MalformedFrame(f"{pose} is no pose")
             for name, at in _POSE.items():
                 row[at] = math.degrees(_finite(given, name, 0.0))
             for name, at in _PLACE.items():
                 row[at] = 1e3 * _finite(given, name, 0.0)
-        if (given := told.get(antennas)) is not None:
+        if (given := fields.get(antennas)) is not None:
             if not isinstance(given, list) or len(given) != 2:
                 raise MalformedFrame(f"{antennas} are not two numbers")
             row[p.RIGHT], row[p.LEFT] = (math.degrees(_finite({antennas: one}, antennas)) for one in given)
-        if told.get(body_yaw) is not None:
-            row[p.BODY] = math.degrees(_finite(told, body_yaw))
+        if fields.get(body_yaw) is not None:
+            row[p.BODY] = math.degrees(_finite(fields, body_yaw))
         return tuple(row)
 
     def _status(self) -> dict[str, Any]:
@@ -276,30 +276,34 @@ class ReachyTwin:
                 client.heard(t_ns, kind, message, safe_state)
                 self._report()
 
-    def _obey(self, told: Mapping[str, Any]) -> tuple[str, str | None]:
+    def _obey(self, fields: Mapping[str, Any]) -> tuple[str, str | None]:
         """Carry out a message from ``/ws/sdk``. Return its kind and its safe state for the wire log."""
         body = self.body
-        match told.get("type"):
-            case "task" if isinstance(told.get("req"), dict):
-                goto = told["req"]
+        match fields.get("type"):
+            case "task" if isinstance(fields.get("req"), dict):
+                goto = fields["req"]
                 row = self._target({**goto, "head": _pose_of(goto.get("head"))}, "head", "antennas", "body_yaw")
-                body.play(Move(str(told.get("uuid")), [(row, max(0.01, _finite(goto, "duration")))], listed=False))
+                body.play(
+                    Move(str(fields.get("uuid")), [(row, max(0.01, _finite(goto, "duration")))], listed=False)
+                )
                 return "setpoint", None
             case "stop_move":
                 self._cancel()
                 return "safe", "hold"
             case "set_motor_mode" | "set_torque":
-                mode = told.get("mode") or ("enabled" if told.get("on") else "disabled")
+                mode = fields.get("mode") or ("enabled" if fields.get("on") else "disabled")
                 if mode in p.MODES:
                     body.set_mode(str(mode))
                 return ("safe", "limp") if mode == "disabled" else ("other", None)
             case "set_head_tracking":
-                self.tracking = told.get("enabled") is True and self._media
+                self.tracking = fields.get("enabled") is True and self._media
                 return "setpoint" if self.tracking else "other", None
             case "set_full_target" | "set_target" | "set_antennas" | "set_body_yaw" | "goto_target":
-                row = self._target({**told, "head": _pose_of(told.get("head"))}, "head", "antennas", "body_yaw")
-                if told["type"] == "goto_target":
-                    body.play(Move(str(uuid.uuid4()), [(row, max(0.01, _finite(told, "duration")))], listed=False))
+                row = self._target({**fields, "head": _pose_of(fields.get("head"))}, "head", "antennas", "body_yaw")
+                if fields["type"] == "goto_target":
+                    body.play(
+                        Move(str(uuid.uuid4()), [(row, max(0.01, _finite(fields, "duration")))], listed=False)
+                    )
                 else:
                     body.aim_at(row)
                 return "setpoint", None
@@ -422,26 +426,26 @@ def _pose_of(matrix: object) -> dict[str, float] | None:
     return dict(zip(("x", "y", "z", "roll", "pitch", "yaw"), (*head.xyz_m, *head.rpy_rad), strict=True))
 
 
-def _tell(told: object, kind: str = "read", status: int = p.OK) -> Answer:
-    return Answer(status, msgspec.json.encode(told), kind)
+def _tell(value: object, kind: str = "read", status: int = p.OK) -> Answer:
+    return Answer(status, msgspec.json.encode(value), kind)
 
 
-def _text(told: object) -> str:
-    return msgspec.json.encode(told).decode()
+def _text(value: object) -> str:
+    return msgspec.json.encode(value).decode()
 
 
 def _object(data: str | bytes) -> dict[str, Any]:
     try:
-        told = _JSON.decode(data)
+        fields = _JSON.decode(data)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         raise MalformedFrame("no JSON") from None
-    if not isinstance(told, dict):
+    if not isinstance(fields, dict):
         raise MalformedFrame("no JSON object")
-    return told
+    return fields
 
 
-def _finite(told: Mapping[str, Any], name: str, default: float | None = None) -> float:
-    number = finite(told.get(name, default))
+def _finite(fields: Mapping[str, Any], name: str, default: float | None = None) -> float:
+    number = finite(fields.get(name, default))
     if number is None:
         raise MalformedFrame(f"{name} is no finite number")
     return number

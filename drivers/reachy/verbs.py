@@ -186,13 +186,13 @@ def plain_goto(inputs: Mapping[str, Any]) -> dict[str, Any] | Refused:
     command = dict(inputs)
     pose, antennas = command.pop("head", {}), command.pop("antennas", ())
     if antennas and len(antennas) != 2:
-        what = f"antennas has {len(antennas)} numbers"
-        return Refused(Code.BAD_INPUT, what, "give right and left, in degrees", str(len(antennas)), "2")
+        reason = f"antennas has {len(antennas)} numbers"
+        return Refused(Code.BAD_INPUT, reason, "give right and left, in degrees", str(len(antennas)), "2")
     spread = {f"head_{axis}": value for axis, value in pose.items()}
     if unknown := sorted(spread.keys() - _HEAD.keys()):
         axis = unknown[0].removeprefix("head_")
-        known = ", ".join(name.removeprefix("head_") for name in _HEAD)
-        return Refused(Code.BAD_INPUT, f"head has no {axis!r}", f"give some of {known}", axis, known)
+        axes = ", ".join(name.removeprefix("head_") for name in _HEAD)
+        return Refused(Code.BAD_INPUT, f"head has no {axis!r}", f"give some of {axes}", axis, axes)
     spread |= zip(("antenna_right", "antenna_left"), antennas, strict=False)
     if twice := sorted(spread.keys() & command.keys()):
         return Refused(Code.BAD_INPUT, f"{twice[0]} is given twice", "give it once", twice[0], "once")

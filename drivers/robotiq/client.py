@@ -83,7 +83,7 @@ async def hold(gripper: GripperClient, known: Status | None, config: RobotiqConf
     Without a ``known`` status the gripper is asked first. A hold would activate a gripper that is not active, and
     that moves its fingers. A gripper that does not answer within ``CONFIRM_S`` is reset.
     """
-    written = heard = False
+    written = answered = False
     detail = "silent"
     command: Command | None = None
     try:
@@ -104,12 +104,12 @@ async def hold(gripper: GripperClient, known: Status | None, config: RobotiqConf
                     if known is None:
                         detail = "silent"
                         break
-                    heard = True
+                    answered = True
                     detail = protocol.unsafe_words(known, command)
                     if not detail:
-                        return config.report(written, heard, detail)
+                        return config.report(written, answered, detail)
                     if command.activate and not protocol.safe_command(known).activate:
                         break  # An activation is running, and only a reset ends it.
     except WireDown as error:
         detail = str(error)
-    return config.report(written, heard, detail)
+    return config.report(written, answered, detail)

@@ -32,11 +32,11 @@ class XArmConfig(msgspec.Struct, frozen=True):
 
     def kind_of(self, version: Version) -> ArmType:
         """Return the arm's type. Raise ``WireDown`` if it is not a type of this robot."""
-        at = self.arm.type_at(version)
-        if at is None:
-            known = ", ".join(str(number) for number in sorted({kind.number for kind in self.arm.types}))
+        index = self.arm.type_at(version)
+        if index is None:
+            numbers = ", ".join(str(number) for number in sorted({kind.number for kind in self.arm.types}))
             raise WireDown(
                 f"open: the arm at {self.port} has {version.axes} joints and is of type {version.arm_type}. "
-                f"{self.robot} has {JOINTS}, of type {known}"
+                f"{self.robot} has {JOINTS}, of type {numbers}"
             )
-        return self.arm.types[at]
+        return self.arm.types[index]

@@ -247,9 +247,9 @@ def parse_version(data: bytes) -> Version:
     Raise ``MalformedFrame`` for any other text. Firmware before 1.0 has a shorter one [assumed].
     """
     text = data.partition(b"\0")[0].decode("ascii", "replace")
-    found = _VERSION.match(text)
-    if found is None:
+    parts = _VERSION.match(text)
+    if parts is None:
         raise MalformedFrame(f"version {text!r} names no type and firmware")
-    axes, arm_type, serial, _, *firmware = found.groups()
+    axes, arm_type, serial, _, *firmware = parts.groups()
     major, minor, revision = (int(part) for part in firmware)
     return Version(int(axes), int(arm_type), serial.strip(), (major, minor, revision))

@@ -125,8 +125,8 @@ async def open_session(
         kind = config.kind_of(version)
         if await control.ask(Register.ERRORS, within_s=HANDSHAKE_S) is None:
             raise WireDown(f"{config.robot} at {config.port}: does not say its errors. Restart the controller")
-        told = await _read_speed_limit(config, open_stream)
-        limit_rad_s = told or config.arm.speed_rad_s
+        reported = await _read_speed_limit(config, open_stream)
+        limit_rad_s = reported or config.arm.speed_rad_s
         stream = await open_stream(config.host, r.REAL_PORT)
     except BaseException:
         control.close()
@@ -145,7 +145,7 @@ async def open_session(
         "arm_type": version.arm_type,
         "serial": version.serial,
         "speed_limit_rad_s": round(limit_rad_s, 4),
-        "speed_limit": "the controller's" if told else "not told by the controller: assumed",
+        "speed_limit": "the controller's" if reported else "not told by the controller: assumed",
     }
 
 

@@ -168,14 +168,14 @@ class KukaServer:
         self._log.write(t_ns, "host", [(kind, data)], "hold" if kind == "safe" else None)
 
     def _say(self, now_ns: int) -> None:
-        said = self.controller.cycle()
+        message = self.controller.cycle()
         match self._faults.of(None):
             case Fault.WRONG:
-                said = replace(said, position=tuple(rad + WRONG_RAD for rad in said.position))
+                message = replace(message, position=tuple(rad + WRONG_RAD for rad in message.position))
             case Fault.STUCK:
-                self._readings = self._readings or {"position": said.position, "torque": said.torque}
-                said = replace(said, **self._readings)
-        reply = self._faults.apply(Reply(0.0, encode_monitoring(said, self._packed, self._checksum)))
+                self._readings = self._readings or {"position": message.position, "torque": message.torque}
+                message = replace(message, **self._readings)
+        reply = self._faults.apply(Reply(0.0, encode_monitoring(message, self._packed, self._checksum)))
         if reply is not None:
             self._late.append((now_ns + round((reply.delay_s + reply.late_s) * NS), reply.data))
         while self._late and self._late[0][0] <= now_ns:

@@ -163,38 +163,38 @@ class Controller:
 
     def power(self, names: str, on: bool) -> bool:
         """Switch the matching supplies. Return whether that succeeded."""
-        found = _matching(names, SUPPLIES)
-        if found is None or (on and self.pressed):
+        indices = _matching(names, SUPPLIES)
+        if indices is None or (on and self.pressed):
             return False
-        for at in found:
-            self.supplies[SUPPLIES[at]] = on
+        for index in indices:
+            self.supplies[SUPPLIES[index]] = on
         if not self.supplies[MOTOR_SUPPLY]:
             self._servos_off(range(len(self.servos)))
         return True
 
     def servo(self, names: str, order: int) -> bool:
         """Switch the matching servos. Return whether that succeeded."""
-        found = _matching(names, self.info.joints)
-        if found is None:
+        indices = _matching(names, self.info.joints)
+        if indices is None:
             return False
         if order == JointOrder.SERVO_ON:
             if not self.supplies[MOTOR_SUPPLY]:
                 return False
             if not self.runs:
                 self._halt()
-            for at in found:
-                self.servos[at] = True
+            for index in indices:
+                self.servos[index] = True
             self._rested = False
             self._set_brakes()
         elif order == JointOrder.BRAKE_ENGAGE:
-            self._servos_off(found)
+            self._servos_off(indices)
         return True
 
     def servo_off(self, names: str) -> bool:
-        found = _matching(names, self.info.joints)
-        if found is not None:
-            self._servos_off(found)
-        return found is not None
+        indices = _matching(names, self.info.joints)
+        if indices is not None:
+            self._servos_off(indices)
+        return indices is not None
 
     def order_manager(self, order: int) -> None:
         match order:
@@ -292,8 +292,8 @@ class Controller:
         self._target = [rad + rad_s * BRAKING_S for rad, rad_s in columns]
 
     def _servos_off(self, joints: Sequence[int]) -> None:
-        for at in joints:
-            self.servos[at] = False
+        for joint in joints:
+            self.servos[joint] = False
         if not self.runs and self.manager == Manager.ENABLED:
             self._end(Finish.UNEXPECTED_STATE)
             self.driven, self.manager = False, Manager.IDLE

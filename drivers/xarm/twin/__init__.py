@@ -92,27 +92,27 @@ class ControlSession:
 
     def receive(self, data: bytes, bits_per_s: int | None) -> Iterator[Exchange]:
         try:
-            for heard in self._decoder.feed(data):
-                raw = p.frame(heard.number, heard.body, heard.protocol)
-                if heard.protocol == p.HEARTBEAT_PROTOCOL:
+            for frame in self._decoder.feed(data):
+                raw = p.frame(frame.number, frame.body, frame.protocol)
+                if frame.protocol == p.HEARTBEAT_PROTOCOL:
                     yield Exchange("keepalive", raw, ())
                 else:
-                    kind, brings_to = p.classify(heard.body)
-                    yield Exchange(kind, raw, self._replies(heard, kind), brings_to)
+                    kind, brings_to = p.classify(frame.body)
+                    yield Exchange(kind, raw, self._replies(frame, kind), brings_to)
         except MalformedFrame:
             raise ClientGone from None  # A server closes the connection when it cannot decode it.
 
-    def _replies(self, heard: p.Frame, kind: str) -> Sequence[Reply]:
-        register = heard.body[0]
+    def _replies(self, frame: p.Frame, kind: str) -> Sequence[Reply]:
+        register = frame.body[0]
         stuck = self._faults.of(None) is Fault.STUCK
         if stuck and kind != "read":
             flags, data = self._controller.flags, b""  # Stuck: it replies and does not move.
         else:
-            flags, data = self._controller.obey(register, heard.body[1:])
+            flags, data = self._controller.obey(register, frame.body[1:])
             if stuck:
                 data = self._felt.get(register, data)
             self._felt[register] = data
-        answer = p.frame(heard.number, bytes((register, flags)) + data, heard.protocol)
+        answer = p.frame(frame.number, bytes((register, flags)) + data, frame.protocol)
         reply = self._faults.apply(Reply(0.0, answer, None, kind))
         return () if reply is None else (reply,)
 
@@ -197,11 +197,11 @@ def controller_of(
     """Return the controller of a twin. Raise ``ValueError`` for an unknown ``arm_type``."""
     arm = arm_of(robot)
     text = f"{p.JOINTS},{arm_type},{serial},AC1300012345,v{firmware}"
-    at = arm.type_at(p.parse_version(text.encode()))
-    if at is None:
-        known = ", ".join(map(str, sorted({kind.number for kind in arm.types})))
-        raise ValueError(f"arm_type is {arm_type}. Use {known}")
-    return Controller(robot, arm.types[at], text, speed_limit_rad_s=speed_limit_rad_s, now_s=now_s, plant=plant)
+    index = arm.type_at(p.parse_version(text.encode()))
+    if index is None:
+        numbers = ", ".join(map(str, sorted({kind.number for kind in arm.types})))
+        raise ValueError(f"arm_type is {arm_type}. Use {numbers}")
+    return Controller(robot, arm.types[index], text, speed_limit_rad_s=speed_limit_rad_s, now_s=now_s, plant=plant)
 
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
