@@ -13,7 +13,8 @@ The phases of a motion:
     IDLE         nothing to send
     STARTING     there is a goal, but the controller has not begun the motion
     MOVING       each state is answered with a step
-    FINISHING    the arm is at the goal, and the commands say so; ends when the controller ends the motion
+    FINISHING    the arm is at the goal, and the commands are marked as finished, until the controller ends the
+                 motion
 """
 
 from __future__ import annotations

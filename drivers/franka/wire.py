@@ -282,7 +282,7 @@ class FrankaWire(SessionWire[FrankaSession]):
         session = self.session
         permit.check()
         number = session.client.send(service)
-        while number not in session.answers:  # The gate limits the time of a service.
+        while number not in session.answers:  # The time limit of the service ends this wait.
             await trio.sleep(LOOK_S)
             session.look()
         status = session.answers.pop(number)

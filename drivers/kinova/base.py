@@ -21,7 +21,7 @@ from .protocol import ArmState, Call, Frame, ServoingMode, SubError
 
 SUBSTEP_S = 0.004
 LONGEST_S = 0.25
-"""The twin drops the part of its own stall beyond this time and does not catch up."""
+"""Longest time to catch up after a stall of the twin itself. The rest of a longer one is dropped."""
 
 FRAMES_HZ = 1000
 """Control cycles per second. Each cycle has a new measurement and a frame number."""
@@ -48,7 +48,7 @@ class CallFailed(Exception):
 
 
 class BaseSession:
-    """One session. Calls count only on the connection on which it was opened."""
+    """One session. Its calls are accepted only on the connection that opened it."""
 
     def __init__(self, number: int, connection: object, login: p.Login, now_s: float) -> None:
         self.number = number
@@ -84,8 +84,8 @@ class Base:
         self.mode = ServoingMode.SINGLE_LEVEL
         self.fault = Fault.OK
         self.fault_bank = 0
-        self.driven = False  # by joint speeds, since the last stop
-        self.led = False  # by a simulation
+        self.driven = False  # whether joint speeds have arrived since the last stop
+        self.led = False  # whether a simulation moves the arm
         self._speeds = [0.0] * p.JOINTS  # commanded, rad/s
         self._rates = [0.0] * p.JOINTS  # present speeds, on the way to the commanded ones
         self._sessions.clear()

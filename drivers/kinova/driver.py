@@ -2,7 +2,7 @@
 
 The base takes joint speeds, and these never expire. The wire therefore sends speeds in every control
 period while a command is valid, and ``Stop`` as soon as it expires. Before anything is energised, the root has a
-separate way to send ``Stop``.
+separate way to send ``Stop`` (``stop_channel``).
 """
 
 from __future__ import annotations

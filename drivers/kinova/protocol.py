@@ -162,8 +162,8 @@ class Decoder:
     """Decode a stream of bytes into frames. Bytes that form no frame are skipped up to the next magic, and
     counted.
 
-    They raise no error, because a stop must also reach a base whose responses cannot be decoded, on a
-    connection that another process has begun to read.
+    They raise no error, because a stop must also reach a base whose responses cannot be decoded. Another
+    process may also have read a part of a frame from this connection before.
     """
 
     def __init__(self) -> None:

@@ -8,7 +8,7 @@ The steps of one stop:
    base is in fault after that.
 
 A joint counts as standing still only by new feedback: a repeated frame number is no measurement. An
-arm at rest stays at rest only if the base has acknowledged the order, or is in fault.
+arm at rest counts as safe only if the base has acknowledged the order, or is in fault.
 """
 
 from __future__ import annotations
@@ -156,7 +156,7 @@ async def stop_arm(
     Args:
         axes: The joints, in order.
         clients: The connections to use.
-        another: Opens one more session when ``clients`` do not answer soon; None for no such session.
+        another: Opens one more session when ``clients`` do not answer soon; None if only these may be used.
         known: The last joint positions in rad. With them, a safe joint's report has its position as
             target.
 

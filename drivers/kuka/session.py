@@ -24,7 +24,7 @@ LIVE_RAD = 1e-12
 """A millionth of an encoder's resolution."""
 LATE = 10
 """A message this few numbers behind was overtaken on the way. A larger step back is a new session. A new
-session begins by monitoring: one that commands has been answered for seconds."""
+session begins by monitoring, so a message in a commanding state cannot belong to one."""
 RUN, GAP = 3, 2
 """After a gap in the numbers, ``RUN`` messages are required that follow each other by ``GAP`` at most. A single
 one may be old: the arm has left the position in it."""

@@ -119,7 +119,7 @@ class Services:
     Attributes:
         owed: Set when the outstanding request for motion or torque has been answered; None without one.
         asks_on: The connection of that request, while it is outstanding.
-        given_up: Why an answer is no longer awaited; empty if there is no such. The answer may still come, so
+        given_up: Why an answer is no longer awaited; empty otherwise. The answer may still come, so
             the link has to end.
     """
 

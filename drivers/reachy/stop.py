@@ -99,7 +99,7 @@ class Stopper:
         number: The daemon's port.
         socket: An open connection to ``/ws/sdk``, or None. It stays open.
         heard: Returns whether another task receives on ``socket``.
-        running: Returns the id of our running move; empty if there is no such.
+        running: Returns the id of our running move; empty without one.
 
     Attributes:
         detail: Why the robot is not confirmed as safe; empty if it is.
@@ -142,9 +142,8 @@ class Stopper:
         self.written = send_at_once(safe_state, [self._socket], []) or self.written
         with trio.move_on_after(within_s):
             while True:
-                owed = (
-                    pending()
-                )  # Read it first: a command answered during ``_look`` may have taken effect after it.
+                # Read this first: a command that is answered during ``_look`` may have taken effect after it.
+                owed = pending()
                 try:
                     async with trio.open_nursery() as nursery:
                         nursery.start_soon(self._order, safe_state)

@@ -74,9 +74,8 @@ class ReachyWire(Wire):
         self._nursery: trio.Nursery | None = None  # of ``serve``
         self._moves = Moves()
         self._services: Services | None = None
-        self._owed: trio.Event | None = (
-            None  # set when the outstanding command is answered; None if there is no such
-        )
+        # Set when the outstanding command is answered; None without one.
+        self._owed: trio.Event | None = None
         self._gave_up = False  # whether the answer to a command did not arrive in time
         self._joints: p.Joints | None = None
         self._head: p.Head | None = None

@@ -161,7 +161,7 @@ async def _ask_version(config: XArmConfig, control: Control) -> p.Version:
 
 
 async def _read_speed_limit(config: XArmConfig, open_stream: OpenStream) -> float | None:
-    """Return the controller's own limit from its rich report, in rad/s; None if there is no such limit."""
+    """Return the controller's own limit from its rich report, in rad/s; None if the report has no limit."""
     decoder = r.ReportDecoder()
     with trio.move_on_after(LIMIT_S):
         try:

@@ -38,7 +38,7 @@ BRAKING_S = 0.02
 turning back."""
 
 LONGEST_S = 0.1
-"""The twin drops the part of its own stall beyond this time and does not catch up."""
+"""Longest time to catch up after a stall of the twin itself. The rest of a longer one is dropped."""
 
 _ROUNDING = 1e-6
 
