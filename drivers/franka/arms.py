@@ -1,4 +1,4 @@
-"""The arms of this wire, as data: a table of ``robots.toml``, and the twin's model made of it."""
+"""Read the arms of this wire from ``robots.toml``, and build the twin's model from them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import msgspec
 JOINTS = 7
 
 HOME_RAD = (0.0, -math.pi / 4, 0.0, -3 * math.pi / 4, 0.0, math.pi / 2, math.pi / 4)
-"""Where a twin wakes up: the vendor's start pose."""
+"""Pose in which a twin starts: the vendor's start pose."""
 
 LINKS = (
     ((0.0, 0.0, 0.333), 0.0),
@@ -25,9 +25,9 @@ LINKS = (
     ((0.0, 0.0, 0.0), 90.0),
     ((0.088, 0.0, 0.0), 90.0),
 )
-"""Origin of each link in the one before (m), and its roll (degrees). The same for all arms."""
+"""Origin of each link in the previous one (m), and its roll (degrees). They are the same for all arms."""
 FLANGE_M = 0.107
-"""Beyond the seventh joint, along its axis."""
+"""Distance of the flange from the seventh joint, along its axis."""
 
 _SHAPES = (
     "c.06@0,0,-.14",
@@ -38,7 +38,7 @@ _SHAPES = (
     "c.05@.088,0,0",
     "y.045,.05@0,0,.055",
 )
-"""[assumed]"""
+"""Shapes of the links for pictures of the twin [assumed]."""
 
 
 class Arm(msgspec.Struct, frozen=True):
@@ -61,8 +61,7 @@ class Arm(msgspec.Struct, frozen=True):
         return tuple(f"{self.joints}{number}" for number in range(1, JOINTS + 1))
 
     def speed_at(self, joint: int, rad: float) -> tuple[float, float]:
-        """Return the lowest and the highest speed that the controller allows a joint there
-        (rad/s)."""
+        """Return the lowest and the highest speed (rad/s) that the controller allows a joint at this position."""
         most = self.speed[joint]
         if not self.ends:
             return -most, most
@@ -80,14 +79,14 @@ def arms() -> Mapping[str, Arm]:
 
 
 def arm_of(robot: str) -> Arm:
-    """Return the arm of a name. Raise ``ValueError`` for a robot that is not of this wire."""
+    """Return the arm of a name. Raise ``ValueError`` if the robot does not belong to this wire."""
     if robot not in arms():
         raise ValueError(f"{robot} is not a Franka arm. Use one of {', '.join(arms())}")
     return arms()[robot]
 
 
 def model_table(arm: Arm) -> dict[str, Any]:
-    """Return the arm as ``drivers/common/model_rows`` takes it."""
+    """Return the arm in the form that ``drivers/common/model_rows`` takes."""
     rows = [
         f"link{at + 1} {f'link{at}' if at else 'base'} {key} z {_csv(LINKS[at][0])} {LINKS[at][1]},0,0 "
         f"{arm.low[at]},{arm.high[at]} {arm.effort[at]} {arm.speed[at]} {arm.link_kg[at]} {_csv(arm.com[at])} "
@@ -99,7 +98,7 @@ def model_table(arm: Arm) -> dict[str, Any]:
         "base": {"geom": "y.07,.08@-.03,0,.08", "kg": 3.0},
         "model_rows": "\n".join(rows),
         "home_rad": HOME_RAD,
-        "gravity_compensated": True,  # the controller knows its arm
+        "gravity_compensated": True,  # The controller knows its arm.
         "armature": 0.2,  # [assumed]
         "bandwidth": 60.0,  # [assumed]
     }

@@ -1,7 +1,7 @@
-"""A connection to a controller: requests and replies on TCP, and where its states arrive.
+"""Connect to a controller: send requests and take replies on TCP, and receive states on UDP.
 
-The wire process has one as long as the link is up, the root makes one when it has to see the arm
-stand. No vendor's library: nothing here can hang, or hold the interpreter's lock.
+The wire process has one connection while the link is up. The root makes one to check that the arm stands still.
+No vendor library is used, so no call here can hang or hold the interpreter's lock.
 """
 
 from __future__ import annotations
@@ -20,23 +20,23 @@ from strands_actors.kernel.processes.reserve import RESERVE
 from . import protocol as p
 
 ANSWER_S = 0.4
-"""A controller answers within milliseconds."""
+"""Timeout of a reply. A controller answers within milliseconds."""
 FIRST_STATE_S = 0.4
 LOOK_S = 0.002
-"""Between two looks at what has arrived, while somebody waits for it."""
+"""Period of the checks for received data during a wait."""
 
 STATES_SIZE = 256 * 1024
-"""Bytes of one turn: 64 states."""
+"""Most bytes of states in one turn: 64 states."""
 CONNECT = 0
-"""Number of the greeting."""
+"""Number of the first request, the connect."""
 MOST_KEPT = 64
-"""Replies that nobody has taken yet; the oldest make room."""
+"""Number of untaken replies to keep. The oldest are dropped for new ones."""
 
 _DRIVERS = {5: "panda", 10: "fr3 or fr3_v2"}
 
 
 class Fci:
-    """One client of the controller. Raises ``WireDown`` once it is gone."""
+    """A client of the controller. Its methods raise ``WireDown`` once the connection is lost."""
 
     def __init__(self, tcp: TcpPort, udp: socket.socket, dialect: p.Dialect) -> None:
         self._tcp = tcp
@@ -46,23 +46,25 @@ class Fci:
         self._states = ReceiveBudget(tcp.name, size=STATES_SIZE)
         self._decoder = p.Decoder(p.LARGEST_REPLY)
         self._id = -1
-        self._asked: dict[int, int] = {}  # command by number, of the last requests
+        self._asked: dict[int, int] = {}  # number -> command, of the last requests
         self._waiting: list[p.Message] = []
 
     def send(self, name: str, payload: bytes = b"") -> int:
-        """Send a request now; its number."""
+        """Send a request now. Return its number."""
         number = self._number(name)
         self._tcp.write(self.dialect.request(name, number, payload))
         return number
 
     def greet(self) -> None:
-        """Say who we are: the first request of a connection."""
+        """Send the connect, the first request of a connection."""
         self._tcp.write(self._greeting())
 
     def greet_and_stop(self) -> int:
-        """Say who we are, and tell the arm to stop, in one write: the stop waits for no answer. The
-        controller does what it is asked in the order in which it came [assumed]. Return the number of
-        the stop."""
+        """Send the connect and a stop in one write, so that the stop waits for no reply.
+
+        The controller carries out requests in the order in which they arrive [assumed]. Return the number of the
+        stop.
+        """
         greeting, stop = self._greeting(), self._number("stop")
         self._tcp.write(greeting + self.dialect.request("stop", stop))
         return stop
@@ -78,16 +80,16 @@ class Fci:
         return self._id
 
     def start_motion(self) -> int:
-        """Ask for a motion by joint positions; the number of the request. It is answered twice."""
+        """Request a motion by joint positions. Return the number of the request, which has two replies."""
         number = self._number("move")
         self._tcp.write(self.dialect.start_joint_motion(number))
         return number
 
     def replies(self) -> list[p.Message]:
-        """Return what has arrived and nobody has taken. Never waits."""
+        """Return the received replies that were not taken yet. Never waits."""
         for data in self._budget.turn(self._tcp.read_waiting):
             try:
-                # An answer names its question twice, by the number and by the command.
+                # A reply repeats both the number and the command of its request.
                 self._waiting.extend(
                     message for message in self._decoder.feed(data) if self._asked.get(message.id) == message.code
                 )
@@ -97,19 +99,19 @@ class Fci:
         return taken
 
     async def answer(self, request_id: int, name: str) -> p.Message:
-        """Wait for the reply to a request; others stay for ``replies``."""
+        """Wait for the reply to a request. Other replies stay for ``replies``."""
         with trio.move_on_after(ANSWER_S):
             while True:
                 arrived = self.replies()
-                found = next((message for message in arrived if message.id == request_id), None)
-                self._waiting = [message for message in arrived if message is not found][-MOST_KEPT:]
-                if found is not None:
-                    return found
+                reply = next((message for message in arrived if message.id == request_id), None)
+                self._waiting = [message for message in arrived if message is not reply][-MOST_KEPT:]
+                if reply is not None:
+                    return reply
                 await trio.sleep(LOOK_S)
         raise WireDown(f"{self._tcp.name}: no answer to {name} within {ANSWER_S:g} s. Is the controller alive?")
 
     async def handshake(self, robot: str) -> p.State:
-        """Wait for the answer to the greeting, and for the first state. Raise ``WireDown``."""
+        """Wait for the reply to the connect, and for the first state. Raise ``WireDown``."""
         reply = await self.answer(CONNECT, "connect")
         try:
             status, version = p.connect_reply(reply)
@@ -121,7 +123,7 @@ class Fci:
         return await self._first_state()
 
     async def _first_state(self) -> p.State:
-        """Take states of this controller alone from now on."""
+        """Return the first state, and accept states of this controller alone from now on."""
         host = self._tcp.peer_host
         with trio.move_on_after(FIRST_STATE_S):
             while True:
@@ -130,7 +132,7 @@ class Fci:
                 except BlockingIOError:
                     await trio.lowlevel.wait_readable(self.udp)
                     continue
-                await trio.lowlevel.checkpoint()  # a flood of others' datagrams takes no turn from others
+                await trio.lowlevel.checkpoint()  # A flood of foreign datagrams must not block other tasks.
                 if source[0] == host:
                     self.udp.connect(source)
                     try:
@@ -143,7 +145,7 @@ class Fci:
         )
 
     def newest_state(self) -> p.State | None:
-        """Return the newest state that has arrived. Of what is none nothing is taken."""
+        """Return the newest received state. Datagrams that are not states are ignored."""
         newest = None
         for data in self._states.turn(self._datagram):
             with contextlib.suppress(MalformedFrame):
@@ -159,8 +161,7 @@ class Fci:
             raise WireDown(f"{self._tcp.name}: states do not arrive any more ({error.strerror})") from None
 
     def close_in_order(self) -> None:
-        """As ``close``, but what was sent last is still delivered: a frozen controller finds it
-        when it goes on."""
+        """Close after the sent bytes are delivered, so that a frozen controller receives them when it continues."""
         self._tcp.close_in_order()
         self.udp.close()
 
@@ -170,7 +171,7 @@ class Fci:
 
 
 async def open_client(host: str, fci: int) -> Fci:
-    """Return a client that has said nothing yet. Raise ``WireDown``."""
+    """Return a client that has sent nothing yet. Raise ``WireDown``."""
     tcp = await open_tcp(host, p.PORT)
     try:
         udp = socket.socket(type=socket.SOCK_DGRAM)
@@ -191,7 +192,7 @@ async def open_client(host: str, fci: int) -> Fci:
 
 
 async def connect(host: str, fci: int, robot: str) -> Fci:
-    """Return a client that has heard a state. Raise ``WireDown``."""
+    """Return a client that has received a state. Raise ``WireDown``."""
     client = await open_client(host, fci)
     try:
         client.greet()

@@ -1,4 +1,4 @@
-"""What the wire and the stop channel of a Franka arm know of it."""
+"""The frozen settings that the wire and the stop channel share."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ class FrankaConfig(msgspec.Struct, frozen=True):
     port: str
     arm: Arm
     limits: Limits
-    stride: int  # how many of the controller's states make one reading
+    stride: int  # number of the controller's states per reading
     speed_factor: float
     state_ttl_s: float
 
     @property
     def host(self) -> str:
-        """Raise ``ValueError`` for a ``port`` that is no address, or names a port: that is
-        fixed."""
+        """The controller's host. Raise ``ValueError`` if ``port`` is not an address, or names another than the
+        fixed TCP port."""
         host, port = parse_address(self.port, PORT)
         if port != PORT:
             raise ValueError(f"port is {self.port!r}. Give the controller's address alone: its port is {PORT}")

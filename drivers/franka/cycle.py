@@ -1,12 +1,20 @@
 """The process that answers each state of the controller with a command, a thousand times a second.
 
-It does one thing, so that nothing of the tree's delays it (beside a loop that computed 15 % of the
-time a thread was late 3 to 11 times in a hundred): hear a state, take the next step of the
-trajectory, send it. What it may do is the wire process's to say, over a pair of sockets (``Order``,
-``Report``) and a page of memory that both share: there it notes when it heard the last state, and
-there the wire notes that the last setpoint still stands. Without that note it brakes, and ends the
-motion. It never begins one: a motion is begun, and stopped, on TCP, which is the wire process's
-alone and ends with it.
+It is a separate process, so that no other work delays it: beside a loop that computed 15 % of the time, a thread
+was late 3 to 11 times in a hundred. It only receives a state, takes the next step of the trajectory and sends it.
+
+The wire process controls it over a pair of sockets (``Order``, ``Report``) and a page of shared memory. On the
+page this process notes when it received the last state, and the wire process notes that the last setpoint is
+still valid. Without that note this process brakes the arm and ends the motion. It never begins a motion: that is
+requested on TCP, as is a stop, and only the wire process has the TCP connection. The connection ends with it.
+
+The phases of a motion:
+
+    IDLE         nothing to send
+    STARTING     there is a goal, but the controller has not begun the motion
+    MOVING       each state is answered with a step
+    FINISHING    the arm is at the goal, and the commands are marked as finished, until the controller ends the
+                 motion
 """
 
 from __future__ import annotations
@@ -35,26 +43,26 @@ from .generator import STEP_S, Limits, Trajectory
 
 ENTRY = "strands_actors.drivers.franka.cycle:main"
 WIRE_END, CYCLE_END = 0, 1
-"""Of the page."""
+"""Indices in the shared page."""
 
 FEED_S = 0.2
-"""So long a setpoint stands without a word of the wire process. It re-sends every 50 ms."""
+"""A setpoint is valid for this long without a note of the wire process. The wire re-sends every 50 ms."""
 SILENT_MS = 20
-"""Between two looks at whether the wire process is there, while no state comes."""
+"""Period of the check for the wire process while no state arrives."""
 JUMP_TICKS = 5000
-"""No controller that is still connected was silent for so long: a number beyond is no state's of
-this one."""
+"""No controller that is still connected is silent for this long. A message id that is further ahead does not
+belong to a state of this controller."""
 START_TICKS = 1000
-"""For a motion to begin, from the order to the first state that shows it."""
+"""Most milliseconds from the order to the first state in which the motion has begun."""
 
 SAME_RAD = 3e-7
-"""Below, the controller is where it was told to be: states of FCI 10 have single precision."""
+"""Below this difference the controller is at the commanded position: states of FCI 10 have single precision."""
 LARGEST_GAP_RAD = 0.1
-"""Nobody goes so far by himself in the 20 ms after which a controller ends a motion."""
+"""A controller does not move further than this by itself in the 20 ms after which it ends a motion."""
 
 MOST_STATES, MOST_ORDERS = 64, 64
-"""Taken at once: a flood does not keep this process from looking at who else is there. The system
-keeps fewer states for a socket."""
+"""Most datagrams to take at once, so that a flood cannot keep this process from checking for its parent. The
+system buffers fewer states for a socket."""
 
 _ORDER = struct.Struct("<Q7d")
 _REPORT = struct.Struct("<BQQQ")
@@ -62,7 +70,7 @@ LARGEST = _REPORT.size + 4096
 
 
 class Ends(Protocol):
-    """What is used of a socket for datagrams. Both raise ``OSError``."""
+    """The methods of a datagram socket that are used. Both raise ``OSError``."""
 
     def recv(self, size: int, /) -> bytes: ...
 
@@ -70,14 +78,14 @@ class Ends(Protocol):
 
 
 class Phase(enum.IntEnum):
-    IDLE = 0  # nothing to do
-    STARTING = 1  # a goal, and the controller has not begun the motion yet
+    IDLE = 0
+    STARTING = 1
     MOVING = 2
-    FINISHING = 3  # at the goal; the controller has been told
+    FINISHING = 3
 
 
 class Order(msgspec.Struct, frozen=True):
-    """A goal from the wire process. Number 0: none any more, send nothing."""
+    """A goal from the wire process. Number 0 cancels the last one: send nothing more."""
 
     number: int
     goal: tuple[float, ...]
@@ -90,12 +98,12 @@ STAND_DOWN = Order(0, (0.0,) * 7)
 
 
 class Report(msgspec.Struct, frozen=True):
-    """What the wire process is told, with a state as it came."""
+    """A report to the wire process, with a state as it was received."""
 
     phase: int
     reached: int  # number of the last order whose goal was reached
-    missed: int  # milliseconds of motions whose state was not answered
-    stamp_ns: int  # when the state was heard
+    missed: int  # milliseconds of motions in which a state was not answered
+    stamp_ns: int  # when the state was received
     state: bytes
 
     @classmethod
@@ -108,14 +116,14 @@ class Report(msgspec.Struct, frozen=True):
 
 
 class _Told(NamedTuple):
-    """What the controller leads the arm to: rad, rad/s, rad/s^2."""
+    """The controller's commanded motion of the arm: rad, rad/s, rad/s^2."""
 
     position: tuple[float, ...]
     speed: tuple[float, ...]
     acceleration: tuple[float, ...]
 
     def later(self, ticks: int) -> list[float]:
-        """Return where that is so many milliseconds later, at a constant acceleration."""
+        """Return the position after this many milliseconds at constant acceleration."""
         return [
             rad + (rad_s + rad_s2 * STEP_S * (ticks + 1) / 2) * STEP_S * ticks
             for rad, rad_s, rad_s2 in zip(*self, strict=True)
@@ -123,7 +131,7 @@ class _Told(NamedTuple):
 
 
 class Cycle:
-    """What becomes of each state. Pure but for the page: bytes in, bytes out."""
+    """Computes the command for each state. Pure except for the page: bytes in, bytes out."""
 
     def __init__(self, dialect: p.Dialect, limits: Limits, heartbeat: Heartbeat) -> None:
         self.dialect = dialect
@@ -139,8 +147,8 @@ class Cycle:
         self.reached = 0
         self.missed = 0
         self.went_on = 0
-        """How often the controller went on by itself."""
-        self._told: _Told | None = None  # by the last state
+        """Number of times that the controller continued by itself."""
+        self._told: _Told | None = None  # from the last state
         self._sent: tuple[float, ...] | None = None
 
     def obey(self, data: bytes) -> None:
@@ -154,22 +162,22 @@ class Cycle:
             self._trajectory.aim(order.goal)
         elif self.phase is Phase.IDLE:
             self.phase, self._waited = Phase.STARTING, 0
-        # while it finishes or brakes: the wire process sees that the goal was not reached, and asks
-        # again
+        # While it finishes or brakes, a goal is ignored. The wire process sees that the goal was not reached and
+        # sends it again.
 
     def is_news(self, data: bytes) -> bool:
-        """Return whether ``data`` is a state, and the controller's clock has gone on since the
-        last. One that tells no joints is none: the wire process could not take it either."""
+        """Return whether ``data`` is a state with a later controller time than the last one. A state without
+        valid joints does not count, because the wire process could not use it either."""
         if not (self.dialect.is_plausible(data) and self.dialect.tells_joints(data)):
             return False
-        (heard,) = self.dialect.get(data, "message_id")
-        if self._heard and not 0 < heard - self._heard <= JUMP_TICKS:
-            return False  # an old one
-        self._heard = heard
+        (message_id,) = self.dialect.get(data, "message_id")
+        if self._heard and not 0 < message_id - self._heard <= JUMP_TICKS:
+            return False  # It is an old one.
+        self._heard = message_id
         return True
 
     def answer(self, state: bytes, now_ns: int) -> bytes | None:
-        """Return the command that answers a state; None: nothing is to be sent."""
+        """Return the command that answers a state; None if nothing must be sent."""
         (message_id,) = self.dialect.get(state, "message_id")
         elapsed = int(message_id) - self._last_id
         if self.phase is Phase.IDLE:
@@ -189,7 +197,7 @@ class Cycle:
             if not self._begin(self.dialect.get(state, "q_d")):
                 return None
             elapsed = 1
-        elif not running:  # it has ended, or was ended
+        elif not running:  # The motion has ended.
             self.phase, self._trajectory = Phase.IDLE, None
             return None
         trajectory = self._trajectory
@@ -201,12 +209,12 @@ class Cycle:
             self._ended_by_itself = True
             trajectory.brake()
         for _ in range(min(elapsed, p.MISSED_TICKS) - 1):
-            trajectory.step()  # the path keeps its time
-        told = _Told(*(self.dialect.get(state, name) for name in ("q_d", "dq_d", "ddq_d")))
-        if self._went_on(told, elapsed):
+            trajectory.step()  # The path keeps its time.
+        commanded = _Told(*(self.dialect.get(state, name) for name in ("q_d", "dq_d", "ddq_d")))
+        if self._went_on(commanded, elapsed):
             self.went_on += 1
-            trajectory.meet(*told)
-        self._told = told
+            trajectory.meet(*commanded)
+        self._told = commanded
         self._sent = position = trajectory.step()
         if self.phase is Phase.MOVING and trajectory.arrived:
             self.phase = Phase.FINISHING
@@ -214,18 +222,20 @@ class Cycle:
                 self.reached = self._order.number
         return self.dialect.position_command(int(message_id), position, self.phase is Phase.FINISHING)
 
-    def _went_on(self, told: _Told, elapsed: int) -> bool:
-        """Return whether the controller has gone on by itself, since an answer came too late: by a
-        constant acceleration (libfranka's rate_limiting.h). A difference that is no such motion is
-        its own affair."""
+    def _went_on(self, commanded: _Told, elapsed: int) -> bool:
+        """Return whether the controller has continued by itself because an answer came too late.
+
+        It then moves at constant acceleration (libfranka's rate_limiting.h). Any other difference is not such a
+        motion, and is ignored.
+        """
         before, sent = self._told, self._sent
         if before is None or sent is None:
             return False
-        apart_rad = max(abs(there - here) for there, here in zip(told.position, sent, strict=True))
+        apart_rad = max(abs(there - here) for there, here in zip(commanded.position, sent, strict=True))
         if not SAME_RAD < apart_rad < LARGEST_GAP_RAD:
             return False
         by_itself = before.later(elapsed)
-        return max(abs(there - here) for there, here in zip(told.position, by_itself, strict=True)) < apart_rad
+        return max(abs(there - here) for there, here in zip(commanded.position, by_itself, strict=True)) < apart_rad
 
     def _begin(self, q_d: tuple[float, ...]) -> bool:
         if not all(abs(rad) <= p.LARGEST_NUMBER for rad in q_d):
@@ -239,8 +249,8 @@ class Cycle:
 
 
 class Reporter:
-    """Which states the wire process is told of: each ``stride``-th, and each that shows something
-    new."""
+    """Selects the states to report to the wire process: each ``stride``-th, and each that shows a new phase,
+    mode or generator."""
 
     def __init__(self, dialect: p.Dialect, stride: int) -> None:
         self._dialect = dialect
@@ -262,7 +272,7 @@ def main(args: dict[str, Any], sock: socket.socket) -> None:
     """Entry of the process."""
     _end_with(args["parent"])
     run_first(WIRE_PRIORITY)
-    gc.disable()  # nothing here makes cycles; a pause would be a missed command
+    gc.disable()  # This process makes no reference cycles, and a pause would be a missed command.
     dialect = p.DIALECTS[args["fci"]]
     limits = msgspec.convert(args["limits"], Limits)
     udp = socket.socket(fileno=args["udp"])
@@ -281,7 +291,7 @@ def run(
     parent: socket.socket,
     heartbeat: Heartbeat,
 ) -> None:
-    """Until the wire process is gone."""
+    """Answer states until the wire process is gone."""
     parent.setblocking(False)
     udp.setblocking(False)
     arrived = select.poll()
@@ -295,8 +305,11 @@ def run(
 def turn(
     cycle: Cycle, reporter: Reporter, state: bytes, udp: Ends, wire: Ends, heartbeat: Heartbeat, now_ns: int
 ) -> bool:
-    """Answer a state, and report it. Return whether it is time to look for the wire process: it was
-    reported, or nothing new came."""
+    """Answer a state and report it.
+
+    Returns:
+        Whether it is time to check for the wire process: the state was reported, or it was not new.
+    """
     for _ in range(MOST_ORDERS):
         if (order := _receive(wire)) is None:
             break
@@ -314,9 +327,9 @@ def turn(
 
 
 def newest(udp: Ends) -> bytes:
-    """Return the newest state of those that wait; empty when there is none."""
+    """Return the newest of the waiting states; empty if there are no states."""
     state = b""
-    with contextlib.suppress(OSError):  # no more, or a command met a closed port
+    with contextlib.suppress(OSError):  # There are no more, or an earlier command met a closed port.
         for _ in range(MOST_STATES):
             state = udp.recv(LARGEST)
     return state
@@ -325,13 +338,13 @@ def newest(udp: Ends) -> bytes:
 def _receive(wire: Ends) -> bytes | None:
     try:
         return wire.recv(_ORDER.size + 1)
-    except OSError:  # nothing there, or nobody any more
+    except OSError:  # There is no order, or the wire process has gone.
         return None
 
 
 def _send(there: Ends, data: bytes) -> None:
-    """Send a datagram now or not at all: one that waits would be late. Who reads nothing is judged
-    by others."""
+    """Send a datagram now or not at all, because a delayed one would be late. A receiver that does not read is
+    detected elsewhere."""
     with contextlib.suppress(OSError):
         there.send(data)
 
@@ -346,7 +359,7 @@ def _is_gone(parent: socket.socket) -> bool:
 
 
 def _end_with(parent: int) -> None:
-    """End when the wire process ends, even stopped: nobody else would wake us up then."""
+    """End when the wire process ends, even while stopped: no other process would wake this one up then."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
         if os.getppid() != parent:

@@ -1,9 +1,8 @@
-"""Franka arms on FCI: panda (FER, interface 5), fr3 and fr3_v2 (interface 10).
+"""Drive Franka arms through FCI: panda (FER, interface 5), fr3 and fr3_v2 (interface 10).
 
-A command names where all seven joints go; a trajectory generator of ours takes them there within
-the arm's limits of speed, acceleration and jerk, times ``speed_factor``. Between motions nothing is
-sent: the controller holds the arm. Safe, for whatever reason, is StopMove: the controller brakes
-the arm and holds it. There is no limp.
+A command names a target for all seven joints. A trajectory generator moves the arm there within its limits of
+speed, acceleration and jerk, times ``speed_factor``. Between motions nothing is sent, and the controller holds
+the arm. The safe state is StopMove for every reason: the controller brakes the arm and holds it. There is no limp.
 """
 
 from __future__ import annotations
@@ -83,7 +82,7 @@ class Franka(Driver):
             oneshot_ttl_s=None,
             state_ttl_s=0.15,
             safe_s=2.0,
-            silent_s=0.5,  # starting the process of the cycle stops this one until it has begun
+            silent_s=0.5,  # Starting the process of the cycle blocks this one until it has begun.
         )
         self.config = FrankaConfig(
             self.robot, port, self.arm, self.limits, stride, given.speed_factor, self.timing.state_ttl_s

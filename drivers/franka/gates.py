@@ -1,4 +1,4 @@
-"""What is refused before it reaches the controller. Pure; nothing is ever clipped."""
+"""Conditions and gates that refuse a setpoint before it reaches the controller. Pure; nothing is ever clipped."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from .protocol import RobotMode, mode_name
 MOVABLE = (RobotMode.IDLE, RobotMode.MOVE)
 
 POOR, TOO_POOR = 0.8, 0.5
-"""Shares of the last 100 commands that reached the controller in time: below, status warns; below,
-a new target is refused [assumed]."""
+"""Shares of the last 100 commands that reached the controller in time. Below the first, status warns. Below the
+second, a new target is refused [assumed]."""
 
 _REMEDIES = {
     RobotMode.REFLEX: "recover() first",
@@ -28,28 +28,28 @@ _REMEDIES = {
 _OTHER_REMEDY = "unlock the joints and activate FCI in Desk"
 
 REASONS = "reasons"
-"""Key of ``Observation.faults``: what the controller gives as errors."""
+"""Key of ``Observation.faults`` for the controller's errors."""
 LOST = "motion"
-"""Key of ``Observation.faults``: why a motion of ours ended that we did not end."""
+"""Key of ``Observation.faults`` for the reason why the controller ended a motion of ours."""
 
 
 def all_gates(axes: tuple[Axis, ...], state_ttl_s: float) -> tuple[GateCheck, ...]:
-    """Return the gates in the order in which they are asked: the first that refuses answers."""
+    """Return the gates in the order of their checks. The first that refuses gives the answer."""
     return stale(axes, state_ttl_s), all_joints(axes), past_range(axes), reaches_it
 
 
 def refuse_mode(mode: int, reasons: str) -> Refused | None:
-    """Refuse while the controller moves nothing for us. Arming asks the same."""
+    """Refuse in a mode in which the controller does not move the arm for us. Arming makes the same check."""
     if mode in MOVABLE:
         return None
     name = mode_name(mode)
     why = f" ({reasons})" if reasons else ""
-    known = mode in tuple(RobotMode)
-    remedy = _REMEDIES.get(RobotMode(mode), _OTHER_REMEDY) if known else _OTHER_REMEDY
+    has_name = mode in tuple(RobotMode)
+    remedy = _REMEDIES.get(RobotMode(mode), _OTHER_REMEDY) if has_name else _OTHER_REMEDY
     return Refused(Code.ROBOT_MODE, f"arm is in {name}{why}", remedy, name, "idle or move")
 
 
-# -- what must be true for a motion to begin, and to go on
+# -- conditions for a motion to begin and to continue
 
 
 def movable(observation: Observation, now_ns: int) -> Refused | None:
@@ -57,7 +57,7 @@ def movable(observation: Observation, now_ns: int) -> Refused | None:
 
 
 def not_lost(observation: Observation, now_ns: int) -> Refused | None:
-    """Refuse after a motion of ours that the controller ended: nothing goes on by itself."""
+    """Refuse after the controller has ended a motion of ours. Motion does not continue by itself."""
     why = observation.faults.get(LOST)
     if why is None:
         return None
@@ -67,11 +67,11 @@ def not_lost(observation: Observation, now_ns: int) -> Refused | None:
 CONDITIONS = (Condition(movable), Condition(not_lost, on_resume=OnResume.ARM_ANEW))
 
 
-# -- of one target
+# -- gates of one target
 
 
 def all_joints(axes: tuple[Axis, ...]) -> GateCheck:
-    """Refuse an action that does not name every joint: a motion is one of the whole arm."""
+    """Refuse an action that does not name every joint, because a motion always moves the whole arm."""
     keys = ", ".join(axis.key for axis in axes)
 
     def all_joints(candidate: Candidate, state: GateState) -> Refused | None:
@@ -86,8 +86,8 @@ def all_joints(axes: tuple[Axis, ...]) -> GateCheck:
 
 
 def reaches_it(candidate: Candidate, state: GateState) -> Refused | None:
-    """Refuse a new target while too few commands reach the controller: it would end the motion.
-    Without a motion nobody knows."""
+    """Refuse a new target while too few commands reach the controller, which would then end the motion. Without
+    a motion the rate is unknown."""
     rate = state.observation.sensors.get("success_rate", (1.0,))[0]
     if number_of(state.observation.sensors, "robot_mode", 0) != RobotMode.MOVE or rate >= TOO_POOR:
         return None

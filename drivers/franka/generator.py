@@ -1,16 +1,15 @@
-"""The trajectory generator: from where the arm stands to the newest goal, one step per millisecond.
+"""Generate the trajectory from the present position to the newest goal, one step per millisecond.
 
-Pure. Each joint goes as fast as its limits allow, and never further than its goal; from rest all
-joints begin and arrive together, on a straight line in joint space. A goal may be replaced at any
-time, and is then reached from the speed that the joints have.
+Pure. Each joint moves as fast as its limits allow, and never further than its goal. From rest all joints begin
+and arrive together, on a straight line in joint space. A goal may be replaced at any time. The new one is reached
+from the present speed of the joints.
 
-Two stages: a profile that keeps speed and acceleration, then a moving average over ``WINDOW``
-steps, which spreads each change of the acceleration over so many milliseconds and so keeps the
-jerk. An average of positions goes no further, no faster, and accelerates no more than what it
-averages.
+There are two stages. A profile keeps speed and acceleration within the limits. A moving average over ``WINDOW``
+steps then spreads each change of the acceleration over as many milliseconds, which limits the jerk. An average
+of positions goes no further, no faster, and accelerates no more than the positions that it averages.
 
-A controller that has missed a command has gone on by itself. The path then goes on from there
-(``meet``): what lies between the two fades out over ``FADE`` steps.
+A controller that has missed a command has continued by itself. The path then continues from its position
+(``meet``), and the difference between the two fades out over ``FADE`` steps.
 """
 
 from __future__ import annotations
@@ -25,22 +24,22 @@ from .arms import JOINTS, Arm
 
 STEP_S = 0.001
 WINDOW = 4
-"""Acceleration may change by twice its limit at once: over 4 ms that is the jerk limit of every
-joint of every arm of ``robots.toml``, whatever the speed factor."""
+"""Number of steps in the average. The acceleration may change by twice its limit at once. Over 4 ms that is the
+jerk limit of every joint of every arm of ``robots.toml``, for any speed factor."""
 
 ARRIVED_RAD = 1e-9
 ROOM_RAD = 0.002
-"""The average lags the profile by 1.5 ms: so far a joint moves in that time where its end
-matters."""
+"""Margin at the end of a range where the speed is limited: a joint moves this far in the 1.5 ms by which the
+average lags the profile."""
 FADE = 40
-"""Few enough that the path is met soon, and enough that the jerk this takes is a small part of what
-the controller allows."""
+"""Number of steps in which a difference fades out. It is small enough that the path is met soon, and large enough
+that the additional jerk is a small part of the controller's limit."""
 SPAN_RAD = 1e-6
-"""A joint that has less to go does not wait for the others."""
+"""A joint with a shorter way than this does not wait for the others."""
 
 
 class Limits(msgspec.Struct, frozen=True):
-    """What the generator keeps, per joint."""
+    """The limits that the generator keeps, per joint."""
 
     low: tuple[float, ...]
     high: tuple[float, ...]
@@ -51,10 +50,10 @@ class Limits(msgspec.Struct, frozen=True):
 def limits_of(arm: Arm, speed_factor: float) -> Limits:
     """Return the limits of an arm at a share of its speed, acceleration and jerk.
 
-    Where the controller lowers the speed towards the end of a range (``Arm.ends``: |v| <= -a +
-    sqrt(b * d)), braking must stay below that. At a distance e from the goal it is sqrt(2 A e);
-    with A <= b / 6 that stays below when the goal keeps 1.5 a^2 / b from where the curve ends
-    (square both sides; the worst place is where the speed is a / 2).
+    Towards the end of a range the controller lowers the speed limit (``Arm.ends``: |v| <= -a + sqrt(b * d)).
+    Braking must stay below that. At a distance e from the goal the braking speed is sqrt(2 A e). With A <= b / 6 it
+    stays below if the goal keeps 1.5 a^2 / b from the end of the curve (square both sides; the worst place is where
+    the speed is a / 2).
     """
     acceleration = [most * speed_factor for most in arm.acceleration]
     low, high = list(arm.low), list(arm.high)
@@ -67,7 +66,7 @@ def limits_of(arm: Arm, speed_factor: float) -> Limits:
 
 
 class Trajectory:
-    """``start``: where the arm is told to be now, at rest."""
+    """A trajectory that begins at rest. ``start`` is the present commanded position."""
 
     def __init__(self, limits: Limits, start: Sequence[float]) -> None:
         self._limits = limits
@@ -76,19 +75,24 @@ class Trajectory:
         self._speed = [0.0] * JOINTS
         self._limit = list(zip(limits.speed, limits.acceleration, strict=True))
         self._recent = deque([tuple(start)] * WINDOW, WINDOW)
-        self._path = deque([tuple(start)] * 3, 3)  # the newest steps, without what fades out
-        self._apart: Sequence[tuple[float, float, float]] = ()  # per joint: now, a step before, and two
+        self._path = deque([tuple(start)] * 3, 3)  # the newest steps, without the difference that fades out
+        self._apart: Sequence[tuple[float, float, float]] = ()  # difference per joint: now, one and two steps ago
         self._faded = FADE
 
     @property
     def arrived(self) -> bool:
-        """Whether the goal has been reached and every later step would be the same."""
+        """Whether the goal is reached and every further step would be the same."""
         at_rest = all(point == self._recent[-1] for point in self._recent) and self._at_goal()
         return at_rest and self._faded >= FADE
 
     def meet(self, position: Sequence[float], speed: Sequence[float], acceleration: Sequence[float]) -> None:
-        """Go on from there, smoothly in differences of steps, instead of from the last step: rad,
-        rad/s, rad/s^2, as the controller has them."""
+        """Continue from the controller's position instead of from the last step, with smooth differences.
+
+        Args:
+            position: In rad, as the controller reports it.
+            speed: In rad/s.
+            acceleration: In rad/s^2.
+        """
         now, before, first = self._path[2], self._path[1], self._path[0]
         apart = []
         for joint in range(JOINTS):
@@ -99,16 +103,16 @@ class Trajectory:
         self._apart, self._faded = apart, 0
 
     def aim(self, goal: Sequence[float]) -> None:
-        """Go to ``goal`` from now on. It must be within the range of the limits: nothing is clipped
-        here."""
+        """Move to ``goal`` from now on. It must be within the limits' range: nothing is clipped here."""
         self._goal = list(goal)
         top = list(zip(self._limits.speed, self._limits.acceleration, strict=True))
         if any(self._speed):
-            self._limit = top  # some joint may have to brake with all it has
+            self._limit = top  # A joint may have to brake at full acceleration.
             return
         spans = [abs(there - here) for there, here in zip(goal, self._position, strict=True)]
         far = [(span, *limit) for span, limit in zip(spans, top, strict=True) if span > SPAN_RAD]
-        speed = min((speed / span for span, speed, _ in far), default=0.0)  # of the line from here to there, as one
+        # Speed and acceleration along the straight line, as shares of its length.
+        speed = min((speed / span for span, speed, _ in far), default=0.0)
         acceleration = min((acceleration / span for span, _, acceleration in far), default=0.0)
         self._limit = [
             (span * speed, span * acceleration) if span > SPAN_RAD else limit
@@ -126,7 +130,7 @@ class Trajectory:
         )
 
     def step(self) -> tuple[float, ...]:
-        """Return where the arm is to be a millisecond later."""
+        """Return the commanded position of the next millisecond."""
         position, speeds, goal = self._position, self._speed, self._goal
         for joint, (most, acceleration) in enumerate(self._limit):
             left, speed = goal[joint] - position[joint], speeds[joint]
@@ -134,11 +138,11 @@ class Trajectory:
                 continue
             change = acceleration * STEP_S
             distance = abs(left)
-            # the highest speed from which braking, this step included, ends at the goal
+            # This is the highest speed from which braking, including this step, ends at the goal.
             braking = change * (math.sqrt(0.25 + 2 * distance / (change * STEP_S)) - 0.5)
             allowed = min(most, braking, distance / STEP_S)
-            wanted = math.copysign(allowed, left)
-            speed += min(change, max(-change, wanted - speed))
+            target_speed = math.copysign(allowed, left)
+            speed += min(change, max(-change, target_speed - speed))
             position[joint] += speed * STEP_S
             if abs(goal[joint] - position[joint]) < ARRIVED_RAD and abs(speed) <= change:
                 position[joint], speed = goal[joint], 0.0
@@ -160,13 +164,16 @@ class Trajectory:
 
 
 def _braking_distance(speed: float, acceleration: float) -> float:
-    """Return how far a joint goes on in whole steps."""
+    """Return the distance that a joint needs to brake in whole steps."""
     return speed**2 / (2 * acceleration) + speed * STEP_S / 2
 
 
 def _fading(step: int) -> tuple[float, float, float]:
-    """Return the weights of what lay apart now, a step before, and two, so many steps later: the
-    polynomial of the fifth degree through these three and three zeros from ``FADE`` on."""
+    """Return the weights of the differences of now, one step and two steps ago, after ``step`` steps.
+
+    They are those of the polynomial of the fifth degree through these three values, and through three zeros from
+    ``FADE`` on.
+    """
     ahead = (FADE - step) * (FADE + 1 - step) * (FADE + 2 - step)
     now = (step + 1) * (step + 2) / 2 * ahead / (FADE * (FADE + 1) * (FADE + 2))
     before = -step * (step + 2) * ahead / ((FADE + 1) * (FADE + 2) * (FADE + 3))

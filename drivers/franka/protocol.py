@@ -1,9 +1,8 @@
-"""FCI frames of the versions 5 (FER, "panda") and 10 (FR3): requests and replies on TCP, states and
-commands on UDP.
+"""Encode and decode FCI frames of the versions 5 (FER, "panda") and 10 (FR3).
 
-Pure: bytes in, values out. Everything is little-endian and packed. Matrices are column-major.
-Sources: the published headers of libfranka-common for both versions; offsets checked with numbered
-values against panda-python 1.1.1 and pylibfranka 0.21.3.
+Requests and replies use TCP, states and commands UDP. Pure: bytes in, values out. Everything is little-endian
+and packed. Matrices are column-major. Sources: the published headers of libfranka-common for both versions. The
+offsets were checked with numbered values against panda-python 1.1.1 and pylibfranka 0.21.3.
 """
 
 from __future__ import annotations
@@ -21,16 +20,15 @@ from strands_actors.drivers.common.malformed import MalformedFrame
 PORT = 1337
 STATE_HZ = 1000
 MISSED_TICKS = 20
-"""Commands in a row that a controller goes on without."""
+"""Most consecutive missing commands that a controller tolerates in a motion."""
 
 HEADER = struct.Struct("<III")
 LARGEST_NUMBER = 100.0
-"""No joint of any arm is so far, or so fast (rad, rad/s)."""
+"""Larger than the position or speed of any joint of any arm (rad, rad/s)."""
 
 LARGEST_REQUEST = 4096
 LARGEST_REPLY = 4096
-"""Bytes of an answer to what we ask. A model library or description, which we do not ask for, has
-megabytes."""
+"""Most bytes of a reply to our requests. A model library or description has megabytes, but we never request one."""
 
 
 class RobotMode(enum.IntEnum):
@@ -44,7 +42,7 @@ class RobotMode(enum.IntEnum):
 
 
 class Controller(enum.IntEnum):
-    """As a Move asks for it; a state says OTHER when none runs."""
+    """Controller of a motion, as a Move requests it. A state has OTHER when there is no motion."""
 
     JOINT_IMPEDANCE = 0
     CARTESIAN_IMPEDANCE = 1
@@ -53,7 +51,7 @@ class Controller(enum.IntEnum):
 
 
 class Generator(enum.IntEnum):
-    """As a state says it. A Move asks for one less, so that there is none for idle."""
+    """Motion generator, as a state has it. A Move has a number that is lower by one, and so no number for IDLE."""
 
     IDLE = 0
     JOINT_POSITION = 1
@@ -106,7 +104,7 @@ ERRORS = (
     "base_acceleration_initialization_timeout",
     "base_acceleration_invalid_reading",
 )
-"""By position in ``errors`` and ``reflex_reason`` of a state."""
+"""Names of the errors by position in ``errors`` and ``reflex_reason`` of a state."""
 
 _STATE_5 = (
     "message_id:Q O_T_EE:16 O_T_EE_d:16 F_T_EE:16 EE_T_K:16 F_T_NE:16 NE_T_EE:16 m_ee:1 I_ee:9 F_x_Cee:3 m_load:1 "
@@ -152,9 +150,9 @@ _Field = tuple[int, struct.Struct]
 
 
 class State(msgspec.Struct, frozen=True):
-    """What we use of a state."""
+    """The fields of a state that are used."""
 
-    message_id: int  # counts milliseconds of the controller
+    message_id: int  # milliseconds of the controller's clock
     q: tuple[float, ...]
     q_d: tuple[float, ...]
     dq: tuple[float, ...]
@@ -163,14 +161,13 @@ class State(msgspec.Struct, frozen=True):
     O_T_EE: tuple[float, ...]
     generator: int
     controller: int
-    reasons: tuple[str, ...]  # errors that are, or that ended the last motion
+    reasons: tuple[str, ...]  # present errors, and those that ended the last motion
     robot_mode: int
     success_rate: float  # of the last 100 commands; 0 without a motion
 
 
 class Command(NamedTuple):
-    """One command of a motion: what of it has a meaning depends on the generator and the
-    controller."""
+    """One command of a motion. Generator and controller decide which of its fields have a meaning."""
 
     message_id: int
     q: tuple[float, ...]
@@ -187,7 +184,7 @@ class Dialect:
     """One version of the interface."""
 
     def __init__(self, version: int) -> None:
-        """Raise ``ValueError`` for a version that is not known."""
+        """Raise ``ValueError`` if the version is not known."""
         if version not in (5, 10):
             raise ValueError(f"FCI {version} is not known. There are 5 and 10")
         self.version = version
@@ -214,14 +211,14 @@ class Dialect:
         return self.request("connect", request_id, struct.pack("<HH", self.version, udp_port))
 
     def start_joint_motion(self, request_id: int) -> bytes:
-        """Ask for a motion by joint positions under the arm's own joint impedance controller."""
-        deviations = (10.0, math.tau / 2, math.tau) * 2  # path, goal: as libfranka asks for them
+        """Encode the request for a motion by joint positions under the arm's own joint impedance controller."""
+        deviations = (10.0, math.tau / 2, math.tau) * 2  # for path and goal, as libfranka requests them
         extra = () if self.version == 5 else (False, *_ZEROS)
         payload = self.move.pack(Controller.JOINT_IMPEDANCE, Generator.JOINT_POSITION - 1, *deviations, *extra)
         return self.request("move", request_id, payload)
 
     def name_of(self, code: int) -> str:
-        """Return the name of a command; ``?`` for a number that is none."""
+        """Return the name of a command; ``?`` for an unknown number."""
         return self.commands[code] if code < len(self.commands) else "?"
 
     def move_status(self, status: int) -> str:
@@ -230,13 +227,13 @@ class Dialect:
     # -- states
 
     def state(self, data: bytes) -> State:
-        """Raise ``MalformedFrame``."""
+        """Decode a state. Raise ``MalformedFrame``."""
         if len(data) != self.state_bytes:
             raise MalformedFrame(f"a state of {len(data)} bytes; FCI {self.version} has {self.state_bytes}")
         if not self.is_plausible(data):
             raise MalformedFrame("a state with modes that there are not")
         errors, reflex = self.get(data, "errors"), self.get(data, "reflex_reason")
-        found = State(
+        state = State(
             int(self.get(data, "message_id")[0]),
             self.get(data, "q"),
             self.get(data, "q_d"),
@@ -252,11 +249,11 @@ class Dialect:
         )
         if not self.tells_joints(data):
             raise MalformedFrame("a state with a position or a speed that no joint has")
-        return found
+        return state
 
     def is_plausible(self, data: bytes) -> bool:
-        """Return whether ``data`` can be a state, by its size and its smallest fields: quick enough
-        for each of a thousand a second."""
+        """Return whether ``data`` can be a state, by its size and its smallest fields. It is fast enough to check
+        a thousand states per second."""
         if len(data) != self.state_bytes:
             return False
         (generator,), (controller,) = self.get(data, "generator"), self.get(data, "controller")
@@ -264,10 +261,10 @@ class Dialect:
         return generator <= Generator.NONE and controller <= Controller.OTHER and mode <= 6 and 0.0 <= rate <= 1.001
 
     def tells_joints(self, data: bytes) -> bool:
-        """Return whether positions and speeds in a state are such as joints have: quick enough,
-        too."""
+        """Return whether positions and speeds in a state are possible for joints. It is fast enough, too, for
+        every state."""
         row = (*self.get(data, "q"), *self.get(data, "q_d"), *self.get(data, "dq"))
-        # a NaN that min and max pass over is in the sum
+        # ``min`` and ``max`` may pass over a NaN, but the sum contains it.
         return min(row) >= -LARGEST_NUMBER and max(row) <= LARGEST_NUMBER and not math.isnan(sum(row))
 
     def get(self, data: bytes | bytearray, name: str) -> tuple[float, ...]:
@@ -285,7 +282,7 @@ class Dialect:
         return self._command.pack(message_id, *q, *_ZEROS, *_REST, False, finished, *_ZEROS, *end)
 
     def command(self, data: bytes) -> Command:
-        """Raise ``MalformedFrame``."""
+        """Decode a command. Raise ``MalformedFrame``."""
         if len(data) != self.command_bytes:
             raise MalformedFrame(f"a command of {len(data)} bytes; FCI {self.version} has {self.command_bytes}")
         row = self._command.unpack(data)
@@ -306,15 +303,15 @@ class Message(NamedTuple):
 
 
 class Decoder:
-    """Requests or replies out of a stream, in any pieces."""
+    """Decode a stream of bytes, in pieces of any size, into requests or replies."""
 
     def __init__(self, largest: int) -> None:
         self._largest = largest
         self._pending = bytearray()
 
     def feed(self, data: bytes) -> Iterator[Message]:
-        """Raise ``MalformedFrame`` for a size that no message has: what follows cannot be found
-        again."""
+        """Yield the complete messages. Raise ``MalformedFrame`` at an impossible size, after which the next message
+        cannot be located."""
         self._pending += data
         while len(self._pending) >= HEADER.size:
             code, request_id, size = HEADER.unpack_from(self._pending)
@@ -328,14 +325,14 @@ class Decoder:
 
 
 def status_of(message: Message) -> int:
-    """Return the first byte of a reply. Raise ``MalformedFrame`` when it has none."""
+    """Return the first byte of a reply. Raise ``MalformedFrame`` if the reply is empty."""
     if not message.payload:
         raise MalformedFrame("a reply without a status")
     return message.payload[0]
 
 
 def connect_reply(message: Message) -> tuple[int, int]:
-    """Return status and the version that the controller speaks. Raise ``MalformedFrame``."""
+    """Return the status and the controller's version of the interface. Raise ``MalformedFrame``."""
     if len(message.payload) < 3:
         raise MalformedFrame(f"an answer to connect of {len(message.payload)} bytes")
     status, version = struct.unpack_from("<BH", message.payload)
@@ -343,7 +340,7 @@ def connect_reply(message: Message) -> tuple[int, int]:
 
 
 def connect_request(payload: bytes) -> tuple[int, int]:
-    """Return the version that a client speaks and its UDP port. Raise ``MalformedFrame``."""
+    """Return the client's version of the interface and its UDP port. Raise ``MalformedFrame``."""
     if len(payload) != 4:
         raise MalformedFrame(f"a connect of {len(payload)} bytes")
     version, port = struct.unpack("<HH", payload)
@@ -351,21 +348,21 @@ def connect_request(payload: bytes) -> tuple[int, int]:
 
 
 def _layout(fields: str, number: str) -> tuple[dict[str, _Field], int]:
-    """Return where each field is, and the size of all."""
-    at, found = 0, {}
+    """Return the offset and the format of each field, and the total size."""
+    offset, layout = 0, {}
     for text in fields.split():
         name, _, kind = text.partition(":")
         field = struct.Struct("<" + (kind if kind in ("Q", "B") or kind.endswith("?") else f"{kind}{number}"))
-        found[name] = at, field
-        at += field.size
-    return found, at
+        layout[name] = offset, field
+        offset += field.size
+    return layout, offset
 
 
 DIALECTS = {version: Dialect(version) for version in (5, 10)}
 
 
 def mode_name(mode: int) -> str:
-    """Return a robot mode for people."""
+    """Return the name of a robot mode for people."""
     if mode not in tuple(RobotMode):
         return f"mode {mode}"
     return RobotMode(mode).name.lower()

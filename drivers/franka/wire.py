@@ -1,5 +1,5 @@
-"""A Franka controller in the wire process: motions begin and stop here, another process sends their
-commands."""
+"""Connect the wire process to a Franka controller. It begins and stops motions. Another process sends their
+commands (``cycle``)."""
 
 from __future__ import annotations
 
@@ -31,20 +31,20 @@ from .gates import LOST, POOR, REASONS, refuse_mode
 from .stop_channel import CONFIRM_S, FrankaStopChannel, moving, reports
 
 BEGIN_S = 3.0
-"""For the process of the cycle to start, on a busy machine."""
+"""Timeout for the start of the process of the cycle, on a busy machine."""
 OLD_S = 0.02
-"""A setpoint is not written when no state came for so long: that is 20 of them."""
+"""A setpoint is not written after this long without a state: that is 20 missing ones."""
 ENDS_S = 1.0
-"""For the motion before to end. One that runs longer is somebody else's, and nothing is begun
-behind it."""
+"""Longest wait for the end of the previous motion. One that runs longer belongs to another client, and no motion is
+begun after it."""
 RECOVER_S = 5.0
 
 _BY_US = ("success", "preempted")
-"""How motions end that we end ourselves."""
+"""Statuses of motions that we ended ourselves."""
 
 
 class FrankaSession:
-    """What exists between ``open`` and ``close``."""
+    """The state that exists between ``open`` and ``close``."""
 
     def __init__(self, config: FrankaConfig, client: Fci, clock: Clock) -> None:
         self.client = client
@@ -54,9 +54,9 @@ class FrankaSession:
             ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
             page = new_page()
             given.callback(os.close, page)
-            udp = given.enter_context(client.udp)  # the child's from now on
+            udp = given.enter_context(client.udp)  # It belongs to the child from now on.
             given.enter_context(theirs)
-            told = {
+            arguments = {
                 "fci": config.arm.fci,
                 "limits": msgspec.to_builtins(config.limits),
                 "stride": config.stride,
@@ -66,27 +66,27 @@ class FrankaSession:
                 "parent": os.getpid(),
             }
             given.enter_context(ours)
-            self.child: ChildProcess = start(ENTRY, told, (udp.fileno(), theirs.fileno(), page))
+            self.child: ChildProcess = start(ENTRY, arguments, (udp.fileno(), theirs.fileno(), page))
             self._reports = ours.dup()
             self._budget = ReceiveBudget("the process of the 1 kHz cycle", size=STATES_SIZE)
             self.heartbeat: Heartbeat = Heartbeat(words_of(page), WIRE_END, CYCLE_END)
         self._reports.setblocking(False)
         self.report: Report | None = None
         self.state: p.State | None = None
-        self.order: Order | None = None  # the last; None once it counts no more
-        self.motion = 0  # number of the Move that runs, if one does
-        self.lost = ""  # why a motion ended that we did not end
+        self.order: Order | None = None  # the last order; None after it was cancelled
+        self.motion = 0  # number of the Move that runs; 0 without a motion
+        self.lost = ""  # the reason why the controller ended a motion of ours
         self._orders = 0
-        self.answers: dict[int, int] = {}  # status by number, of what is asked beside
+        self.answers: dict[int, int] = {}  # status by number, of all requests except the Move
 
     def look(self) -> None:
-        """Take what has arrived. Never waits. Raise ``WireDown``."""
+        """Process the received reports and replies. Never waits. Raise ``WireDown``."""
         for data in self._budget.turn(self._report):
             try:
                 report = Report.unpack(data)
                 self.state, self.report = self._dialect.state(report.state), report
             except MalformedFrame:
-                continue  # no state: the one before grows old
+                continue  # It is malformed. The last state ages.
         for reply in self.client.replies():
             self._take(reply)
 
@@ -115,11 +115,11 @@ class FrankaSession:
             self.stand_down()
 
     def silent_s(self) -> float:
-        """Since the last state."""
+        """Return the time since the last state."""
         return (self._clock.now_ns() - self.heartbeat.heard_ns) / NS
 
     def aim(self, goal: tuple[float, ...]) -> None:
-        """Order a goal."""
+        """Send a goal to the process of the cycle."""
         self._orders += 1
         self.order = Order(self._orders, goal)
         try:
@@ -128,7 +128,7 @@ class FrankaSession:
             raise WireDown("the process of the 1 kHz cycle takes no orders") from None
 
     def stand_down(self) -> None:
-        """No command leaves any more. The controller has been told to stop, or has ended the
+        """Cancel the order, so that no further command leaves. The controller has received a stop, or has ended the
         motion."""
         self.order = None
         try:
@@ -137,7 +137,7 @@ class FrankaSession:
             self.child.kill()
 
     def close(self) -> None:
-        """The connection first: the controller ends what runs."""
+        """Close the connection first, so that the controller ends any motion."""
         self.client.close()
         self.child.kill()
         trio.lowlevel.spawn_system_task(self.child.wait)
@@ -149,7 +149,7 @@ class FrankaWire(SessionWire[FrankaSession]):
     def __init__(self, config: FrankaConfig, clock: Clock) -> None:
         self._config = config
         self._clock = clock
-        self._waits_since_ns = 0  # a target, for the motion before to end; 0: none does
+        self._waits_since_ns = 0  # since when a target waits for the end of the previous motion; 0 for no target
 
     @property
     def prompt(self) -> bool:
@@ -188,8 +188,8 @@ class FrankaWire(SessionWire[FrankaSession]):
         }
 
     async def arm(self, permit: Permit) -> Observation:
-        """The arm holds itself: there is nothing to energise, and nothing moves before the first
-        setpoint."""
+        """Check that the arm may move. The controller holds the arm, so there is nothing to energise, and nothing
+        moves before the first setpoint."""
         session = self.session
         session.look()
         state = self._state(session)
@@ -216,8 +216,11 @@ class FrankaWire(SessionWire[FrankaSession]):
         return self._observation(session, state)
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
-        """Where nothing can be begun just now nothing is written, and nothing raised: the transport
-        re-sends what was not refused, as long as that may be, and the motion begins then."""
+        """Write a target.
+
+        If no motion can begin just now, nothing is written and no error is raised. The transport re-sends an
+        accepted setpoint while it is valid, so the motion begins with a later call.
+        """
         session = self.session
         session.look()
         state = self._state(session)
@@ -235,7 +238,7 @@ class FrankaWire(SessionWire[FrankaSession]):
                 self._wait_for_the_end(session)
                 return
             self._waits_since_ns = 0
-            session.aim(values)  # first: the first state of the motion is answered already
+            session.aim(values)  # Do this first, so that the first state of the motion is answered.
             session.motion = session.client.start_motion()
             return
         session.aim(values)
@@ -263,8 +266,7 @@ class FrankaWire(SessionWire[FrankaSession]):
             return reports(self._config, written, False, None, str(down))
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """By what is still open, which ends there, and the motion with it. Then by a connection
-        made for this."""
+        """Send a stop on the open connection and close it, which ends the motion. Then stop on a new connection."""
         session, written = self.session_or_none, False
         if session is not None:
             with contextlib.suppress(WireDown):
@@ -273,14 +275,14 @@ class FrankaWire(SessionWire[FrankaSession]):
             session.stand_down()
             session.client.close_in_order()
             self.close()
-        found = await FrankaStopChannel(self._config, (), self._clock).make_safe(safe_state)
-        return tuple(msgspec.structs.replace(motor, written=motor.written or written) for motor in found)
+        motors = await FrankaStopChannel(self._config, (), self._clock).make_safe(safe_state)
+        return tuple(msgspec.structs.replace(motor, written=motor.written or written) for motor in motors)
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
         session = self.session
         permit.check()
         number = session.client.send(service)
-        while number not in session.answers:  # as long as the service may take
+        while number not in session.answers:  # The time limit of the service ends this wait.
             await trio.sleep(LOOK_S)
             session.look()
         status = session.answers.pop(number)
@@ -300,7 +302,7 @@ class FrankaWire(SessionWire[FrankaSession]):
     # -- parts
 
     def _wait_for_the_end(self, session: FrankaSession) -> None:
-        """Of the motion before; for a while."""
+        """Wait for the end of the previous motion. After ``ENDS_S`` count it as another client's."""
         now_ns = self._clock.now_ns()
         self._waits_since_ns = self._waits_since_ns or now_ns
         if now_ns - self._waits_since_ns > ENDS_S * NS:
@@ -310,7 +312,7 @@ class FrankaWire(SessionWire[FrankaSession]):
         return session.report is not None and session.report.reached == order.number
 
     def _stands(self, session: FrankaSession, since_ns: int) -> bool:
-        """Whether a state from after ``since_ns`` shows it."""
+        """Return whether a state from after ``since_ns`` shows the arm at rest."""
         if session.state is None or session.report is None or session.report.stamp_ns <= since_ns:
             return False
         return not moving(session.state)
@@ -348,7 +350,7 @@ class FrankaWire(SessionWire[FrankaSession]):
 
 
 def scheduling_of(pid: int) -> str:
-    """Return how a process is run, for people."""
+    """Return the scheduling of a process, for people."""
     if hasattr(os, "sched_getscheduler") and os.sched_getscheduler(pid) == os.SCHED_FIFO:
         return f"SCHED_FIFO {os.sched_getparam(pid).sched_priority}"
     return "ordinary: SCHED_FIFO was not granted; on a busy machine commands will be missed. ulimit -r 13 allows it"

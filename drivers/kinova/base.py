@@ -1,8 +1,7 @@
-"""The base of a twin: its sessions, its state, its arm. It knows no sockets, and no clock but the
-one it is given.
+"""Simulate the base of a Gen3 for the twin: its sessions, its state and its arm.
 
-It is the worst that a base may be: joint speeds never expire, and neither the end of a connection
-nor that of a session stops the arm.
+It has no sockets, and its only clock is the one that it is given. It models the worst case of a base:
+joint speeds never expire, and the end of a connection or of a session does not stop the arm.
 """
 
 from __future__ import annotations
@@ -22,10 +21,10 @@ from .protocol import ArmState, Call, Frame, ServoingMode, SubError
 
 SUBSTEP_S = 0.004
 LONGEST_S = 0.25
-"""A stall of the twin itself is dropped beyond this, not made up for."""
+"""Longest time to catch up after a stall of the twin itself. The rest of a longer one is dropped."""
 
 FRAMES_HZ = 1000
-"""Cycles of its own control a second: each measures anew, and has a number."""
+"""Control cycles per second. Each cycle has a new measurement and a frame number."""
 
 SUPPLY_V, ROOM_C, AMPERE_PER_NM = 24.0, 30.0, 0.1
 """[assumed]"""
@@ -34,23 +33,22 @@ ALL = range(p.JOINTS)
 
 
 class Second(enum.StrEnum):
-    """What the base does with a session beside the first: nobody of us has seen it on a real
-    one."""
+    """The base's reaction to a second session. It was never seen on a real base."""
 
     ACCEPTED = "accepted"
     REFUSED = "refused"
-    POWERLESS = "powerless"  # accepted, and refused everything but looking
+    POWERLESS = "powerless"  # accepted, but every call except reading is refused
 
 
 class CallFailed(Exception):
-    """A call is answered with an error."""
+    """The base answers a call with an error."""
 
     def __init__(self, why: SubError) -> None:
         self.why = why
 
 
 class BaseSession:
-    """``connection``: where it was made; nobody else may use it."""
+    """One session. Its calls are accepted only on the connection that opened it."""
 
     def __init__(self, number: int, connection: object, login: p.Login, now_s: float) -> None:
         self.number = number
@@ -69,7 +67,7 @@ class Base:
         second: Second = Second.ACCEPTED,
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        """``table``: of ``robots.toml``."""
+        """Take a robot of ``robots.toml`` as ``table``."""
         self.plant = Plant.from_table(table)
         self.now_s = now_s
         self._login = username, password
@@ -81,15 +79,15 @@ class Base:
         self.wake_up()
 
     def wake_up(self) -> None:
-        """Powered on and ready, where its arm is."""
+        """Reset to the state after power-on: ready, with the arm where it is."""
         self.state = ArmState.SERVOING_READY
         self.mode = ServoingMode.SINGLE_LEVEL
         self.fault = Fault.OK
         self.fault_bank = 0
-        self.driven = False  # by joint speeds, since the last stop
-        self.led = False  # by a simulation
-        self._speeds = [0.0] * p.JOINTS  # rad/s, asked for
-        self._rates = [0.0] * p.JOINTS  # on the way there
+        self.driven = False  # whether joint speeds have arrived since the last stop
+        self.led = False  # whether a simulation moves the arm
+        self._speeds = [0.0] * p.JOINTS  # commanded, rad/s
+        self._rates = [0.0] * p.JOINTS  # present speeds, on the way to the commanded ones
         self._sessions.clear()
         self._woken_s = self._advanced_s = self.now_s()
         for joint in ALL:
@@ -101,21 +99,21 @@ class Base:
     # -- the arm
 
     def set_state(self, state: ArmState) -> None:
-        """Only a ready base moves its arm."""
+        """Set the state. Every state except ready halts the arm."""
         self.state = state
         self.fault_bank = 1 if state is ArmState.IN_FAULT else 0
         if state is not ArmState.SERVOING_READY:
             self.halt()
 
     def set_fault(self, fault: Fault) -> None:
-        """``STUCK``: what it says stands still, and its arm obeys, the worst that may be."""
+        """Set a fault. With ``STUCK`` the feedback repeats itself while the arm obeys: the worst case."""
         self.felt = self.feedback()
         self.fault = fault
         for joint in ALL:
             self.plant.set_stuck(joint, fault is Fault.OFF)
 
     def halt(self) -> None:
-        """Decelerate and hold."""
+        """Decelerate and hold the position."""
         self._speeds = [0.0] * p.JOINTS
         self.driven = False
 
@@ -126,7 +124,7 @@ class Base:
             self.plant.set_target(joint, value)
 
     def advance(self) -> None:
-        """Let time pass up to now: what was asked for goes on for ever."""
+        """Advance the arm to the present time. Commanded speeds continue for ever."""
         now_s = self.now_s()
         self._advanced_s = max(self._advanced_s, now_s - LONGEST_S)
         while (left_s := now_s - self._advanced_s) > 0 and (any(self._rates) or any(self._speeds)):
@@ -146,7 +144,7 @@ class Base:
             self.plant.set_target(joint, self._target[joint])
 
     def feedback(self) -> p.Feedback:
-        """Return what the arm feels; with a fault that is not what is."""
+        """Return the measurements of the arm. With a fault they are repeated or wrong."""
         if self.fault is Fault.STUCK:
             return self.felt
         plant, wrong = self.plant, self.fault is Fault.WRONG
@@ -169,7 +167,7 @@ class Base:
     # -- calls
 
     def answer(self, connection: object, request: Frame) -> Frame:
-        """Return the response to a request that came over ``connection``."""
+        """Return the response to a request that arrived on ``connection``."""
         self.advance()
         session = request.session
         try:
@@ -184,7 +182,7 @@ class Base:
         return Frame(p.Kind.RESPONSE, request.call, request.message, session, payload)
 
     def kind(self, request: Frame) -> str:
-        """Return a request in the words of the wire log."""
+        """Return the kind of a request, in the terms of the wire log."""
         match request.call:
             case Call.STOP | Call.APPLY_EMERGENCY_STOP:
                 return "safe"
@@ -287,7 +285,7 @@ class Base:
 
 
 def _speeds_of(request: Frame) -> Mapping[int, float]:
-    """Return the speeds of a request, none when they cannot be read."""
+    """Return the speeds of a request; empty when they cannot be decoded."""
     try:
         return p.decode_speeds(request.payload)
     except MalformedFrame:

@@ -1,7 +1,7 @@
-"""One connection to a base, one session on it: questions out, answers by their number.
+"""Send requests to a base on one connection and session, and match the responses by number.
 
-Nothing here waits but ``answer``: what is asked leaves at once. An answer belongs to the question
-whose number it bears, however late it comes.
+Only ``listen``, and the methods that use it, wait. A request leaves at once. A response belongs to the
+request with the same number, however late it arrives.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ from .protocol import Call, Frame
 OpenStream = Callable[[str, int], Awaitable[ByteStream]]
 
 SILENT_S = 0.5
-"""A base that was asked and has said nothing for so long is gone."""
+"""A base counts as gone if requests get no response for this long."""
 
 HANDSHAKE_S = 0.6
-"""More than that: what connects and does not speak is told as such."""
+"""Timeout of a call. It is longer than ``SILENT_S``, so that a peer that accepts the connection but never
+responds is reported as silent."""
 
 MAX_OPEN = 256
-"""Questions without an answer that are remembered; the oldest is forgotten for a new one."""
+"""Number of unanswered requests to remember. A new one replaces the oldest."""
 
 _PAGE = struct.Struct("<HH")
 
 
 class Page:
-    """A session's id and the number of its last question, in memory that another process may
-    share."""
+    """A session's id and the number of its last request, in memory that two processes may share."""
 
     def __init__(self, memory: bytearray | mmap.mmap) -> None:
         self._memory = memory
@@ -47,11 +47,11 @@ class Page:
         return int(_PAGE.unpack_from(self._memory)[0])
 
     def begin(self, session: int) -> None:
-        """Note a session."""
+        """Set the id of the session."""
         _PAGE.pack_into(self._memory, 0, session, _PAGE.unpack_from(self._memory)[1])
 
     def next_number(self) -> int:
-        """Return the number of the next question: 1 to 65535, then anew."""
+        """Return the number of the next request. It counts from 1 to 65535, then starts again."""
         session, number = _PAGE.unpack_from(self._memory)
         number = number % 0xFFFF + 1
         _PAGE.pack_into(self._memory, 0, session, number)
@@ -59,7 +59,7 @@ class Page:
 
 
 class Refusal(NamedTuple):
-    """The base did not do what it was told."""
+    """The base refused a call."""
 
     call: int
     sub_error: int
@@ -71,41 +71,49 @@ class Refusal(NamedTuple):
 
 
 class CallRefused(WireDown):
-    """The base answers, and does not do it."""
+    """The base responded with an error."""
 
 
 class KortexClient:
-    """Calls never overlap."""
+    """A client for one connection and session. Its calls never overlap.
+
+    Args:
+        name: The base's name in error messages.
+        page: Id and counter of a session that is already open; by default there is no session yet.
+    """
 
     def __init__(self, stream: ByteStream, name: str, clock: Clock, page: Page | None = None) -> None:
-        """``page``: of a session that was opened already; default: none was."""
         self.page = page or Page(bytearray(_PAGE.size))
         self.refusal: Refusal | None = None
-        """Of joint speeds; the last one."""
+        """The last refusal of joint speeds."""
         self._stream = stream
         self._name = name
         self._clock = clock
         self._decoder = p.Decoder()
-        self._open: dict[int, int] = {}  # number of a question without an answer -> what was asked
-        self._awaited: dict[int, Frame | None] = {}  # the answers that somebody wants
-        self._waiting_since_ns = 0  # when it was last heard, or since when it was asked
+        self._open: dict[int, int] = {}  # number of an unanswered request -> its call
+        self._awaited: dict[int, Frame | None] = {}  # responses that a caller will read
+        self._waiting_since_ns = 0  # time of the last response, or of the first request after it
         self._asked_ns = 0
 
     def tell(self, call: Call, payload: bytes = b"") -> None:
-        """Send at once. That joint speeds were refused stands in ``refusal`` when the answer has
-        been read. Raise ``WireDown``."""
+        """Send a request without reading its response. Raise ``WireDown``.
+
+        If the base refuses joint speeds, ``refusal`` is set once that response has been read.
+        """
         self._send(call, payload)
 
     def ask(self, call: Call, payload: bytes = b"") -> int:
-        """Send at once; return a number to give to ``answer``, ``taken`` or ``forget``. Raise
-        ``WireDown``."""
+        """Send a request and return its number for ``answer``, ``taken`` or ``forget``. Raise ``WireDown``."""
         number = self._send(call, payload)
         self._awaited[number] = None
         return number
 
     async def listen(self, number: int, within_s: float) -> None:
-        """Take what comes until that answer has come. Raise ``WireDown`` when the base was asked
-        and has said nothing for ``SILENT_S``."""
+        """Read until the response with this number has arrived or ``within_s`` have passed.
+
+        Raises:
+            WireDown: Requests are open, and the base has sent no response for ``SILENT_S``.
+        """
         with trio.move_on_after(within_s):
             while number in self._awaited and self._awaited[number] is None:
                 self._take(await self._stream.read())
@@ -114,41 +122,42 @@ class KortexClient:
             raise WireDown(f"{self._name}: no answer for {silent_s * 1e3:.0f} ms. Check its power, then reconnect")
 
     async def answer(self, number: int, within_s: float) -> Frame | None:
-        """Return the answer, or None: not yet. Raise ``WireDown`` as ``listen``."""
+        """Wait for a response. Return it, or None if it has not arrived yet. Raise as ``listen``."""
         await self.listen(number, within_s)
         return self.taken(number)
 
     def taken(self, number: int) -> Frame | None:
-        """Return the answer if it has been read."""
+        """Return the response if it has been read, else None."""
         return None if self._awaited.get(number) is None else self._awaited.pop(number)
 
     def forget(self, number: int) -> None:
-        """The answer is of no more interest; it may still come."""
+        """Discard the response to a request. It may still arrive."""
         self._awaited.pop(number, None)
 
     async def call(self, call: Call, payload: bytes = b"", within_s: float = HANDSHAKE_S) -> Frame:
-        """Ask and wait. Raise ``WireDown`` when the base refuses, or does not answer."""
+        """Send a request and wait for its response. Raise ``WireDown`` if the base refuses or does not
+        respond."""
         number = self.ask(call, payload)
         try:
-            found = await self.answer(number, within_s)
+            response = await self.answer(number, within_s)
         finally:
             self.forget(number)
-        if found is None:
+        if response is None:
             raise WireDown(f"{self._name}: no answer to {call.name} within {within_s:g} s. Check the base")
-        if found.error:
-            raise CallRefused(f"{self._name}: {Refusal(call, found.sub_error).text}")
-        return found
+        if response.error:
+            raise CallRefused(f"{self._name}: {Refusal(call, response.sub_error).text}")
+        return response
 
     async def number(self, call: Call) -> int:
-        """Ask for what is one number. Raise ``WireDown``."""
-        found = await self.call(call)
+        """Send a request whose response is one number, and return the number. Raise ``WireDown``."""
+        response = await self.call(call)
         try:
-            return p.decode_number(found.payload)
+            return p.decode_number(response.payload)
         except MalformedFrame as error:
             raise WireDown(f"{self._name}: {call.name}: {error}") from None
 
     async def log_in(self, username: str, password: str) -> None:
-        """Open a session. Raise ``WireDown``, which names no password."""
+        """Open a session. Raise ``WireDown``, without the password in its text."""
         try:
             created = await self.call(Call.CREATE_SESSION, p.Login(username, password).encode())
         except CallRefused as refused:
@@ -165,7 +174,7 @@ class KortexClient:
     def _send(self, call: Call, payload: bytes) -> int:
         now_ns = self._clock.now_ns()
         if not self._open or now_ns - self._asked_ns > SILENT_S * NS:
-            self._waiting_since_ns = now_ns  # nobody was waiting, or nobody asked
+            self._waiting_since_ns = now_ns  # No request was open, or none was sent for SILENT_S.
         self._asked_ns = now_ns
         number = self.page.next_number()
         self._stream.write(Frame(p.Kind.REQUEST, call, number, self.page.session, payload).encode())
@@ -178,7 +187,7 @@ class KortexClient:
         for frame in self._decoder.feed(data):
             asked = self._open.pop(frame.message, None) if frame.kind == p.Kind.RESPONSE else None
             if asked != frame.call:
-                continue  # a notification, an answer to somebody before us, or one that is damaged
+                continue  # A notification, a response to an earlier client, or a damaged frame.
             self._waiting_since_ns = self._clock.now_ns()
             if frame.message in self._awaited:
                 self._awaited[frame.message] = frame

@@ -1,4 +1,4 @@
-"""What the wire and the stop channel of a Gen3 know of it."""
+"""The frozen settings that the wire and the stop channel share."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ class KinovaConfig(msgspec.Struct, frozen=True):
     fastest_rad_s: float
     period_s: float
     silent_s: float
-    """So long without a speed that was earned, or without an answer, and the arm is stopped."""
+    """The arm is stopped after this long without a new speed from us, or without new feedback."""
 
     def address(self) -> tuple[str, int]:
-        """Raise ``ValueError`` for a ``port`` that is no address."""
+        """Return host and port. Raise ``ValueError`` if ``port`` is not an address."""
         return parse_address(self.port, TCP_PORT)

@@ -1,8 +1,8 @@
-"""Kinova Gen3 arms on Kortex: kinova_gen3, with seven joints.
+"""Drive Kinova Gen3 arms through Kortex: kinova_gen3, with seven joints.
 
-The base takes joint speeds, which never expire. So the wire sends speeds in every control period as
-long as they are earned, and ``Stop`` when they are not; and before anything is energised the root
-has its own way to send it.
+The base takes joint speeds, and these never expire. The wire therefore sends speeds in every control
+period while a command is valid, and ``Stop`` as soon as it expires. Before anything is energised, the root has a
+separate way to send ``Stop`` (``stop_channel``).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from .gates import CONDITIONS, all_gates, needed_speeds
 from .robots import TABLES
 
 SILENT_PERIODS = 3
-"""So many periods without a speed that was earned, and the arm is stopped."""
+"""Number of periods without a new speed, or without new feedback, after which the arm is stopped."""
 
 
 class Options(DriverOptions, frozen=True):
@@ -61,27 +61,27 @@ class Kinova(Driver):
         return plain(read_options(robot, Options, options))
 
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
-        wanted = read_options(robot, Options, options)
+        chosen = read_options(robot, Options, options)
         table = TABLES.table(robot)
         self.robot = TABLES.canonical(robot)
         fastest_rad_s = float(table["gate_rad_s"])
-        period_s = 1.0 / wanted.control_frequency
+        period_s = 1.0 / chosen.control_frequency
         silent_s = SILENT_PERIODS * period_s
         self.timing = Timing(
-            control_hz=wanted.control_frequency,
-            keepalive_s=period_s / 2,  # less than a period: in each of them
+            control_hz=chosen.control_frequency,
+            keepalive_s=period_s / 2,  # less than a period, so that each period has one
             stream_ttl_s=silent_s,
             oneshot_ttl_s=None,
             state_ttl_s=silent_s,
             arm_s=3.0,
-            tick_s=period_s / 2,  # so that a period is whole ticks
+            tick_s=period_s / 2,  # a period is a whole number of ticks
             heartbeat_ttl_s=silent_s,
         )
         self.declare(Part(PartKind.ARM, tuple(_axes(table, fastest_rad_s))))
         self.config = KinovaConfig(
             robot=self.robot,
             port=port,
-            login=(wanted.username, wanted.password),
+            login=(chosen.username, chosen.password),
             axes=self.axes,
             fastest_rad_s=fastest_rad_s,
             period_s=period_s,
@@ -93,7 +93,7 @@ class Kinova(Driver):
         self.config.address()
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
-        """Return the targets, then the speed that each of them needs."""
+        """Return the targets, followed by the speed that each of them needs."""
         parsed = parse_action(action, self.robot, self.table, self._index, state.target[: len(self.table)])
         if isinstance(parsed, Refused):
             return parsed
@@ -104,7 +104,8 @@ class Kinova(Driver):
         return super().as_json(values[: len(self.axes)])
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
-        """Return what was asked for in rad/s: what is sent slows down as the arm gets there."""
+        """Return the speeds that the targets need, in rad/s. The wire begins with these speeds and slows
+        down as the arm arrives."""
         named = {str(key).removesuffix(".pos") for key in action}
         speeds = dict(zip(self.axes, values[len(self.axes) :], strict=True))
         return {

@@ -1,4 +1,4 @@
-"""What is refused before it reaches the base. Pure; nothing is ever clipped."""
+"""Conditions and gates that refuse a setpoint before it reaches the base. Pure; nothing is ever clipped."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from . import speeds
 from .protocol import ArmState, arm_state_name
 
 BASE = "base"
-"""Key of ``Observation.faults`` under which stands why the wire sends no speeds any more."""
+"""Key of ``Observation.faults`` for the reason why the wire no longer sends speeds."""
 
 _ROUNDING = 1e-9
 
 
 def all_gates(axes: Sequence[Axis], state_ttl_s: float, period_s: float) -> tuple[GateCheck, ...]:
-    """Return the gates in the order in which they are asked: the first that refuses answers."""
+    """Return the gates in the order of their checks. The first that refuses gives the answer."""
     return stale(axes, state_ttl_s), past_range(axes), too_fast(axes, period_s)
 
 
 def needed_speeds(target: Sequence[float], state: GateState, period_s: float) -> tuple[float, ...]:
-    """Return the speeds that lead from where the arm is now to ``target`` in one period."""
+    """Return the speeds that take the arm from its present position to ``target`` in one period."""
     seen = state.observation
     velocity = seen.velocity or (0.0,) * len(seen.position)
     now = speeds.position_now(seen.position, velocity, (state.now_ns - seen.t_ns) / NS)
@@ -38,9 +38,11 @@ def needed_speeds(target: Sequence[float], state: GateState, period_s: float) ->
 
 
 def too_fast(axes: Sequence[Axis], period_s: float) -> GateCheck:
-    """Refuse a target that is further from where the joint is than it may turn in one control
-    period, of a stream, too: an arm that does not keep up with its stream is not chased after
-    it."""
+    """Refuse a target that is further from the measured position than a joint may turn in one control
+    period.
+
+    This also holds for a stream: if the arm falls behind its stream, it must not chase it.
+    """
 
     def too_fast(candidate: Candidate, state: GateState) -> Refused | None:
         for at in candidate.named:
@@ -60,14 +62,16 @@ def too_fast(axes: Sequence[Axis], period_s: float) -> GateCheck:
 
 
 def refuse_state(state: int, fault_bank: int) -> Refused | None:
-    """Refuse a base that would not move its arm. Arming asks the same."""
+    """Refuse a base that would not move its arm. Arming makes the same check."""
     if state == ArmState.SERVOING_READY:
         return None
-    name, wanted = arm_state_name(state), arm_state_name(ArmState.SERVOING_READY)
+    name, required = arm_state_name(state), arm_state_name(ArmState.SERVOING_READY)
     if state == ArmState.IN_FAULT:
         why = f"base in fault (bank 0x{fault_bank:x})"
-        return Refused(KinovaCode.BASE_IN_FAULT, why, "clear it, then reconnect", name, wanted)
-    return Refused(KinovaCode.ARM_STATE, f"the arm is {name}", "make it ready on the base's own page", name, wanted)
+        return Refused(KinovaCode.BASE_IN_FAULT, why, "clear it, then reconnect", name, required)
+    return Refused(
+        KinovaCode.ARM_STATE, f"the arm is {name}", "make it ready on the base's own page", name, required
+    )
 
 
 def base_ready(observation: Observation, now_ns: int) -> Refused | None:
@@ -76,8 +80,8 @@ def base_ready(observation: Observation, now_ns: int) -> Refused | None:
 
 
 def commanded(observation: Observation, now_ns: int) -> Refused | None:
-    """Refuse when the wire has stopped the arm by itself, or the base takes its speeds no more:
-    motion does not go on by itself after that."""
+    """Refuse after the wire has stopped the arm by itself, or the base has refused its speeds. Motion does
+    not continue by itself after that."""
     why = observation.faults.get(BASE)
     return None if why is None else Refused(KinovaCode.STOPPED, why, "call resume()", why)
 

@@ -1,9 +1,9 @@
-"""Kortex over TCP: frames, and the few messages that a Gen3 arm needs. Pure.
+"""Encode and decode Kortex over TCP: frames, and the few messages that a Gen3 arm needs. Pure.
 
-A frame is eight bytes of magic, a big-endian length, and a protobuf ``Frame`` of a header and a
-payload. Layout: the vendor's public protobuf definitions and API reference (Kortex 2.6). The byte
-order of the length and where a session's id stands were seen with the vendor's Python client 2.6.0.
-What is in neither is marked [assumed].
+A frame is eight bytes of magic, a big-endian length, and a protobuf ``Frame`` with a header and a
+payload. The layout is from the vendor's public protobuf definitions and API reference (Kortex 2.6). The
+byte order of the length and the place of the session id were observed with the vendor's Python client
+2.6.0. Facts from neither source are marked [assumed].
 
 Function ids, error codes and states keep the vendor's names, in English.
 """
@@ -24,8 +24,7 @@ MAGIC = b"\x07xEtRoK\x07"
 JOINTS = 7
 
 MAX_FRAME = 8192
-"""Bytes of one protobuf ``Frame``. The longest that is used here, the feedback, has fewer than
-1000."""
+"""Most bytes of one protobuf ``Frame``. The longest one in use, the feedback, has fewer than 1000."""
 
 _HEAD = len(MAGIC) + 4
 _VERSION = 1
@@ -75,7 +74,7 @@ class ServoingMode(enum.IntEnum):
 
 
 class SubError(enum.IntEnum):
-    """Why a call failed."""
+    """Reason why a call failed."""
 
     METHOD_FAILED = 1
     INVALID_PARAM = 3
@@ -92,16 +91,16 @@ class SubError(enum.IntEnum):
 
 
 ERROR_OF_SERVER = 1
-"""Of the error codes; a client's is 2, a device's 3."""
+"""Error code for an error of the server. A client's error has 2, a device's 3."""
 
 
 def arm_state_name(state: int) -> str:
-    """Return ``SERVOING_READY (7)``."""
+    """Return the name and the number of a state, as ``SERVOING_READY (7)``."""
     return _named(ArmState, state)
 
 
 def sub_error_name(number: int) -> str:
-    """Return ``ROBOT_IN_FAULT (22)``."""
+    """Return the name and the number of a sub-error, as ``ROBOT_IN_FAULT (22)``."""
     return _named(SubError, number)
 
 
@@ -116,19 +115,19 @@ def _named(kind: type[enum.IntEnum], number: int) -> str:
 
 
 class Frame(msgspec.Struct, frozen=True):
-    """One request, response or notification. ``message``: number of the request, which its response
-    repeats."""
+    """One request, response or notification. ``message`` is the number of the request. Its response
+    repeats it."""
 
     kind: int
     call: int
     message: int
     session: int
     payload: bytes = b""
-    error: int = 0  # who failed; 0: nobody
+    error: int = 0  # the part that failed, as ``ERROR_OF_SERVER``; 0 for success
     sub_error: int = 0
 
     def encode(self) -> bytes:
-        """Return the bytes on the wire."""
+        """Return the bytes for the wire."""
         words = (
             _VERSION << 28 | self.kind << 24 | self.error << 12 | self.sub_error,  # device 0: the base
             self.session << 16 | self.message,
@@ -141,11 +140,11 @@ class Frame(msgspec.Struct, frozen=True):
 
 
 def decode(body: bytes) -> Frame:
-    """Return the frame of a protobuf ``Frame``. Raise ``MalformedFrame``."""
-    found = pb.message(body)
-    header = pb.message(pb.last_bytes(found, 1))
+    """Decode the protobuf ``Frame`` without magic and length. Raise ``MalformedFrame``."""
+    fields = pb.message(body)
+    header = pb.message(pb.last_bytes(fields, 1))
     info, message, service, size = (pb.last_int(header, number) & 0xFFFF_FFFF for number in (1, 2, 3, 4))
-    payload = pb.last_bytes(found, 2)
+    payload = pb.last_bytes(fields, 2)
     if size & 0xFF_FFFF != len(payload):
         raise MalformedFrame(f"kortex: {size & 0xFF_FFFF} bytes of payload announced, {len(payload)} there")
     return Frame(
@@ -160,16 +159,19 @@ def decode(body: bytes) -> Frame:
 
 
 class Decoder:
-    """A stream of bytes to frames. What is no frame is skipped up to the next magic, and counted: a
-    stop must reach a base on a connection whose answers cannot be read, and one that another
-    process has begun to read."""
+    """Decode a stream of bytes into frames. Bytes that form no frame are skipped up to the next magic, and
+    counted.
+
+    They raise no error, because a stop must also reach a base whose responses cannot be decoded. Another
+    process may also have read a part of a frame from this connection before.
+    """
 
     def __init__(self) -> None:
-        self.skipped = 0  # stretches of bytes that were no frame
+        self.skipped = 0  # number of skipped stretches of bytes
         self._pending = b""
 
     def feed(self, data: bytes) -> Iterator[Frame]:
-        """Yield each whole frame."""
+        """Yield each complete frame."""
         self._pending += data
         while self._align() and len(self._pending) >= _HEAD:
             size = int.from_bytes(self._pending[len(MAGIC) : _HEAD], "big")
@@ -182,20 +184,21 @@ class Decoder:
             try:
                 frame = decode(body)
             except MalformedFrame:
-                self._skip(len(MAGIC))  # the length may be what is wrong: look for the next magic right here
+                # The length itself may be wrong, so look for the next magic directly after this one.
+                self._skip(len(MAGIC))
                 continue
             self._pending = self._pending[_HEAD + size :]
             yield frame
 
     def _align(self) -> bool:
-        """Drop what stands before the next magic, or before what may be its beginning. Return
-        whether anything is left."""
-        at = self._pending.find(MAGIC)
-        if at < 0:
+        """Drop the bytes before the next magic, or before a possible beginning of it. Return whether any
+        bytes are left."""
+        start = self._pending.find(MAGIC)
+        if start < 0:
             begins = (size for size in range(len(MAGIC) - 1, 0, -1) if self._pending.endswith(MAGIC[:size]))
-            at = len(self._pending) - next(begins, 0)
-        if at:
-            self._skip(at)
+            start = len(self._pending) - next(begins, 0)
+        if start:
+            self._skip(start)
         return bool(self._pending)
 
     def _skip(self, count: int) -> None:
@@ -211,7 +214,8 @@ class Login(msgspec.Struct, frozen=True):
 
     username: str
     password: str
-    session_ms: int = 60_000  # without a request for so long the session ends; the vendor's own examples
+    # The session ends after this long without a request. Both values are from the vendor's examples.
+    session_ms: int = 60_000
     connection_ms: int = 2_000
 
     def encode(self) -> bytes:
@@ -225,12 +229,12 @@ class Login(msgspec.Struct, frozen=True):
     @classmethod
     def decode(cls, data: bytes) -> Login:
         """Raise ``MalformedFrame``."""
-        found = pb.message(data)
+        fields = pb.message(data)
         try:
-            username, password = (pb.last_bytes(found, number).decode() for number in (1, 3))
+            username, password = (pb.last_bytes(fields, number).decode() for number in (1, 3))
         except UnicodeDecodeError:
             raise MalformedFrame("kortex: a name that is no UTF-8") from None
-        return cls(username, password, pb.last_int(found, 2), pb.last_int(found, 4))
+        return cls(username, password, pb.last_int(fields, 2), pb.last_int(fields, 4))
 
 
 def encode_number(value: int) -> bytes:
@@ -244,7 +248,7 @@ def decode_number(data: bytes) -> int:
 
 
 def encode_speeds(deg_s: Sequence[float]) -> bytes:
-    """Encode ``JointSpeeds`` of all joints. Without durations: the API reference calls them not
+    """Encode ``JointSpeeds`` of all joints, without durations. The API reference calls durations not
     implemented."""
     return b"".join(
         pb.bytes_field(1, pb.varint_field(1, joint) + pb.float_field(2, value)) for joint, value in enumerate(deg_s)
@@ -252,7 +256,7 @@ def encode_speeds(deg_s: Sequence[float]) -> bytes:
 
 
 def decode_speeds(data: bytes) -> dict[int, float]:
-    """Return joint to degrees per second. Raise ``MalformedFrame``."""
+    """Return degrees per second by joint number. Raise ``MalformedFrame``."""
     speeds: dict[int, float] = {}
     for joint in _messages(pb.message(data), 1):
         speeds[pb.last_int(joint, 1)] = pb.last_float(joint, 2)
@@ -272,8 +276,11 @@ class Actuator(msgspec.Struct, frozen=True):
 
 
 class Feedback(msgspec.Struct, frozen=True):
-    """``BaseCyclic.Feedback``, what is used of it. ``frame``: number of the cycle in which it was
-    measured: one that is repeated says nothing of now."""
+    """The fields of ``BaseCyclic.Feedback`` that are used.
+
+    ``frame`` is the number of the cycle of the measurement. A feedback that repeats it has no new
+    measurement.
+    """
 
     arm_state: int
     actuators: tuple[Actuator, ...]
@@ -283,7 +290,7 @@ class Feedback(msgspec.Struct, frozen=True):
     frame: int = 0
 
     def unwrapped(self, known: Sequence[float]) -> tuple[float, ...]:
-        """Return where the joints are, in radians. ``known``: where they were last."""
+        """Return the joint positions in radians, as ``unwrap`` with the last positions in ``known``."""
         return unwrap([math.radians(one.position_deg) for one in self.actuators], known)
 
     def encode(self) -> bytes:
@@ -298,29 +305,36 @@ class Feedback(msgspec.Struct, frozen=True):
 
     @classmethod
     def decode(cls, data: bytes) -> Feedback:
-        """Raise ``MalformedFrame``, for numbers that are not finite, too."""
-        found = pb.message(data)
-        base = pb.message(pb.last_bytes(found, 2))
+        """Decode a feedback. Raise ``MalformedFrame``, also for numbers that are not finite."""
+        fields = pb.message(data)
+        base = pb.message(pb.last_bytes(fields, 2))
         return cls(
             pb.last_int(base, 2),
-            tuple(_actuator(one) for one in _messages(found, 3)),
+            tuple(_actuator(one) for one in _messages(fields, 3)),
             _finite(base, 3),
             (_finite(base, 13), _finite(base, 14), _finite(base, 15)),
             (pb.last_int(base, 31), pb.last_int(base, 32)),
-            pb.last_int(found, 1),
+            pb.last_int(fields, 1),
         )
 
 
 def unwrap(seen: Sequence[float], known: Sequence[float]) -> tuple[float, ...]:
-    """Return angles that are known up to whole turns as those nearest to where the joints were: no
-    joint makes half a turn between two readings."""
+    """Return angles without the ambiguity of whole turns.
+
+    Each result is the one nearest to the last position, because no joint makes half a turn between two
+    readings.
+
+    Args:
+        seen: Measured angles in radians, known up to whole turns.
+        known: Last positions in radians.
+    """
     return tuple(
         before + (angle - before + math.pi) % math.tau - math.pi for angle, before in zip(seen, known, strict=True)
     )
 
 
 _ACTUATOR_FLOATS = (4, 5, 6, 7, 9, 10)
-"""Fields of an actuator's feedback, as ``Actuator`` has them."""
+"""Field numbers of an actuator's feedback, in the order of ``Actuator``."""
 
 
 def _encode(actuator: Actuator) -> bytes:

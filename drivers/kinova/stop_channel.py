@@ -1,12 +1,12 @@
-"""The root's way to the base: a session of its own, and the wire's.
+"""The root's stop channel to the base. It uses a separate session and the wire's session.
 
-Nobody of us has seen whether a base lets a second session stop the arm. So the root opens one, and
-has the wire's, too: a descriptor of its connection, and its id and counter in memory that both
-processes share. A stop is sent on both, and when neither is answered, on a session opened for it. A
-base that takes no second session is stopped on the wire's alone.
+Whether a base lets a second session stop the arm was never seen on a real one. The root therefore
+opens a session and also shares the wire's: a descriptor of its connection, and its id and counter in
+memory that both processes map. A stop is sent on both. If neither is answered, another session is
+opened for it. A base that takes no second session is stopped on the wire's session alone.
 
-When the wire's connection does not get rid of what was written to it, a stop would come behind joint
-speeds, and these behind the stop of the other session. So it is reset first.
+If bytes are stuck in the wire's connection, a stop there would arrive behind joint speeds, and these
+would arrive after the stop of the other session. So that connection is reset first.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from .protocol import Call
 from .stopping import stop_arm
 
 KEEP_S = 0.5
-"""A base forgets a session that says nothing for 2 s."""
+"""Period of the keepalive. A base drops a session after 2 s without a request."""
 
 
 class KinovaStopChannel(KeptSession[KinovaConfig, KortexClient]):
@@ -44,8 +44,11 @@ class KinovaStopChannel(KeptSession[KinovaConfig, KortexClient]):
         open_stream: OpenStream = open_tcp,
         wires: KortexClient | None = None,
     ) -> None:
-        """``descriptors``: of the wire's connection and of its page, where they were handed over.
-        ``wires``: that connection, in the wire's own process, which closes it."""
+        """
+        Args:
+            descriptors: The wire's connection and its page, if they were handed over.
+            wires: The wire's client, when the channel runs in the wire process. The wire closes it.
+        """
         super().__init__(config, descriptors, clock)
         self._open_stream = open_stream
         self._newest: KortexClient | None = None  # opened by the last stop
@@ -93,8 +96,8 @@ class KinovaStopChannel(KeptSession[KinovaConfig, KortexClient]):
         return reports
 
     def close(self) -> None:
-        """Close our own sessions at the base, too: one that it still keeps could come before the
-        next wire's."""
+        """Also close our sessions at the base. A session that the base still keeps could take the place of
+        the next wire's."""
         for client in (self.session, self._newest):
             if client is not None:
                 with contextlib.suppress(WireDown):
@@ -106,7 +109,7 @@ class KinovaStopChannel(KeptSession[KinovaConfig, KortexClient]):
         self._newest = self._wires = None
 
     def _log_out(self) -> None:
-        """A base may have room for one session only. A further stop opens another one."""
+        """End all sessions, because a base may have room for only one. A further stop opens another."""
         if self._wires is not None:
             with contextlib.suppress(WireDown):
                 self._wires.tell(Call.CLOSE_SESSION)

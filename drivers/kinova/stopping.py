@@ -1,4 +1,15 @@
-"""How an arm is stopped: by the wire on its own session, by the root on every way it has."""
+"""Stop an arm. The wire uses its own session, the root every session that it has.
+
+The steps of one stop:
+
+1. Send ``Stop`` on every connection, before waiting for any response. Repeat it until it is answered.
+2. If no connection answers within ``ANEW_S``, open another session and send it there, too.
+3. If the base refuses ``Stop`` and no connection shows the arm at rest, send ``ApplyEmergencyStop``. The
+   base is in fault after that.
+
+A joint counts as standing still only by new feedback: a repeated frame number is no measurement. An
+arm at rest counts as safe only if the base has acknowledged the order, or is in fault.
+"""
 
 from __future__ import annotations
 
@@ -15,49 +26,49 @@ from .client import KortexClient, Refusal
 from .protocol import JOINTS, ArmState, Call, Feedback, Frame
 
 AGAIN_S = 0.025
-"""An order that was not answered by then is sent again."""
+"""An order without a response is sent again after this time."""
 
 LOOK_S = 0.2
-"""How long a reading waits for its answer."""
+"""Timeout of one reading."""
 
 POLL_S = 0.01
 ANEW_S = 0.1
-"""When a connection has answered nothing for so long, another one is opened."""
+"""Another connection is opened after this long without any acknowledgement."""
 
 STANDS_S = {Call.STOP: 0.8, Call.APPLY_EMERGENCY_STOP: 0.4}
-"""How long each order may take until the arm stands: from top speed 0.2 s [assumed]. Together they
-fit into what a stop may take."""
+"""How long the arm may take to stand still after each order: from top speed 0.2 s [assumed]. Their sum
+fits into the time limit of a stop."""
 
 STANDING_DEG_S = 0.5
-"""A joint that shows less stands [assumed]: measured speeds are not still."""
+"""A joint below this speed counts as standing still [assumed], because measured speeds are noisy."""
 
 STEADY_S = 0.05
-"""For so long: one that turns round, or has not yet followed what was sent last, shows no speed for
-a moment."""
+"""A joint must stand still for this long. One that changes direction, or does not follow the last speed
+yet, shows speed zero for a moment."""
 
 
 class _Way:
-    """One connection on which the arm is told to stop, and what is known there."""
+    """One connection on which the arm is ordered to stop, and the state observed there."""
 
     def __init__(self, client: KortexClient) -> None:
         self._client = client
-        self._orders: list[int] = []  # whose answers have not come
+        self._orders: list[int] = []  # numbers of the orders without a response
         self.written = self.refused = self.acknowledged = False
-        self.feedback: Feedback | None = None  # from after an answered order
-        self._stands_still = False  # the feedback: the last answer had the frame of the one before
-        self._moved_s = [math.inf] * JOINTS  # when each was last seen to move
+        self.feedback: Feedback | None = None  # read after an answered order
+        self._stands_still = False  # the last feedback repeated its frame number
+        self._moved_s = [math.inf] * JOINTS  # when each joint was last seen to move
         self.seen_s = 0.0
-        self.is_over = False  # the present order has been followed to its end
+        self.is_over = False  # ``follow`` has ended for the present order
         self.detail = "silent"
 
     @property
     def moving(self) -> set[int]:
-        """Joints that are not known to stand."""
+        """The joints that are not confirmed to stand still."""
         return {at for at, moved_s in enumerate(self._moved_s) if not self.seen_s - moved_s >= STEADY_S}
 
     @property
     def believed(self) -> bool:
-        """Whether an arm that stands goes on standing: it was told to, or its base is in fault."""
+        """Whether an arm that stands still stays so: the base acknowledged the order, or is in fault."""
         in_fault = self.feedback is not None and self.feedback.arm_state == ArmState.IN_FAULT
         return self.acknowledged or in_fault
 
@@ -66,7 +77,7 @@ class _Way:
         return self.believed and not self.moving
 
     def order(self, call: Call) -> None:
-        """Send it. Never raises."""
+        """Send the order. Never raises."""
         try:
             self.is_over = False
             self._orders = [self._client.ask(call)]
@@ -75,7 +86,7 @@ class _Way:
             self.detail = str(down)
 
     async def follow(self, call: Call) -> None:
-        """Until the arm stands, or the base refuses. Never raises."""
+        """Wait until the arm stands still or the base refuses. Never raises."""
         if not self.written:
             return
         try:
@@ -103,7 +114,7 @@ class _Way:
         return "its feedback stands still" if self._stands_still else "moves"
 
     async def _answer_to_order(self) -> Frame | None:
-        """Return the answer to any of the orders, however late it is."""
+        """Return the response to any of the orders, however late it is."""
         await self._client.listen(self._orders[-1], AGAIN_S)
         return next((answer for number in self._orders if (answer := self._client.taken(number))), None)
 
@@ -123,7 +134,7 @@ class _Way:
         first = self.feedback is None
         self._stands_still = self.feedback is not None and seen.frame == self.feedback.frame
         if self._stands_still:
-            return  # measured before: no joint is seen to stand by that
+            return  # This measurement is an old one. It does not show that a joint stands still.
         self.feedback, self.seen_s = seen, trio.current_time()
         for at, one in enumerate(seen.actuators):
             if first or abs(one.velocity_deg_s) >= STANDING_DEG_S:
@@ -131,7 +142,7 @@ class _Way:
 
 
 Another = Callable[[], Awaitable[KortexClient]]
-"""Opens one more session. Raises ``WireDown``."""
+"""Opens another session. Raises ``WireDown``."""
 
 
 async def stop_arm(
@@ -140,11 +151,18 @@ async def stop_arm(
     another: Another | None = None,
     known: Sequence[float] = (),
 ) -> tuple[MotorReport, ...]:
-    """Send ``Stop`` on every connection before anything is waited for, and again until it is
-    answered; when none has answered soon, on ``another``, too. Where it is refused, and no other
-    connection stops the arm, send ``ApplyEmergencyStop``, after which the base is in fault. Report
-    each joint that was then seen to stand as safe. ``known``: where the joints were last; then it is
-    reported, too, where they stand. Never raises."""
+    """Stop the arm, as described at the top of this module. Never raises.
+
+    Args:
+        axes: The joints, in order.
+        clients: The connections to use.
+        another: Opens one more session when ``clients`` do not answer soon; None if only these may be used.
+        known: The last joint positions in rad. With them, a safe joint's report has its position as
+            target.
+
+    Returns:
+        A report per joint. A joint that was seen to stand still after the order is safe.
+    """
     ways = [_Way(client) for client in clients]
     await _try(Call.STOP, ways, another)
     if not any(way.confirmed for way in ways):
@@ -164,8 +182,8 @@ async def _try(call: Call, ways: list[_Way], another: Another | None = None) -> 
 
 
 async def _follow(way: _Way, call: Call, ways: Sequence[_Way], scope: trio.CancelScope) -> None:
-    """End with the first way that shows the arm at rest, but not before the other ways have answered:
-    speeds that wait on a slow connection would turn the arm again."""
+    """Follow one way. The first that shows the arm at rest ends the stop, once the other ways have ended,
+    too: speeds that are delayed on a slow connection could turn the arm again."""
     await way.follow(call)
     way.is_over = True
     if any(each.confirmed for each in ways) and all(each.is_over or not each.written for each in ways):
@@ -180,19 +198,20 @@ async def _follow_another(another: Another, ways: list[_Way], call: Call, scope:
     try:
         way = _Way(await another())
     except WireDown:
-        return  # what is known is told of the others
+        return  # The reports of the other ways stand.
     ways.append(way)
     way.order(call)
     await _follow(way, call, ways, scope)
 
 
 def _reports(axes: Sequence[str], ways: Sequence[_Way], known: Sequence[float]) -> tuple[MotorReport, ...]:
-    """By the way that knows best."""
+    """Return the reports of the way with the best confirmation."""
     if not ways:
         return NOT_CONNECTED.reports(axes)
     best = max(ways, key=lambda way: (way.confirmed, way.believed, way.written))
     stood = best.feedback.unwrapped(known) if best.feedback is not None and known else None
-    moving = {at for way in ways if way.seen_s >= best.seen_s for at in way.moving}  # by what was read last
+    # A joint that moves by any of the newest readings is moving.
+    moving = {at for way in ways if way.seen_s >= best.seen_s for at in way.moving}
     reports = []
     for at, axis in enumerate(axes):
         safe = best.believed and at not in moving

@@ -1,8 +1,7 @@
-"""The robot's end of the wire: a Kortex server on TCP with a base and its arm behind it.
+"""Simulate the robot's end of the wire: a Kortex server on TCP with a base and its arm behind it.
 
 Besides the control lines of every twin it takes ``state NAME`` and ``mode NAME``, with the names of
-``protocol.ArmState`` and ``protocol.ServoingMode``. Its wire log has no passwords: they are
-blanked.
+``protocol.ArmState`` and ``protocol.ServoingMode``. Passwords are blanked in its wire log.
 """
 
 from __future__ import annotations
@@ -74,7 +73,7 @@ class KinovaBody(ControlledBody):
 
 
 class KinovaTwin:
-    """One arm, for all clients."""
+    """One arm that all clients share."""
 
     def __init__(self, base: Base) -> None:
         self.base = base
@@ -82,7 +81,7 @@ class KinovaTwin:
         self.faults = Faults()
 
     def set_fault(self, fault: Fault, unit: int | None = None) -> None:
-        """``unit``: of no meaning here, there is one speaker."""
+        """Set a fault. ``unit`` has no meaning here, because there is only one server."""
         self.base.advance()
         self.base.set_fault(fault)
         self.faults.set(fault)
@@ -92,7 +91,7 @@ class KinovaTwin:
 
 
 class KortexSession:
-    """What hears one client."""
+    """The server's side of one client's connection."""
 
     def __init__(self, twin: KinovaTwin) -> None:
         self._twin = twin
@@ -103,7 +102,7 @@ class KortexSession:
             kind = self._twin.base.kind(frame)
             yield Exchange(kind, _without_password(frame).encode(), self._replies(frame, kind))
         if self._decoder.skipped:
-            raise ClientGone  # as a server does with what it cannot follow [assumed]
+            raise ClientGone  # A server closes the connection when it cannot decode it [assumed].
 
     def _replies(self, request: p.Frame, kind: str) -> list[Reply]:
         if request.kind != p.Kind.REQUEST or self._twin.faults.of(None) is Fault.OFF:
@@ -123,7 +122,7 @@ def _without_password(frame: p.Frame) -> p.Frame:
 
 
 class KinovaServer(TcpServer):
-    """Serves one arm, and makes its time pass: it moves on although nobody asks."""
+    """Serve one arm and advance its time. The arm moves between requests, too."""
 
     def __init__(self, twin: KinovaTwin, port: int, log: WireLog, host: str | None) -> None:
         super().__init__(twin, {port: answering(lambda: KortexSession(twin))}, log, host)
@@ -138,7 +137,7 @@ class KinovaServer(TcpServer):
             self.power_cycle()
 
     def power_cycle(self) -> None:
-        """Every connection ends, and no session is left."""
+        """End every connection and every session."""
         super().power_cycle()
         self.unplug()
         self.plug()
@@ -166,7 +165,7 @@ class KinovaServer(TcpServer):
 
 
 def twin_of(robot: str, **options: Any) -> KinovaTwin:
-    """The twin of a robot of ``robots.toml``; ``options`` of ``Base``."""
+    """Return the twin of a robot of ``robots.toml``. ``options`` are those of ``Base``."""
     return KinovaTwin(Base(TABLES.table(robot), **options))
 
 

@@ -1,11 +1,11 @@
-"""A Gen3's base in the wire process: what it feels, and the speeds that lead its arm to the target.
+"""Connect the wire process to the base of a Gen3: read its feedback, and send speeds towards the target.
 
-Joint speeds never expire, so their lifetime is kept here: when no speed was sent, or nothing new
-was heard, for three periods while joints may be turning, ``read`` sends ``Stop``, in every period
-until the base has answered it. After that no speed is sent before the arm is armed anew.
+Joint speeds never expire, so the wire itself enforces a lifetime. If no speed was sent, or no new
+feedback arrived, for three periods while joints may be turning, ``read`` sends ``Stop``. It repeats it in
+every period until the base answers. After that no speed is sent before the arm is armed again.
 
-A feedback that repeats the number of its frame is nothing new: corrected by it, an arm would turn
-without end.
+A feedback that repeats its frame number is not new. With corrections from old feedback, an arm would
+turn without end.
 """
 
 from __future__ import annotations
@@ -37,38 +37,38 @@ from .stop_channel import KinovaStopChannel
 from .stopping import POLL_S, STANDING_DEG_S, stop_arm
 
 READ_S = 0.01
-"""How long one reading waits for its answer; the next one takes it."""
+"""Timeout of one reading. A later response is taken by the next reading."""
 
 FORGET_S = 1.0
-"""An answer that is later tells nothing of now."""
+"""The response to a reading is discarded after this time, because it is too old."""
 
 
 class SharedStream(ByteStream, Protocol):
-    """A connection that another process can be given."""
+    """A connection whose descriptor another process can receive."""
 
     def fileno(self) -> int: ...
 
 
 class KinovaSession:
-    """What exists between ``open`` and ``close``."""
+    """The state that exists between ``open`` and ``close``."""
 
     def __init__(self, client: KortexClient, stream: SharedStream, page_fd: int) -> None:
         self.client = client
         self.stream = stream
         self.page_fd = page_fd
-        self.asked_ns: dict[int, int] = {}  # readings that were not answered yet
+        self.asked_ns: dict[int, int] = {}  # time of each reading that has no response yet
         self.feedback = Feedback(0, ())
         self.position: tuple[float, ...] = (0.0,) * p.JOINTS  # unwrapped, of the newest feedback
-        self.stamp_ns = 0  # when the newest feedback was asked for
-        self.still_s = 0.0  # how long it is known to repeat itself: the base answers, and measures nothing
+        self.stamp_ns = 0  # when the newest feedback was requested
+        self.still_s = 0.0  # how long the feedback has repeated itself: the base responds but does not measure
         self.course: Course | None = None
         self.sent_ns = 0
-        self.turning = False  # joints may be, by speeds of ours
-        self.stops: list[int] = []  # those that ``read`` has sent, and nobody has answered
-        self.lost = ""  # why no speeds are sent before the next arming
+        self.turning = False  # joints may be turning because of our speeds
+        self.stops: list[int] = []  # numbers of the stops from ``read`` that have no response yet
+        self.lost = ""  # the reason why no speeds are sent before the next arming
 
     def take(self, number: int) -> None:
-        """Take the answer to a reading, if it has come, and is newer than what is known."""
+        """Take the response to a reading, if it has arrived and is newer than the present feedback."""
         answer = self.client.taken(number)
         if answer is None:
             return
@@ -78,7 +78,7 @@ class KinovaSession:
         try:
             feedback = Feedback.decode(answer.payload)
         except MalformedFrame:
-            return  # what cannot be read tells nothing: what is known grows old
+            return  # Malformed feedback is ignored. The present feedback ages.
         if len(feedback.actuators) != p.JOINTS:
             return
         if self.feedback.actuators and feedback.frame == self.feedback.frame:
@@ -88,7 +88,7 @@ class KinovaSession:
         self.feedback, self.stamp_ns, self.still_s = feedback, asked_ns, 0.0
 
     def forget_stops(self) -> None:
-        """What is still answered to them tells nothing of what was sent later."""
+        """Discard the responses to earlier stops. They do not cover any later speed."""
         for number in self.stops:
             self.client.forget(number)
         self.stops.clear()
@@ -144,7 +144,7 @@ class KinovaWire(SessionWire[KinovaSession]):
             permit.check()
             await client.call(Call.SET_SERVOING_MODE, p.encode_number(ServoingMode.SINGLE_LEVEL))
         permit.check()
-        # To stand still is the first command: a base that takes no speeds says so now.
+        # The first command is speed zero, so that a base that takes no speeds refuses it now.
         await client.call(Call.SEND_JOINT_SPEEDS, p.encode_speeds([0.0] * p.JOINTS))
         await self._refresh(session)
         session.forget_stops()
@@ -194,7 +194,7 @@ class KinovaWire(SessionWire[KinovaSession]):
         return reports
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """On the connection that was lost, if it still takes anything, and on one of its own."""
+        """Stop the arm on the lost connection, if it still takes bytes, and on a new session."""
         session = self.session_or_none
         wires = None if session is None else session.client
         channel = KinovaStopChannel(self._config, (), self._clock, self._open_stream, wires)
@@ -230,13 +230,13 @@ class KinovaWire(SessionWire[KinovaSession]):
             session.take(number)
 
     async def _see_it_measure(self, session: KinovaSession) -> None:
-        """Take two readings: one may be the last of a base whose feedback stands still. Raise
-        ``WireDown`` when they do not come."""
+        """Take two readings, since one may be the last of a base that no longer measures. Raise
+        ``WireDown`` if they do not arrive."""
         for _ in range(2):
             await self._refresh(session)
 
     async def _refresh(self, session: KinovaSession) -> None:
-        """Take a reading of now. Raise ``WireDown`` when none comes."""
+        """Take a new reading. Raise ``WireDown`` if it does not arrive."""
         before_ns, until_s = session.stamp_ns, trio.current_time() + HANDSHAKE_S
         while session.stamp_ns == before_ns:
             left_s = until_s - trio.current_time()
@@ -245,17 +245,17 @@ class KinovaWire(SessionWire[KinovaSession]):
             await session.client.listen(self._ask(session), left_s)
             self._collect(session)
             if session.stamp_ns == before_ns:
-                await trio.sleep(POLL_S)  # of the same cycle as the one before
+                await trio.sleep(POLL_S)  # The reading was of the previous cycle.
 
     def _look_for_refusal(self, session: KinovaSession) -> None:
         if session.client.refusal is not None and not session.lost:
             session.lost = session.client.refusal.text
 
     def _expire(self, session: KinovaSession) -> None:
-        """Stop an arm that may be turning, and is not led any more."""
+        """Stop an arm that may be turning and no longer gets valid speeds."""
         self._look_for_refusal(session)
         answers = [answer for number in session.stops if (answer := session.client.taken(number))]
-        for answer in answers[:1]:  # the others say the same
+        for answer in answers[:1]:  # The other responses are the same.
             session.forget_stops()
             if answer.error:
                 session.lost = f"the base refuses STOP: {p.sub_error_name(answer.sub_error)}"

@@ -1,4 +1,4 @@
-"""What the wire and the stop channel of a KUKA arm know of it."""
+"""The frozen settings that the wire and the stop channel share, and the UDP port of a process."""
 
 from __future__ import annotations
 
@@ -21,14 +21,17 @@ class KukaConfig(msgspec.Struct, frozen=True):
     stream_ttl_s: float
 
     def address(self) -> tuple[str, int]:
-        """Return the controller's address, empty for any, and the UDP port of both ends: the one
-        that ``port`` names, else ``fri_port``. Raise ``ValueError`` for a ``port`` that is no
-        address."""
+        """Return the controller's address, empty for any, and the UDP port of both ends.
+
+        The UDP port is the one in ``port``, or else ``fri_port``.
+
+        Raises:
+            ValueError: ``port`` is not an address.
+        """
         return parse_address(self.port, self.fri_port) if self.port else ("", self.fri_port)
 
     def numeric_host(self) -> str:
-        """Return the controller's address if it is given as a number; empty: not known without
-        asking."""
+        """Return the controller's address if it is given as a number. Empty if it would have to be resolved."""
         try:
             return str(IPv4Address(self.address()[0]))
         except ValueError:
@@ -44,21 +47,21 @@ class KukaConfig(msgspec.Struct, frozen=True):
 
 
 class KeptPort:
-    """The UDP port of this process, kept from one wire to the next: the root has a duplicate of its
-    socket, and another one could not be bound beside that."""
+    """The UDP port of this process, kept from one wire to the next. The root has a duplicate of its socket,
+    and a second socket could not be bound beside that."""
 
     def __init__(self, config: KukaConfig) -> None:
         self._config = config
         self._port: UdpListener | None = None
 
     async def get(self) -> UdpListener:
-        """Raise ``WireDown``."""
+        """Return the port, and open it first if needed. Raise ``WireDown``."""
         if self._port is None:
             self._port = await self._config.listen()
         return self._port
 
     def release(self) -> None:
-        """Give it back, which otherwise the end of the process does."""
+        """Close the port before the end of the process does."""
         if self._port is not None:
             self._port.close()
             self._port = None

@@ -1,8 +1,8 @@
-"""KUKA LBR iiwa 14 over FRI, joint by joint: ``kuka_iiwa``.
+"""Drive a KUKA LBR iiwa 14 through FRI, with joint positions: ``kuka_iiwa``.
 
-The controller speaks first and must be answered in every cycle. Holding is answering with the last
-commanded position, which is the safe state for every reason; the drives stay on, the brakes and the
-e-stop are the pendant's.
+The controller sends first, and the client must answer in every cycle. To hold means to answer with the last
+commanded position. This is the safe state for every reason. The drives stay on; the brakes and the e-stop
+belong to the pendant.
 """
 
 from __future__ import annotations
@@ -82,19 +82,19 @@ class Kuka(Driver):
         self.config.address()
 
     def first_target(self, observation: Observation) -> tuple[float, ...]:
-        """Return what the arm is told to hold: its measured position lags behind that."""
+        """Return the commanded position. The measured position lags behind it."""
         return observation.sensors.get("commanded_rad", observation.position)
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
-        """Return the whole target, with the time that the wire may spread it over. Joints that are
-        not named keep what they are told."""
+        """Return the target of all joints, followed by the time over which the wire may spread it. Joints
+        that are not named keep their commanded position."""
         parsed = super().parse(action, replace(state, target=last_target(state)))
         if isinstance(parsed, Refused):
             return parsed
         return Candidate((*parsed.values, span_s(state, self.period_s)), parsed.named)
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
-        """Return positions: what a target is spread over stands behind them."""
+        """Return the positions by name. The time after them in a target is left out."""
         return dict(zip(self.axes, values, strict=False))
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:

@@ -1,8 +1,8 @@
-"""What is refused before it reaches the arm. Every gate and condition is pure; nothing is ever
+"""Conditions and gates that refuse a setpoint before it reaches the arm. All are pure; nothing is ever
 clipped.
 
-A target is one position for each joint, radians, and behind them over how many seconds the wire
-spreads it. One without that is where the arm was held: nothing was accepted since then.
+A target has one position per joint in radians, followed by the time in seconds over which the wire spreads
+it. A target without that time is the position at which the arm was held: no setpoint was accepted since.
 """
 
 from __future__ import annotations
@@ -24,29 +24,29 @@ from strands_actors.kernel.refusals import Code
 from .protocol import JOINTS, ClientMode, ControlMode, Drive, Overlay, Quality, State, name_of
 
 LONGEST_STEP_S = 0.1
-"""A slower stream may not step further than a joint turns meanwhile."""
+"""Longest period for which a stream's step is allowed to grow. A slower stream gets no larger steps."""
 
 _ON_THE_PENDANT = "clear it on the pendant"
 
 
 def span_s(state: GateState, oneshot_s: float) -> float:
-    """Return over how long a step may be spread: the period of its stream."""
+    """Return the time over which a step may be spread: the period of its stream."""
     return min(state.period_s, LONGEST_STEP_S) if state.stream else oneshot_s
 
 
 def last_target(state: GateState) -> tuple[float, ...]:
-    """Return the position from which a step is counted. Before the first target it is what the arm
-    is told to hold now: the robot's own program may have moved it since it was armed or held."""
+    """Return the position from which a step is counted. Before the first target this is the position that
+    the arm is commanded to now: the robot's own program may have moved it since it was armed or held."""
     if len(state.target) == JOINTS and state.observation.t_ns > state.target_ns:
         return state.observation.sensors.get("commanded_rad", state.target)
     return state.target[:JOINTS]
 
 
-# -- what must be true for a motion to begin, and to go on
+# -- conditions for a motion to begin and to continue
 
 
 def conditions(axes: Sequence[Axis], state_ttl_s: float) -> tuple[Condition, ...]:
-    """Return them in the order in which they are asked: the first that refuses answers."""
+    """Return the conditions in the order of their checks. The first that refuses gives the answer."""
     of_the_session = (session, client_mode, control_mode, overlay, quality)
     checks = map(Condition, (safety, drives(axes), *of_the_session))
     return Condition(stale(state_ttl_s), is_silence=True), *checks
@@ -79,7 +79,7 @@ def drives(axes: Sequence[Axis]) -> ConditionCheck:
         row = observation.sensors.get("drive_state", ())
         if not row:
             return Refused(KukaCode.DRIVES, "the state of the drives is not known", _ON_THE_PENDANT, "", "ACTIVE")
-        # One number may stand for all joints.
+        # A controller may send one number for all joints.
         for axis, number in zip(axes, row, strict=False):
             if number != Drive.ACTIVE:
                 name = name_of(Drive, round(number))
@@ -101,7 +101,8 @@ def client_mode(observation: Observation, now_ns: int) -> Refused | None:
 
 
 def control_mode(observation: Observation, now_ns: int) -> Refused | None:
-    """What the arm does when the session ends is only known of position control."""
+    """Refuse other modes than position control. Only for this mode is it known what the arm does when the
+    session ends."""
     remedy = "use PositionControlMode in the robot program"
     return _refuse_other(observation, KukaCode.CONTROL_MODE, ControlMode.POSITION, "control mode", remedy)
 
@@ -122,17 +123,17 @@ def quality(observation: Observation, now_ns: int) -> Refused | None:
     return Refused(KukaCode.QUALITY, f"FRI connection quality is {name}", remedy, name, "GOOD")
 
 
-# -- of one setpoint
+# -- gates of one setpoint
 
 
 def gates(axes: Sequence[Axis], oneshot_s: float) -> tuple[GateCheck, ...]:
-    """Return them in the order in which they are asked: the first that refuses answers."""
+    """Return the gates in the order of their checks. The first that refuses gives the answer."""
     return (past_range(axes), too_fast(axes, oneshot_s))
 
 
 def too_fast(axes: Sequence[Axis], oneshot_s: float) -> GateCheck:
-    """Refuse a step further than a joint turns in one period of the stream, counted from the last
-    target. A command on its own is one period of the control loop."""
+    """Refuse a step from the last target that is larger than a joint turns in one period of the stream. The
+    period of a single command is that of the control loop."""
 
     def too_fast(candidate: Candidate, state: GateState) -> Refused | None:
         speeds = [axis.speed for axis in axes]

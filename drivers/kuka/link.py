@@ -1,8 +1,10 @@
-"""An FRI session on its socket: the newest message heard, its answer, and how an arm is brought to
-stand.
+"""An FRI session on its socket: receive messages, answer them, and bring the arm to a stand.
 
-Wire and stop channel use it alike: the one answers for as long as it lives, the other once the wire
-is gone.
+The wire uses it for its whole life. The stop channel uses it after the wire has ended.
+
+An arm counts as held when two answers have left since the stop began and the measured positions stand still.
+In a session that follows our answers, the controller must also have taken one of them: an answer may be lost,
+and an arm stands still at the end of every step.
 """
 
 from __future__ import annotations
@@ -33,26 +35,26 @@ from .robots import Arm
 from .session import LATE, RUN, FriSession, follow_each_other
 
 MOST_WAITING = 256
-"""Datagrams that are taken at once: a flood does not keep an answer waiting for longer. The system
-keeps no more for a socket."""
+"""Most datagrams to process at once, so that a flood cannot delay an answer further. The system buffers no
+more for a socket."""
 MOST_READ = 64
-"""Of those, the newest that are decoded: a message takes 0.1 ms."""
+"""Number of the newest of these that are decoded. One message takes 0.1 ms."""
 STANDING_RAD_S = 0.02
 STAND_S = 0.03
-"""Positions so far apart tell whether the arm stands."""
+"""Time between two positions that are compared to see whether the arm stands still."""
 ALONE_STAND_S = 0.1
-"""As that, of an arm that does not follow our answers [assumed]: a joint that nothing holds begins
-to fall from a stand, and its first hundredths of a second look like one."""
+"""The same for an arm that does not follow our answers [assumed]. A joint that nothing holds begins to fall
+from rest, and stands almost still in its first hundredths of a second."""
 HEAR_S = 0.3
-"""A controller that says nothing for so long is not there."""
+"""A controller that sends nothing for this long counts as absent."""
 CONFIRM_S = 0.8
-"""By then an arm that was at full speed has come to a stand [?]."""
+"""Longest time in which an arm at full speed comes to a stand [?]."""
 QUIET_CYCLES = 2.5
-"""Without a message for so many cycles a hold is sent unasked."""
+"""After this many cycles without a message, a hold is sent without a request."""
 
 
 class Link:
-    """``port``: it has met the controller, who said ``said``."""
+    """One session. ``port`` has received ``said`` from its controller."""
 
     def __init__(self, port: UdpListener, arm: Arm, clock: Clock, said: Monitoring) -> None:
         self.port = port
@@ -61,17 +63,17 @@ class Link:
         self.said = said
         self.heard_ns = self._written_ns = clock.now_ns()
         self.answers = 0
-        self.news = trio.Event()  # set, and replaced, with each message that was understood
+        self.news = trio.Event()  # set, and replaced, with each valid message
         self._clock = clock
         self._arm = arm
-        self._seen: deque[tuple[int, tuple[float, ...]]] = deque()  # positions of ALONE_STAND_S, and one before
+        # The positions of the last ALONE_STAND_S, and one earlier position.
+        self._seen: deque[tuple[int, tuple[float, ...]]] = deque()
         self._inbox = Inbox(port)
 
     async def hear(self) -> Monitoring:
-        """Return the newest message, once there is one that is understood, and news. Raise
-        ``WireDown``."""
+        """Wait for a new, valid message. Return the newest. Raise ``WireDown``."""
         while True:
-            # Noise and what was said before are no message: silence is judged by the last that was one.
+            # Noise and repeated messages do not count: the silence is measured from the last valid message.
             news = [said for said in self._inbox.messages(await self.port.read()) if self.session.hear(said)]
             if news:
                 self._take(news[-1])
@@ -79,7 +81,7 @@ class Link:
 
     def _take(self, said: Monitoring) -> None:
         if (said.sequence - self.said.sequence) & COUNTER > LATE:
-            self._seen.clear()  # a stand is seen in messages that follow each other
+            self._seen.clear()  # Only consecutive messages can show that the arm stands still.
         self.said, self.heard_ns = said, self._clock.now_ns()
         self._seen.append((self.heard_ns, said.position))
         while len(self._seen) > 2 and self.heard_ns - self._seen[1][0] >= ALONE_STAND_S * NS:
@@ -88,7 +90,7 @@ class Link:
         self.news = trio.Event()
 
     def answer(self, said: Monitoring) -> None:
-        """Answer a message, if it is one that wants it. Raise ``WireDown``."""
+        """Answer a message if an answer is due. Raise ``WireDown``."""
         if self.session.is_due(said):
             self._write(self.session.answer(said))
             self.answers += 1
@@ -99,19 +101,22 @@ class Link:
 
     @property
     def state(self) -> str:
-        """Return the name of the session's state."""
+        """The name of the session's state."""
         return name_of(State, self.said.state)
 
     def silent_s(self) -> float:
-        """Return for how long no message was understood."""
+        """Return the time since the last valid message."""
         return (self._clock.now_ns() - self.heard_ns) / NS
 
     # -- to a stand
 
     async def bring_to_stand(self, cycle: Callable[[], Awaitable[None]], detail: str) -> tuple[MotorReport, ...]:
-        """Look until answers that hold have left and the arm stands; where it is our answers that
-        hold it, until the controller has taken one of them, too. ``cycle`` returns when the next
-        message has been answered; it raises ``WireDown``. Never raises."""
+        """Wait until the arm is held, as defined at the top of this module. Never raises.
+
+        Args:
+            cycle: Returns when the next message has been answered. Raises ``WireDown``.
+            detail: The detail of the reports if nothing fails.
+        """
         first, hold, failure = self.answers, self.session.next_number(self.said), ""
         quiet_s = QUIET_CYCLES * cycle_s(self.said)
         written = False
@@ -119,8 +124,8 @@ class Link:
         try:
             with trio.move_on_after(CONFIRM_S):
                 while not self._is_held(first, hold):
-                    # Nothing wants an answer: a controller that is not heard may hear. One datagram
-                    # may be lost, so it is told again and again.
+                    # No message asks for an answer. The controller may still receive one. It is repeated,
+                    # because a datagram may be lost.
                     if self._clock.now_ns() - self._written_ns >= round(quiet_s * NS):
                         written = self.hold_unasked()
                     with trio.move_on_after(quiet_s):
@@ -131,31 +136,37 @@ class Link:
         return self.reports(written, self._is_taken(hold), self._is_held(first, hold), failure or detail)
 
     def hold_unasked(self) -> bool:
-        """Hold in answer to an old message: who is not heard may hear. True. Raise ``WireDown``."""
+        """Send a hold in answer to an old message, as the controller may still receive. Return True. Raise
+        ``WireDown``."""
         self._write(self.session.again(self.said))
         return True
 
     @property
     def _follows_us(self) -> bool:
-        """Whether it is our answers that the arm does: else they neither move nor hold it."""
+        """Whether the arm follows our answers. Otherwise they neither move nor hold it."""
         return self.said.state == State.COMMANDING_ACTIVE
 
     def _is_held(self, first: int, hold: int) -> bool:
-        """Tell whether two answers have left since, the arm is measured to stand, and, where it
-        follows us, the controller has taken the answer ``hold`` or one behind it: one that was
-        only sent may be lost on the way, and the arm stand at the end of a step."""
+        """Return whether the arm is held, as defined at the top of this module.
+
+        Args:
+            first: The number of sent answers when the stop began.
+            hold: The sequence number of the first answer that holds.
+        """
         if self.answers - first < 2 or not self._stands():
             return False
         return self._is_taken(hold) or not self._follows_us
 
     def _is_taken(self, hold: int) -> bool:
-        """Tell whether the controller says that it has an answer that holds."""
+        """Return whether the controller reports that it has taken an answer that holds."""
         return self.session.has_taken(self.said, hold)
 
     def _stands(self) -> bool:
-        """Tell whether the measured positions of the newest messages are alike. In no state of the
-        session is that taken for granted: what the robot does in a stop of its own, with its drives
-        off, is not known."""
+        """Return whether the positions of the newest messages stand still.
+
+        They are checked in every state of the session, because the robot's behaviour in its own stop, with
+        drives off, is not known.
+        """
         if not self._seen:
             return False
         at_least_s = STAND_S if self._follows_us else ALONE_STAND_S
@@ -168,7 +179,7 @@ class Link:
         return False
 
     def reports(self, written: bool, taken: bool, held: bool, detail: str) -> tuple[MotorReport, ...]:
-        """Return what became of every joint."""
+        """Return a report per joint."""
         alone = f"FRI session is {self.state}" if self.said.state < State.COMMANDING_WAIT else ""
         if held and alone:
             detail = f"{alone}: {self._holder()}"
@@ -177,7 +188,7 @@ class Link:
         return _reports(self._arm, written, taken, held, detail, self.session.commanded)
 
     def _holder(self) -> str:
-        """Return who holds an arm that stands and does not follow us, as far as it tells."""
+        """Return what holds an arm that stands still and does not follow us, as far as the message shows."""
         said = self.said
         if said.safety or any(drive != Drive.ACTIVE for drive in said.drives):
             return "it stands, in a stop of the robot's own"
@@ -194,16 +205,28 @@ class Link:
 
 
 def cycle_s(said: Monitoring) -> float:
-    """Return the time from one answer to the next."""
+    """Return the time between two answers."""
     return said.sample_ms * said.multiplier / 1e3
 
 
 async def answer_instead(
     port: UdpListener, arm: Arm, clock: Clock, at_least_s: float, detail: str
 ) -> tuple[MotorReport, ...] | None:
-    """Answer in place of whoever did so before, until the arm stands: with the last commanded
-    position, as the controller has it. Sequence numbers go on from what it says. None: it says
-    nothing. Raise ``WireDown``."""
+    """Answer in place of an earlier client until the arm stands still.
+
+    The answers have the last commanded position that the controller reports, and continue its sequence
+    numbers.
+
+    Args:
+        at_least_s: Shortest time to answer.
+        detail: The detail of the reports if nothing fails.
+
+    Returns:
+        The reports; None if the controller sends nothing.
+
+    Raises:
+        WireDown: The port fails.
+    """
     began_ns = clock.now_ns()
     said: Monitoring | None = None
     with trio.move_on_after(HEAR_S):
@@ -224,14 +247,14 @@ async def answer_instead(
 
 
 def failed(arm: Arm, why: str, written: bool = False) -> tuple[MotorReport, ...]:
-    """Report that no joint is confirmed."""
+    """Report every joint as not confirmed."""
     return _reports(arm, written, False, False, why)
 
 
 def _reports(
     arm: Arm, written: bool, taken: bool, held: bool, detail: str, target: Sequence[float] = ()
 ) -> tuple[MotorReport, ...]:
-    """Report the same of every joint: one answer is for all."""
+    """Return the same report for every joint, since one answer commands all joints."""
     return tuple(
         MotorReport(axis, at + 1, written, taken, held, detail, target[at] if held and target else None)
         for at, axis in enumerate(arm.axes)
@@ -239,7 +262,11 @@ def _reports(
 
 
 async def first_message(port: UdpListener) -> Monitoring:
-    """Return the newest message of the first controller that speaks. Raise ``WireDown``."""
+    """Return the newest message of the first controller that sends.
+
+    A controller in a commanding state is accepted only after ``RUN`` consecutive messages: a single one may be
+    old. Raise ``WireDown``.
+    """
     met: list[bytes] = []
 
     def is_controller(data: bytes) -> bool:
@@ -258,15 +285,15 @@ async def first_message(port: UdpListener) -> Monitoring:
 
 
 class Inbox:
-    """What waits at a port."""
+    """The datagrams that wait at a port."""
 
     def __init__(self, port: UdpListener) -> None:
         self._port = port
         self._budget = ReceiveBudget("the FRI session", MOST_WAITING, MOST_WAITING * LARGEST)
 
     def messages(self, first: bytes) -> Iterator[Monitoring]:
-        """Return ``first`` and what waits behind it, as far as it is understood. Raise ``WireDown``
-        for a peer that cannot be followed."""
+        """Yield the valid messages among ``first`` and the waiting datagrams. Raise ``WireDown`` for a peer that
+        sends too much."""
         waiting = [first, *self._budget.turn(self._port.read_waiting)]
         return filter(None, map(understood, waiting[-MOST_READ:]))
 

@@ -1,10 +1,10 @@
-"""KUKA's Fast Robot Interface (FRI) on the wire: one protobuf message a datagram, no length in
-front.
+"""Encode and decode KUKA's Fast Robot Interface (FRI): one protobuf message per datagram, without a length
+in front.
 
-The controller sends a *monitoring message* in every cycle, the client answers with a *command
-message* that names it. Field numbers: public descriptions of FRI 1.x. Repeated doubles are read
-packed and unpacked, and written unpacked [?]. No checksum is needed and none is checked: its
-polynomial is not published.
+The controller sends a *monitoring message* in every cycle. The client answers with a *command message* that
+contains its number. Field numbers are from public descriptions of FRI 1.x. Repeated doubles are read packed
+and unpacked, and written unpacked [?]. The checksum is neither required nor checked, because its polynomial
+is not published.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from strands_actors.drivers.common import protobuf as pb
 from strands_actors.drivers.common.malformed import MalformedFrame
 
 FRI_PORT: Final = 30200
-"""UDP, of both ends."""
+"""UDP port of both ends."""
 LARGEST: Final = 1500
-"""Bytes of a datagram: one Ethernet frame."""
+"""Most bytes of a datagram: one Ethernet frame."""
 MONITORING_ID: Final = 0x245142
 COMMAND_ID: Final = 0x34001
 JOINTS: Final = 7
@@ -33,7 +33,7 @@ COUNTER: Final = 0xFFFFFFFF
 
 
 class State(enum.IntEnum):
-    """Of the FRI session."""
+    """State of the FRI session."""
 
     IDLE = 0
     MONITORING_WAIT = 1
@@ -43,7 +43,7 @@ class State(enum.IntEnum):
 
 
 class Quality(enum.IntEnum):
-    """Of the connection, as the controller judges it by our answers."""
+    """Quality of the connection. The controller derives it from our answers."""
 
     POOR = 0
     FAIR = 1
@@ -52,7 +52,7 @@ class Quality(enum.IntEnum):
 
 
 class Drive(enum.IntEnum):
-    """Of one joint [?]."""
+    """State of one joint's drive [?]."""
 
     OFF = 0
     TRANSITIONING = 1
@@ -60,7 +60,7 @@ class Drive(enum.IntEnum):
 
 
 class ClientMode(enum.IntEnum):
-    """What the robot program lets the client command."""
+    """Quantity that the robot program lets the client command."""
 
     NO_COMMAND_MODE = 0
     POSITION = 1
@@ -69,7 +69,7 @@ class ClientMode(enum.IntEnum):
 
 
 class ControlMode(enum.IntEnum):
-    """How the controller moves the joints [?]."""
+    """Control mode in which the controller moves the joints [?]."""
 
     POSITION = 0
     CARTESIAN_IMPEDANCE = 1
@@ -77,7 +77,7 @@ class ControlMode(enum.IntEnum):
 
 
 class Overlay(enum.IntEnum):
-    """What the client's commands are added to [?]."""
+    """Motion to which the client's commands are added [?]."""
 
     NO_OVERLAY = 0
     JOINT = 1
@@ -85,12 +85,12 @@ class Overlay(enum.IntEnum):
 
 
 def has_reached(sequence: int, other: int) -> bool:
-    """Tell whether a sequence number is ``other`` or a later one."""
+    """Return whether a sequence number is ``other`` or a later one, with wrap-around."""
     return (sequence - other) & COUNTER <= COUNTER // 2
 
 
 def name_of(kind: type[enum.IntEnum], number: int) -> str:
-    """Return the name of an enum's number; the number itself when it has none."""
+    """Return the name of an enum's number, or the number itself if it has no name."""
     try:
         return kind(number).name
     except ValueError:
@@ -98,38 +98,38 @@ def name_of(kind: type[enum.IntEnum], number: int) -> str:
 
 
 class Monitoring(msgspec.Struct, frozen=True, gc=False):
-    """What the controller says in one cycle. Radians, newton metres, milliseconds."""
+    """A monitoring message: the controller's state in one cycle. Radians, newton metres, milliseconds."""
 
     sequence: int
-    reflected: int = 0  # sequence of the last command message that it took
+    reflected: int = 0  # sequence of the last command message that the controller took
     safety: int = 0  # 0 normal, else a safety stop
     drives: tuple[int, ...] = ()
     operation_mode: int = 0  # 0 T1, 1 T2, 2 automatic [?]
     control_mode: int = 0
     position: tuple[float, ...] = NO_JOINTS  # measured
     torque: tuple[float, ...] = NO_JOINTS
-    commanded: tuple[float, ...] = NO_JOINTS  # the last position that the joints were told
+    commanded: tuple[float, ...] = NO_JOINTS  # the last position that the joints were commanded to
     external_torque: tuple[float, ...] = NO_JOINTS
     state: int = 0
     quality: int = 0
     sample_ms: int = 0
-    multiplier: int = 1  # the client answers every so many cycles
-    interpolated: tuple[float, ...] = ()  # where the robot program is; empty: it does not say
+    multiplier: int = 1  # number of cycles per answer of the client
+    interpolated: tuple[float, ...] = ()  # position of the robot program; empty if not sent
     client_mode: int = 0
     overlay: int = 0
     tracking: float = 0.0  # how well the commands are followed, 0 to 1
 
 
 class Command(msgspec.Struct, frozen=True, gc=False):
-    """What the client answers. ``position``: empty, it commands nothing."""
+    """A command message of the client. An empty ``position`` commands nothing."""
 
     sequence: int
-    reflected: int  # sequence of the monitoring message that it answers
+    reflected: int  # sequence of the answered monitoring message
     position: tuple[float, ...] = ()
 
 
 def decode_monitoring(data: bytes) -> Monitoring:
-    """Raise ``MalformedFrame``."""
+    """Decode a monitoring message. Raise ``MalformedFrame``."""
     top = _top(data, MONITORING_ID)
     header = pb.message(pb.last_bytes(top, 1))
     robot = pb.last_bytes(top, 2)
@@ -170,7 +170,7 @@ def encode_command(command: Command) -> bytes:
 
 
 def decode_command(data: bytes) -> Command:
-    """Raise ``MalformedFrame``. For a twin."""
+    """Decode a command message, for a twin. Raise ``MalformedFrame``."""
     top = _top(data, COMMAND_ID)
     header = pb.message(pb.last_bytes(top, 1))
     position = _joints(pb.message(pb.last_bytes(top, 2)), 1, "positions", ())
@@ -178,7 +178,7 @@ def decode_command(data: bytes) -> Command:
 
 
 def encode_monitoring(said: Monitoring, packed: bool = False, checksum: bool = True) -> bytes:
-    """For a twin. ``packed``: how repeated numbers are written."""
+    """Encode a monitoring message, for a twin. ``packed`` selects the encoding of repeated numbers."""
     double, whole = pb.double_field, pb.varint_field
 
     def joints(number: int, values: Sequence[float]) -> bytes:
@@ -215,20 +215,19 @@ def _top(data: bytes, number: int) -> _Found:
     if len(data) > LARGEST:
         raise MalformedFrame(f"FRI: {len(data)} bytes, {LARGEST} at most")
     top = pb.message(data)
-    found = pb.last_int(pb.message(pb.last_bytes(top, 1)), 1)
-    if found != number:
-        raise MalformedFrame(f"FRI: message {found:#x} instead of {number:#x}")
+    actual = pb.last_int(pb.message(pb.last_bytes(top, 1)), 1)
+    if actual != number:
+        raise MalformedFrame(f"FRI: message {actual:#x} instead of {number:#x}")
     return top
 
 
-def _joints(found: _Found, number: int, what: str, missing: tuple[float, ...] | None = None) -> tuple[float, ...]:
-    """Return one finite number for each joint; ``missing``, if given, when the field is not
-    there."""
+def _joints(found: _Found, number: int, name: str, missing: tuple[float, ...] | None = None) -> tuple[float, ...]:
+    """Return one finite number per joint. If the field is missing, return ``missing`` unless that is None."""
     if missing is not None and number not in found:
         return missing
     values = pb.doubles(pb.last_bytes(found, number), 1)
     if len(values) != JOINTS or not all(map(math.isfinite, values)):
-        raise MalformedFrame(f"FRI: {len(values)} {what} instead of {JOINTS}, or one that is not finite")
+        raise MalformedFrame(f"FRI: {len(values)} {name} instead of {JOINTS}, or one that is not finite")
     return values
 
 

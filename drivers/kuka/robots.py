@@ -1,4 +1,4 @@
-"""The arms of this wire, as data: a table of ``robots.toml`` and its joints."""
+"""Read the arms of this wire and their joints from ``robots.toml``."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ TABLES = RobotTables(__package__, "KUKA")
 
 
 class Joint(msgspec.Struct, frozen=True):
-    """One joint. Degrees, degrees per second, newton metres, as the data sheet has them."""
+    """One joint, in the units of the data sheet: degrees, degrees per second, newton metres."""
 
     key: str
     range_deg: float
@@ -23,7 +23,7 @@ class Joint(msgspec.Struct, frozen=True):
 
     @property
     def reach_rad(self) -> float:
-        """Return how far it turns to either side."""
+        """The largest angle to either side."""
         return math.radians(self.range_deg)
 
     @property
@@ -39,7 +39,7 @@ class Arm(msgspec.Struct, frozen=True):
 
     @property
     def part(self) -> Part:
-        """Return the joints as axes, numbered from 1."""
+        """The joints as axes, numbered from 1."""
         axes = (
             Axis(
                 key=joint.key,
@@ -64,7 +64,7 @@ class Arm(msgspec.Struct, frozen=True):
 
 @cache
 def arm_of(robot: str) -> Arm:
-    """Return an arm by name or alias. Raise ``ValueError`` for a robot that is not of this wire."""
+    """Return an arm by name or alias. Raise ``ValueError`` if the robot does not belong to this wire."""
     joints = []
     for line in TABLES.table(robot)["joints"].splitlines():
         if line.strip():

@@ -1,10 +1,10 @@
-"""The root's way to a KUKA arm: a duplicate of the wire's socket, from which it answers once the
-wire is gone.
+"""The root's stop channel to a KUKA arm: a duplicate of the wire's socket. The root answers from it after the
+wire has ended.
 
-Who has UDP port 30200 when: the wire from ``open`` to its end; after that this duplicate keeps the
-same socket open, with what the controller has said meanwhile; when it is closed the port is free
-for the next wire. While the wire lives nothing is read here: a message that one of us takes the
-other does not see.
+The ownership of UDP port 30200: the wire has it from ``open`` to its end. After that the duplicate keeps the
+same socket open, with the messages that the controller has sent meanwhile. When the duplicate is closed, the
+port is free for the next wire. While the wire lives, nothing is read here: a message that one process reads is
+lost to the other.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from .config import KukaConfig
 from .link import answer_instead, failed
 
 ANSWER_S = 0.5
-"""At least so long it is answered, even when the arm stands before [assumed]: the session that ends
-then ends at rest."""
+"""The root answers for at least this long, even if the arm stands still earlier [assumed]. The session then
+ends at rest."""
 
 
 class KukaStopChannel(DuplicateDescriptor[KukaConfig, UdpListener]):

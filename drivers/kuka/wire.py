@@ -1,5 +1,5 @@
-"""The client's end of FRI in the wire process: it answers every cycle, and moves the arm while a
-setpoint lives."""
+"""Connect the wire process to a KUKA controller by FRI. It answers every cycle, and moves the arm while a
+setpoint is valid."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from .link import Link, answer_instead, failed, first_message
 from .protocol import JOINTS, Drive, Monitoring, State
 
 SHORTEST_MS, LONGEST_MS = 2, 20
-"""Of a cycle: Python cannot answer every millisecond, and a hold must reach the arm within the
+"""Limits of the cycle time. Python cannot answer every millisecond, and a hold must reach the arm within the
 published bound."""
 LOST_S = 0.5
-"""Without a message for so long the link counts as lost."""
+"""The link counts as lost after this long without a message."""
 ACTIVE_S = 3.0
-"""So long arming waits for a session that is on its way to being commanded."""
+"""Longest wait of an arming for a session that is about to accept commands."""
 
 
 class KukaWire(PromptSessionWire[Link]):
@@ -33,13 +33,13 @@ class KukaWire(PromptSessionWire[Link]):
         self._config = config
         self._kept = kept or KeptPort(config)
         self._clock = clock
-        self._permit: Permit | None = None  # of the setpoint that the arm moves by
-        self._written_ns = 0  # when that was written, or re-sent
+        self._permit: Permit | None = None  # of the setpoint that moves the arm
+        self._written_ns = 0  # when that setpoint was written or re-sent
         self._seen: Monitoring | None = None
         self._observation = Observation(0, (math.nan,) * JOINTS, (0,) * JOINTS)
 
     async def open(self) -> dict[str, Any]:
-        """Wait for the controller, which speaks first. Nothing is sent."""
+        """Wait for the first message of the controller. Nothing is sent."""
         self.close()
         config = self._config
         port = await self._kept.get()
@@ -58,7 +58,7 @@ class KukaWire(PromptSessionWire[Link]):
         return {"address": port.name, "sample_ms": said.sample_ms, "receive_multiplier": said.multiplier}
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Answer every cycle: what keeps the session alive is the answer, not what is in it."""
+        """Answer every cycle. Any answer keeps the session alive, whatever it contains."""
         link = self.session
         task_status.started()
         while True:
@@ -69,8 +69,7 @@ class KukaWire(PromptSessionWire[Link]):
             link.answer(said)
 
     def _is_live(self) -> bool:
-        """Whether the arm may still move: the setpoint stands, and was written or re-sent of
-        late."""
+        """Whether the arm may still move: the setpoint is permitted, and was written or re-sent recently."""
         lifetime_ns = self._config.stream_ttl_s * NS
         if self._permit is None or self._clock.now_ns() - self._written_ns > lifetime_ns:
             return False
@@ -81,9 +80,11 @@ class KukaWire(PromptSessionWire[Link]):
         return True
 
     async def arm(self, permit: Permit) -> Observation:
-        """Energise nothing, which is the pendant's: hold, and wait a while for a session that may
-        be commanded soon. One that is not is armed all the same, and moves are refused until it
-        is."""
+        """Hold, and wait a while for a session that may soon accept commands.
+
+        Nothing is energised: that is done on the pendant. A session without commands is armed all the same,
+        and setpoints are refused until it accepts them.
+        """
         link = self.session
         self._permit = None
         permit.check()
@@ -108,7 +109,7 @@ class KukaWire(PromptSessionWire[Link]):
         return self._observation
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
-        """Take a target: the answers of the next cycles lead there, as long as the permit lasts."""
+        """Set a target. The next answers move towards it while the permit is valid."""
         link = self.session
         if link.said.state != State.COMMANDING_ACTIVE:
             raise PermitDenied(f"FRI session is {link.state}")
@@ -120,15 +121,16 @@ class KukaWire(PromptSessionWire[Link]):
         link = self.session_or_none
         if link is None:
             return failed(self._config.arm, "not connected")
-        self._permit = None  # from the next answer on nothing moves
+        self._permit = None  # The next answers hold.
 
         async def cycle() -> None:
-            await link.news.wait()  # ``serve`` answers it
+            await link.news.wait()  # ``serve`` sends the answer.
 
         return await link.bring_to_stand(cycle, "")
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """Hold once unasked: who is not heard may hear. Then answer whoever speaks."""
+        """Send one hold without a request, since a controller may receive without being received. Then answer
+        any controller that sends."""
         arm, link = self._config.arm, self.session_or_none
         written = False
         try:
@@ -145,12 +147,12 @@ class KukaWire(PromptSessionWire[Link]):
         return (self.session.port.fileno(),)
 
     def close(self) -> None:
-        """Answer no more: the controller drops the session and holds the arm."""
+        """Stop answering. The controller then drops the session and holds the arm."""
         self.session_or_none = self._permit = None
 
 
 def refuse_cycle(said: Monitoring) -> None:
-    """Raise ``WireDown`` for a cycle that cannot be kept."""
+    """Raise ``WireDown`` if the cycle time is outside the limits."""
     cycle_ms = said.sample_ms * said.multiplier
     if said.sample_ms < SHORTEST_MS or not SHORTEST_MS <= cycle_ms <= LONGEST_MS:
         raise WireDown(
@@ -160,7 +162,8 @@ def refuse_cycle(said: Monitoring) -> None:
 
 
 def observation_of(said: Monitoring, commanded: tuple[float, ...], heard_ns: int) -> Observation:
-    """``commanded``: what the arm is told by us; empty: nothing."""
+    """Return a message as an observation. ``commanded`` is the position that we command; empty if we command
+    nothing."""
     numbers = {
         "fri_state": said.state,
         "fri_quality": said.quality,
@@ -188,6 +191,5 @@ def observation_of(said: Monitoring, commanded: tuple[float, ...], heard_ns: int
 
 
 def _is_ready(said: Monitoring) -> bool:
-    """Whether nothing but time stands between a session and its being commanded, as far as it
-    tells."""
+    """Whether the session only needs time to accept commands, as far as the message shows."""
     return not said.safety and all(drive == Drive.ACTIVE for drive in said.drives)

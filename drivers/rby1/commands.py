@@ -1,10 +1,10 @@
-"""Commands of an RB-Y1, and what it says to them. Pure.
+"""Commands of an RB-Y1 and the feedback to them. Pure.
 
     RobotCommand > ComponentBasedCommand > body: BodyComponentBasedCommand > torso, right arm, left arm
                                          > head
 
-Each part is a ``JointPositionCommand``: positions, the time in which to be there, and for how long
-the controller holds them on after that. Field numbers: see ``protocol``.
+Each part is a ``JointPositionCommand``: the positions, the time in which to reach them, and how long
+the controller holds them after that. Field numbers: see ``protocol``.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from strands_actors.drivers.common.malformed import MalformedFrame
 NS = 1_000_000_000
 
 PARTS = {"torso": 6, "right_arm": 7, "left_arm": 7, "head": 2}
-"""The parts that are driven, and how many joints each has."""
+"""The driven parts and their numbers of joints."""
 
 
 class Status(enum.IntEnum):
-    """How far a command is."""
+    """Progress of a command."""
 
     IDLE = 0
     INITIALIZING = 1
@@ -34,7 +34,7 @@ class Status(enum.IntEnum):
 
 
 class Finish(enum.IntEnum):
-    """Why a command has ended."""
+    """Reason why a command has ended."""
 
     UNKNOWN = 0
     OK = 1
@@ -63,29 +63,29 @@ class JointPosition(msgspec.Struct, frozen=True):
 
     @classmethod
     def decode(cls, data: bytes) -> JointPosition:
-        """Raise ``MalformedFrame``, for numbers that are not finite, too."""
-        found = pb.message(data)
+        """Decode a request. Raise ``MalformedFrame``, also for numbers that are not finite."""
+        fields = pb.message(data)
         position = pb.doubles(data, 3)
         if not all(map(math.isfinite, position)):
             raise MalformedFrame(f"rb.api: joints at {position}")
-        hold_s = decode_duration(pb.last_bytes(pb.message(pb.last_bytes(found, 1)), 1))
-        return cls(position, decode_duration(pb.last_bytes(found, 2)), hold_s)
+        hold_s = decode_duration(pb.last_bytes(pb.message(pb.last_bytes(fields, 1)), 1))
+        return cls(position, decode_duration(pb.last_bytes(fields, 2)), hold_s)
 
 
 def encode_command(parts: Mapping[str, JointPosition], priority: int) -> bytes:
-    """Encode ``RobotCommandRequest`` for the parts that are given."""
-    told = {name: pb.bytes_field(2, part.encode()) for name, part in parts.items()}
-    body = b"".join(pb.bytes_field(number, told[name]) for name, number in _BODY.items() if name in told)
+    """Encode ``RobotCommandRequest`` for the given parts."""
+    encoded = {name: pb.bytes_field(2, part.encode()) for name, part in parts.items()}
+    body = b"".join(pb.bytes_field(number, encoded[name]) for name, number in _BODY.items() if name in encoded)
     components = b""
     if body:
         components += pb.bytes_field(3, pb.bytes_field(6, body))
-    if "head" in told:
-        components += pb.bytes_field(4, told["head"])
+    if "head" in encoded:
+        components += pb.bytes_field(4, encoded["head"])
     return pb.bytes_field(2, pb.bytes_field(3, components)) + pb.varint_field(3, priority)
 
 
 class Command(msgspec.Struct, frozen=True):
-    """What a server reads of a ``RobotCommandRequest``."""
+    """The fields of a ``RobotCommandRequest`` that a server uses."""
 
     parts: dict[str, JointPosition]
     priority: int = 0
@@ -93,16 +93,16 @@ class Command(msgspec.Struct, frozen=True):
 
     @classmethod
     def decode(cls, data: bytes) -> Command:
-        """Joint positions of torso, arms and head, by part or for the body as a whole. Raise
+        """Decode joint positions of torso, arms and head, given by part or for the body as a whole. Raise
         ``MalformedFrame``."""
-        found = pb.message(data)
-        request = pb.message(pb.last_bytes(found, 2))
+        fields = pb.message(data)
+        request = pb.message(pb.last_bytes(fields, 2))
         components = pb.message(pb.last_bytes(request, 3))
         parts = dict(_parts(components))
         for name, part in parts.items():
             if len(part.position) != PARTS[name]:
                 raise MalformedFrame(f"rb.api: {len(part.position)} positions for {name}, which has {PARTS[name]}")
-        return cls(parts, pb.last_int(found, 3), bool(pb.last_bytes(request, 2)))
+        return cls(parts, pb.last_int(fields, 3), bool(pb.last_bytes(request, 2)))
 
 
 def _parts(components: dict[int, list[pb.Value]]) -> Iterator[tuple[str, JointPosition]]:
@@ -120,13 +120,13 @@ def _parts(components: dict[int, list[pb.Value]]) -> Iterator[tuple[str, JointPo
 
 
 def _whole_body(body: JointPosition) -> Iterator[tuple[str, JointPosition]]:
-    """A body of twenty joints: torso, right arm, left arm."""
-    at = 0
+    """Split a body of twenty joints into torso, right arm and left arm."""
+    start = 0
     for name in ("torso", "right_arm", "left_arm"):
-        yield name, msgspec.structs.replace(body, position=body.position[at : at + PARTS[name]])
-        at += PARTS[name]
-    if len(body.position) != at:
-        raise MalformedFrame(f"rb.api: {len(body.position)} positions for a body of {at}")
+        yield name, msgspec.structs.replace(body, position=body.position[start : start + PARTS[name]])
+        start += PARTS[name]
+    if len(body.position) != start:
+        raise MalformedFrame(f"rb.api: {len(body.position)} positions for a body of {start}")
 
 
 _BODY = {"right_arm": 2, "left_arm": 3, "torso": 4}
@@ -134,7 +134,7 @@ _BODY = {"right_arm": 2, "left_arm": 3, "torso": 4}
 
 
 class Feedback(msgspec.Struct, frozen=True):
-    """``RobotCommandResponse``, what is used of it."""
+    """The fields of ``RobotCommandResponse`` that are used."""
 
     status: int = Status.IDLE
     finish: int = Finish.UNKNOWN
@@ -145,36 +145,36 @@ class Feedback(msgspec.Struct, frozen=True):
     @classmethod
     def decode(cls, data: bytes) -> Feedback:
         """Raise ``MalformedFrame``."""
-        found = pb.message(pb.last_bytes(pb.message(data), 2))
-        return cls(pb.last_int(found, 10), pb.last_int(found, 11))
+        fields = pb.message(pb.last_bytes(pb.message(data), 2))
+        return cls(pb.last_int(fields, 10), pb.last_int(fields, 11))
 
     @property
     def dropped(self) -> str:
-        """Return why the robot does not do what it was told; empty: it does."""
+        """Why the robot no longer carries out the command; empty if it does."""
         if self.status != Status.FINISHED or self.finish == Finish.OK:
             return ""
         return Finish(self.finish).name if self.finish in tuple(Finish) else f"finish code {self.finish}"
 
 
 def split(values: Sequence[float]) -> dict[str, tuple[float, ...]]:
-    """Return a row of all driven joints, in the order of ``PARTS``, by part."""
-    rows, at = {}, 0
+    """Return a row of all driven joints as rows by part. The row is in the order of ``PARTS``."""
+    rows, start = {}, 0
     for name, count in PARTS.items():
-        rows[name] = tuple(values[at : at + count])
-        at += count
+        rows[name] = tuple(values[start : start + count])
+        start += count
     return rows
 
 
 def encode_duration(seconds: float) -> bytes:
-    """Encode a ``Duration`` that is not negative."""
+    """Encode a ``Duration``. It must not be negative."""
     whole, nanos = divmod(round(seconds * NS), NS)
     return pb.varint_field(1, whole) + pb.varint_field(2, nanos)
 
 
 def decode_duration(data: bytes) -> float:
-    """Return seconds. Raise ``MalformedFrame``, for a negative one, too."""
-    found = pb.message(data)
-    whole, nanos = pb.last_int(found, 1), pb.last_int(found, 2)
+    """Return seconds. Raise ``MalformedFrame``, also for a negative duration."""
+    fields = pb.message(data)
+    whole, nanos = pb.last_int(fields, 1), pb.last_int(fields, 2)
     if whole >> 63 or nanos >= NS:
         raise MalformedFrame("rb.api: a negative time")
     return whole + nanos / NS

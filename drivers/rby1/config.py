@@ -1,4 +1,4 @@
-"""What the wire and the stop channel of an RB-Y1 know of it."""
+"""The frozen settings that the wire and the stop channel share."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from strands_actors.drivers.common.addresses import parse_address
 from .protocol import PORT
 
 LATE_S = 0.5
-"""An order to supplies, servos or control manager may take effect so long after it was given [assumed].
-One of a client that was killed is overtaken by the root's stop, which has a connection of its own."""
+"""An order to supplies, servos or control manager may take effect this long after it was sent
+[assumed]. The stop of the root uses a separate connection, so it can overtake the order of a killed
+client."""
 
 
 class RBY1Config(msgspec.Struct, frozen=True):
@@ -21,10 +22,10 @@ class RBY1Config(msgspec.Struct, frozen=True):
     priority: int
     period_s: float
     hold_s: float
-    """For how long the controller holds on to a target that is not repeated."""
+    """How long the controller holds a target that is not repeated."""
     silent_s: float
-    """Without a state for so long the link counts as lost."""
+    """The link counts as lost after this long without a state."""
 
     def address(self) -> tuple[str, int]:
-        """Raise ``ValueError`` for a ``port`` that is no address."""
+        """Return host and port. Raise ``ValueError`` if ``port`` is not an address."""
         return parse_address(self.port, PORT)

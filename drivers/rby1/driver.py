@@ -1,8 +1,9 @@
-"""Rainbow Robotics RB-Y1, model A: torso, two arms and head, through its gRPC server. No SDK.
+"""Drive a Rainbow Robotics RB-Y1, model A: torso, two arms and head, through its gRPC server. No SDK.
 
-Safe is to hold, whatever the reason: ``CancelControl`` ends what the robot does, and its controller
-keeps it where it is. For a late writer the next command goes on from there; after a stop only
-``resume()`` does. The power stays on, unless ``on_estop="power_off"`` asks for what drops the arms.
+In every safe state but ``off`` the robot holds its position: ``CancelControl`` ends the motion, and the
+robot's controller holds the arms where they are. After a hold for a late writer, the next command continues
+from there. After a stop, only ``resume()`` does. The power stays on, unless ``on_estop="power_off"`` asks an
+e-stop to remove it (``off``), which drops the arms.
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ from .gates import CONDITIONS, all_gates
 from .robots import TABLES, parts_of
 
 HOLD_S = 0.3
-"""For how long the controller holds on to a target that is not repeated. The vendor's examples have
-1 s and more; how short a robot takes it, nobody of us has seen."""
+"""How long the controller holds a target that is not repeated. The vendor's examples use 1 s and
+more; the shortest time that a robot accepts was never tried on a real one."""
 
 
 class Options(DriverOptions, frozen=True):
@@ -80,12 +81,12 @@ class RBY1(Driver):
         return plain(read_options(robot, Options, options))
 
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
-        wanted = read_options(robot, Options, options)
-        period_s = 1.0 / wanted.control_frequency
+        chosen = read_options(robot, Options, options)
+        period_s = 1.0 / chosen.control_frequency
         self.robot = TABLES.canonical(robot)
         self.declare(*parts_of(TABLES.table(robot)))
         self.timing = Timing(
-            control_hz=wanted.control_frequency,
+            control_hz=chosen.control_frequency,
             keepalive_s=HOLD_S / 3,
             stream_ttl_s=0.1,
             oneshot_ttl_s=None,
@@ -96,14 +97,14 @@ class RBY1(Driver):
         )
         self.fallbacks: Mapping[Reason, SafeState] = {
             **fallbacks_for(late=SafeState.HOLD, otherwise=SafeState.STOP),
-            Reason.ESTOP: SafeState.OFF if wanted.on_estop == "power_off" else SafeState.STOP,
+            Reason.ESTOP: SafeState.OFF if chosen.on_estop == "power_off" else SafeState.STOP,
         }
         self.config = RBY1Config(
             robot=self.robot,
             port=port,
             axes=self.axes,
             ids=self.ids,
-            priority=wanted.priority,
+            priority=chosen.priority,
             period_s=period_s,
             hold_s=HOLD_S,
             silent_s=0.3,

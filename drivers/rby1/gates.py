@@ -1,4 +1,4 @@
-"""What is refused before it reaches an RB-Y1. Pure; nothing is ever clipped."""
+"""Conditions and gates that refuse a setpoint before it reaches an RB-Y1. Pure; nothing is ever clipped."""
 
 from __future__ import annotations
 
@@ -19,23 +19,22 @@ from strands_actors.kernel.refusals import Code
 from .protocol import Manager, name_of
 
 CONTROLLER = "controller"
-"""Key of ``Observation.faults`` under which stands why the robot takes no targets of ours any
-more."""
+"""Key of ``Observation.faults`` for the reason why the robot no longer follows our targets."""
 
 LEAD_S = 0.2
-"""A target may be ahead of where its joint was measured by what the joint turns meanwhile
-[assumed: no joint lags so far behind]."""
+"""A target may lead the measured position by as far as the joint turns in this time [assumed: no
+joint lags further behind]."""
 
 _FAULTS = (Manager.MINOR_FAULT, Manager.MAJOR_FAULT)
 _RESUME = "see to its cause, then call resume()"
 
 
 def all_gates(axes: Sequence[Axis], state_ttl_s: float, period_s: float) -> tuple[GateCheck, ...]:
-    """Return the gates in the order in which they are asked: the first that refuses answers."""
+    """Return the gates in the order of their checks. The first that refuses gives the answer."""
     return stale(axes, state_ttl_s), past_own_range(axes), too_fast(axes, period_s), runs_ahead(axes)
 
 
-# -- what must be true before power-on, for a motion to begin, and to go on
+# -- conditions for power-on, and for a motion to begin and to continue
 
 
 def refuse_pressed(pressed: bool) -> Refused | None:
@@ -65,21 +64,21 @@ def powered(observation: Observation, now_ns: int) -> Refused | None:
     power, ready = number_of(observation.sensors, "power"), number_of(observation.sensors, "joints_ready")
     if power == 1 and ready == 1:
         return None
-    what = "the motors have no power" if power != 1 else "servos are off"
-    return Refused(RBY1Code.POWER, what, _RESUME, "off", "on")
+    reason = "the motors have no power" if power != 1 else "servos are off"
+    return Refused(RBY1Code.POWER, reason, _RESUME, "off", "on")
 
 
 def enabled(observation: Observation, now_ns: int) -> Refused | None:
-    """Refuse to move while the control manager does nothing."""
+    """Refuse to move while the control manager is not enabled."""
     manager = number_of(observation.sensors, "control_manager")
     if manager == Manager.ENABLED:
         return None
-    name, wanted = name_of(Manager, manager), name_of(Manager, Manager.ENABLED)
-    return Refused(RBY1Code.NOT_ENABLED, f"the control manager is {name}", _RESUME, name, wanted)
+    name, required = name_of(Manager, manager), name_of(Manager, Manager.ENABLED)
+    return Refused(RBY1Code.NOT_ENABLED, f"the control manager is {name}", _RESUME, name, required)
 
 
 def obeying(observation: Observation, now_ns: int) -> Refused | None:
-    """Refuse when the robot has dropped our command: motion does not go on by itself after that."""
+    """Refuse to move after the robot has dropped our command. Motion does not continue by itself after that."""
     why = observation.faults.get(CONTROLLER)
     return None if why is None else Refused(RBY1Code.DROPPED, why, _RESUME, why, "RUNNING")
 
@@ -91,11 +90,11 @@ CONDITIONS = (
 )
 
 
-# -- of one setpoint
+# -- gates of one setpoint
 
 
 def own_axes(axes: Sequence[Axis], observation: Observation) -> Sequence[Axis] | None:
-    """Return the axes with the ranges and speeds that the robot tells; None: it has not."""
+    """Return the axes with the limits from the robot's own model; None if the observation has no limits."""
     names = ("range_low_rad", "range_high_rad", "speed_limit_rad_s")
     low, high, speed = (observation.sensors.get(name, ()) for name in names)
     if not len(low) == len(high) == len(speed) == len(axes):
@@ -105,12 +104,12 @@ def own_axes(axes: Sequence[Axis], observation: Observation) -> Sequence[Axis] |
 
 
 def own_speeds(axes: Sequence[Axis], observation: Observation) -> list[float]:
-    """Return the joints' speeds, rad/s, as the robot tells them, else as the table does."""
+    """Return the joints' speed limits in rad/s, from the robot's own model or else from the table."""
     return [axis.speed for axis in own_axes(axes, observation) or axes]
 
 
 def past_own_range(axes: Sequence[Axis]) -> GateCheck:
-    """Refuse what is past the ranges that the robot tells of itself."""
+    """Refuse a target outside the ranges of the robot's own model."""
 
     def past_own_range(candidate: Candidate, state: GateState) -> Refused | None:
         own = own_axes(axes, state.observation)
@@ -123,8 +122,8 @@ def past_own_range(axes: Sequence[Axis]) -> GateCheck:
 
 
 def too_fast(axes: Sequence[Axis], period_s: float) -> GateCheck:
-    """Refuse a step from the last commanded target that is more than a joint turns in one control
-    period: in that time the robot is told to be there."""
+    """Refuse a step from the last commanded target that is larger than a joint can turn in one control
+    period. The command asks the robot to arrive within that period."""
 
     def too_fast(candidate: Candidate, state: GateState) -> Refused | None:
         return refuse_step(axes, candidate, state.target, own_speeds(axes, state.observation), period_s)
@@ -133,8 +132,7 @@ def too_fast(axes: Sequence[Axis], period_s: float) -> GateCheck:
 
 
 def runs_ahead(axes: Sequence[Axis]) -> GateCheck:
-    """Refuse small steps that come quicker than a joint follows, or while something holds it
-    back."""
+    """Refuse small steps that come faster than a joint can follow, or while something holds it back."""
 
     def runs_ahead(candidate: Candidate, state: GateState) -> Refused | None:
         return refuse_lead(axes, candidate, state, own_speeds(axes, state.observation), LEAD_S)

@@ -1,5 +1,4 @@
-"""The robot's own model: the ranges and speeds of its joints, read from the URDF that it tells.
-Pure."""
+"""Read the ranges and speeds of the joints from the URDF that the robot sends. Pure."""
 
 from __future__ import annotations
 
@@ -16,7 +15,7 @@ _DECLARES = ("<!DOCTYPE", "<!ENTITY")
 
 
 class Limits(msgspec.Struct, frozen=True):
-    """Of the driven joints, in axis order: radians and radians per second."""
+    """Limits of the driven joints, in axis order, in radians and radians per second."""
 
     low: tuple[float, ...]
     high: tuple[float, ...]
@@ -24,16 +23,16 @@ class Limits(msgspec.Struct, frozen=True):
 
 
 def limits_of(urdf: str, joints: Sequence[str]) -> Limits:
-    """Return the limits of ``joints``. Raise ``MalformedFrame`` that names what is missing."""
+    """Return the limits of ``joints``. Raise ``MalformedFrame``, which names the joints without limits."""
     if len(urdf) > MAX_CHARACTERS or any(word in urdf for word in _DECLARES):
         raise MalformedFrame("the robot's model is no plain URDF")
     try:
         root = parse(urdf)
     except NotXml as error:
         raise MalformedFrame(f"the robot's model is no URDF ({error})") from None
-    # Only the robot's own joints: a transmission names them again, without limits.
-    found = {joint.get("name"): joint.first("limit") for joint in root.all("joint")}
-    rows = [_row(found.get(name)) for name in joints]
+    # Read only the joints below the root: a transmission names them again, without limits.
+    limits = {joint.get("name"): joint.first("limit") for joint in root.all("joint")}
+    rows = [_row(limits.get(name)) for name in joints]
     if missing := [name for name, row in zip(joints, rows, strict=True) if row is None]:
         raise MalformedFrame(f"the robot's model has no limits of {', '.join(missing)}")
     low, high, speed = zip(*(row for row in rows if row is not None), strict=True)
@@ -41,7 +40,7 @@ def limits_of(urdf: str, joints: Sequence[str]) -> Limits:
 
 
 def _row(limit: Element | None) -> tuple[float, float, float] | None:
-    """Return low, high and speed; None when one is missing or cannot be."""
+    """Return low, high and speed; None when one is missing or impossible."""
     if limit is None:
         return None
     try:

@@ -1,8 +1,8 @@
-"""What is asked of an RB-Y1's gRPC server, beside commands and states: paths, enums, small
+"""Requests and answers of an RB-Y1's gRPC server, except commands and states: paths, enums, small
 messages. Pure.
 
-Field numbers and enums: the vendor's public definitions (package ``rb.api``, Apache-2.0), as
-rby1-sdk 0.10.0 has them.
+Field numbers and enums are from the vendor's public definitions (package ``rb.api``, Apache-2.0), as
+in rby1-sdk 0.10.0.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from strands_actors.drivers.common.malformed import MalformedFrame
 
 PORT = 50051
 ALL = ".*"
-"""Every supply, or every joint: the server takes names as regular expressions."""
+"""Selects every supply or every joint. The server takes names as regular expressions."""
 MOTOR_SUPPLY = "48v"
 
 _CODE_OK = 1
 
 
 class Method(enum.StrEnum):
-    """The services that are used."""
+    """Paths of the calls that this driver or its twin uses."""
 
     PING = "/rb.api.PingService/Ping"
     GET_ROBOT_INFO = "/rb.api.RobotInfoService/GetRobotInfo"
@@ -54,7 +54,7 @@ class Manager(enum.IntEnum):
 
 
 class Control(enum.IntEnum):
-    """What the control manager does."""
+    """Activity of the control manager."""
 
     UNKNOWN = 0
     IDLE = 1
@@ -94,9 +94,9 @@ class Power(enum.IntEnum):
 
 
 def name_of(kind: type[enum.IntEnum], number: int) -> str:
-    """Return ``MAJOR_FAULT (4)``."""
-    known = number in tuple(kind)
-    return f"{kind(number).name if known else 'unknown'} ({number})"
+    """Return the name and the number of an enum's value, as ``MAJOR_FAULT (4)``."""
+    has_name = number in tuple(kind)
+    return f"{kind(number).name if has_name else 'unknown'} ({number})"
 
 
 # -- requests
@@ -109,8 +109,8 @@ def encode_order(name: str, order: int) -> bytes:
 
 def decode_order(data: bytes) -> tuple[str, int]:
     """Return name and order. Raise ``MalformedFrame``."""
-    found = pb.message(data)
-    return text(pb.last_bytes(found, 2)), pb.last_int(found, 3)
+    fields = pb.message(data)
+    return text(pb.last_bytes(fields, 2)), pb.last_int(fields, 3)
 
 
 def encode_manager_order(order: ManagerOrder) -> bytes:
@@ -129,7 +129,7 @@ def encode_rate(hz: float) -> bytes:
 
 
 def decode_rate(data: bytes) -> float:
-    """Return samples a second. Raise ``MalformedFrame``."""
+    """Return the requested states per second. Raise ``MalformedFrame``."""
     return double(pb.message(data), 2)
 
 
@@ -137,13 +137,13 @@ def decode_rate(data: bytes) -> float:
 
 
 def headed(answer: bytes) -> bytes:
-    """Put a ``ResponseHeader`` before an answer: the vendor's client takes a call for done only
-    when the robot says that there was no error."""
+    """Put a ``ResponseHeader`` before an answer. The vendor's client takes a call for done only when
+    the header reports no error."""
     return pb.bytes_field(1, pb.bytes_field(4, pb.varint_field(1, _CODE_OK))) + answer
 
 
 def error_of(answer: bytes) -> str:
-    """Return the error in an answer's header; empty: there is none. Raise ``MalformedFrame``."""
+    """Return the error in an answer's header, or an empty text. Raise ``MalformedFrame``."""
     error = pb.message(pb.last_bytes(pb.message(pb.last_bytes(pb.message(answer), 1)), 4))
     code = pb.last_int(error, 1, _CODE_OK)
     return "" if code <= _CODE_OK else text(pb.last_bytes(error, 2)) or f"error {code}"
@@ -155,8 +155,8 @@ def encode_done(done: Done, why: str = "") -> bytes:
 
 def decode_done(data: bytes) -> tuple[int, str]:
     """Return status and message. Raise ``MalformedFrame``."""
-    found = pb.message(data)
-    return pb.last_int(found, 2), text(pb.last_bytes(found, 3))
+    fields = pb.message(data)
+    return pb.last_int(fields, 2), text(pb.last_bytes(fields, 3))
 
 
 def encode_model(urdf: str) -> bytes:
@@ -193,8 +193,8 @@ class ManagerState(msgspec.Struct, frozen=True):
     @classmethod
     def decode(cls, data: bytes) -> ManagerState:
         """Raise ``MalformedFrame``."""
-        found = pb.message(data)
-        return cls(pb.last_int(found, 1), pb.last_int(found, 3), double(found, 2), pb.varints(data, 4))
+        fields = pb.message(data)
+        return cls(pb.last_int(fields, 1), pb.last_int(fields, 3), double(fields, 2), pb.varints(data, 4))
 
     @property
     def text(self) -> str:
@@ -212,7 +212,7 @@ def decode_manager_answer(data: bytes) -> ManagerState:
 
 
 class RobotInfo(msgspec.Struct, frozen=True):
-    """``RobotInfo``, what is used of it."""
+    """The fields of ``RobotInfo`` that are used."""
 
     model: str
     version: str
@@ -223,8 +223,7 @@ class RobotInfo(msgspec.Struct, frozen=True):
 
     @property
     def motor_supply(self) -> int | None:
-        """Return the place of the motors' supply, which is that in every state, too; None: there is
-        none of that name."""
+        """The index of the motors' supply, here and in every state; None if no supply has that name."""
         return self.supplies.index(MOTOR_SUPPLY) if MOTOR_SUPPLY in self.supplies else None
 
     def encode(self) -> bytes:
@@ -249,13 +248,13 @@ class RobotInfo(msgspec.Struct, frozen=True):
     def decode(cls, data: bytes) -> RobotInfo:
         """Raise ``MalformedFrame``."""
         info = pb.last_bytes(pb.message(data), 2)
-        found = pb.message(info)
+        fields = pb.message(info)
         return cls(
-            text(pb.last_bytes(found, 12)),
-            text(pb.last_bytes(found, 16)),
-            _names(found, 5),
-            _names(found, 3),
-            _names(found, 11),
+            text(pb.last_bytes(fields, 12)),
+            text(pb.last_bytes(fields, 16)),
+            _names(fields, 5),
+            _names(fields, 3),
+            _names(fields, 11),
             tuple((part, pb.varints(info, number)) for number, part in _PARTS.items()),
         )
 
@@ -275,12 +274,12 @@ def messages(found: dict[int, list[pb.Value]], number: int) -> Iterator[dict[int
 
 
 def double(found: dict[int, list[pb.Value]], number: int) -> float:
-    """Return a ``double``, 0 when it is missing. Raise ``MalformedFrame``."""
+    """Return a ``double``, or 0 when the field is missing. Raise ``MalformedFrame``."""
     return pb.as_double(pb.last_int(found, number))
 
 
 def text(data: bytes) -> str:
-    """Raise ``MalformedFrame`` for what is no UTF-8."""
+    """Decode UTF-8. Raise ``MalformedFrame`` for anything else."""
     try:
         return data.decode()
     except UnicodeDecodeError:

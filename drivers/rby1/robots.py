@@ -1,4 +1,4 @@
-"""The robots of this wire, as data."""
+"""Read the robots of this wire from ``robots.toml``."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ TABLES = RobotTables(__package__, "RB-Y1")
 _KINDS = {"torso": PartKind.TORSO, "right_arm": PartKind.ARM, "left_arm": PartKind.ARM, "head": PartKind.HEAD}
 
 FIRST_JOINT = 2
-"""Index of the first driven joint on a model A: the wheels come before it. The real one is what the
-robot tells."""
+"""Index of the first driven joint on a model A: the wheels come before it. The list of joints that the
+robot sends decides on the real one."""
 
 
 def parts_of(table: Mapping[str, Any]) -> tuple[Part, ...]:
-    """Return the parts of a robot, with the ranges and speeds of the table."""
+    """Return the parts of a robot, with ranges and speeds from its table."""
     axes = [
         Axis(key=joint["key"], unit="rad", low=low, high=high, speed=joint["speed_rad_s"], id=number)
         for number, joint in enumerate(table["joints"], FIRST_JOINT)
         for low, high in (joint["range_rad"],)
     ]
-    parts, at = [], 0
+    parts, start = [], 0
     for name, count in PARTS.items():
         side = name.removesuffix("_arm") if name.endswith("_arm") else ""
-        parts.append(Part(_KINDS[name], tuple(axes[at : at + count]), side))
-        at += count
+        parts.append(Part(_KINDS[name], tuple(axes[start : start + count]), side))
+        start += count
     return tuple(parts)

@@ -1,5 +1,4 @@
-"""One RB-Y1 while it is connected: who it is, its limits, its newest state, the stream of our
-commands."""
+"""One connection to an RB-Y1: the robot's limits, its newest state and the stream of our commands."""
 
 from __future__ import annotations
 
@@ -27,39 +26,39 @@ STATE_HZ = 100.0
 
 
 class RBY1Session:
-    """What exists between ``open`` and ``close``."""
+    """The state that exists between ``open`` and ``close``."""
 
     def __init__(self, config: RBY1Config, connection: Connection, limits: Limits) -> None:
         self.connection = connection
         self.limits = limits
         self.state = RobotState(())
         self.stamp_ns = 0
-        self.lost = ""  # why nothing is written before the next arming
+        self.lost = ""  # the reason why nothing is written before the next arming
         self._config = config
         self._states = connection.ask(Method.STATE_STREAM, p.encode_rate(STATE_HZ))
         self._command: Call | None = None
 
     def row(self, values: Sequence[float]) -> tuple[float, ...]:
-        """Return the driven joints of a row of all joints; NaN where it is shorter."""
+        """Return the driven joints from a row of all joints, with NaN where the row is too short."""
         return tuple(values[at] if at < len(values) else math.nan for at in self._config.ids)
 
     @property
     def ready(self) -> bool:
-        """Return whether the servos of all driven joints are on."""
+        """Whether the servos of all driven joints are on."""
         return all(at < len(self.state.ready) and self.state.ready[at] for at in self._config.ids)
 
     def silent_s(self, now_ns: int) -> float:
-        """Return how long the robot's clock has stood still."""
+        """Return how long the time in the robot's states has not advanced."""
         return (now_ns - self.stamp_ns) / NS
 
     def take_waiting(self, now_ns: int) -> None:
-        """Take in what has arrived. Raise ``WireDown``."""
+        """Process the received messages, without waiting. Raise ``WireDown``."""
         self.connection.take_waiting()
         self._take_states(now_ns)
         self._take_feedback()
 
     async def next_state(self, clock: Clock, within_s: float) -> None:
-        """Wait for a state that has not come yet. Raise ``WireDown`` when none comes."""
+        """Wait for a new state. Raise ``WireDown`` if the timeout ends first."""
         before_ns = self.stamp_ns
         with trio.move_on_after(within_s):
             while self.stamp_ns == before_ns:
@@ -78,7 +77,7 @@ class RBY1Session:
         return encode_command(parts, self._config.priority)
 
     def send(self, message: bytes) -> None:
-        """Send a command now, on the stream that is open, else on a new one. Raise ``WireDown``."""
+        """Send a command now, on the open stream or else on a new one. Raise ``WireDown``."""
         if self._command is None:
             self._command = self.connection.call(Method.COMMAND_STREAM)
         self._command.send(message)
@@ -108,7 +107,7 @@ class RBY1Session:
             raise WireDown(f"{self._config.robot}: it tells no more states ({self._states.failure()}). Reconnect")
 
     def _take_feedback(self) -> None:
-        """See whether the robot does what it is told."""
+        """Set ``lost`` if the robot has dropped the command or ended its stream."""
         command = self._command
         if command is None:
             return
@@ -120,7 +119,7 @@ class RBY1Session:
             if dropped:
                 self.lost = f"the robot has dropped our command: {dropped}"
         if command.status is not None:
-            # With status OK, too: what we end ourselves is not looked at here any more.
+            # Status OK counts, too: a stream that we end ourselves is no longer in ``_command`` here.
             self._command = None
             self.lost = self.lost or f"the stream of commands has ended: {command.failure()}"
 
@@ -128,8 +127,14 @@ class RBY1Session:
 async def open_session(
     config: RBY1Config, clock: Clock, open_stream: OpenStream
 ) -> tuple[RBY1Session, dict[str, Any]]:
-    """Connect, ask who it is and what its limits are, hear its first state; return the session and
-    facts for ``status``. Nothing is moved. Raise ``WireDown``."""
+    """Connect, read the robot's identity and limits, and wait for its first state. Nothing moves.
+
+    Returns:
+        The session, and facts for ``status``.
+
+    Raises:
+        WireDown: The robot does not answer, or it is not the expected model.
+    """
     host, port = _address(config)
     connection = await open_grpc(host, port, within_s=CONNECT_S, open_stream=open_stream)
     try:
@@ -157,8 +162,8 @@ async def open_session(
 
 
 def _refuse_another(config: RBY1Config, info: RobotInfo) -> None:
-    """Raise ``WireDown`` for a robot whose joints are not those of this one, each in its place:
-    rows of a state have no names."""
+    """Raise ``WireDown`` if the robot's joints are not the expected ones at the same index. The rows of a
+    state carry no names."""
     count = len(info.joints)
     rows = zip(config.axes, config.ids, strict=True)
     missing = [axis for axis, at in rows if at >= count or info.joints[at] != axis]

@@ -1,4 +1,4 @@
-"""What an RB-Y1 says of itself, many times a second. Pure. Field numbers: see ``protocol``."""
+"""The state that an RB-Y1 streams many times a second. Pure. Field numbers: see ``protocol``."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Run(enum.IntEnum):
 
 
 class RobotState(msgspec.Struct, frozen=True):
-    """``GetRobotStateResponse``: rows are by joint index, of all joints of the robot."""
+    """``GetRobotStateResponse``. A row has one value per joint of the robot, by joint index."""
 
     position: tuple[float, ...]
     velocity: tuple[float, ...] = ()
@@ -50,45 +50,48 @@ class RobotState(msgspec.Struct, frozen=True):
 
     @property
     def pressed(self) -> bool:
-        """Return whether an emergency stop button is."""
+        """Whether any emergency stop button is pressed."""
         return any(self.emergency_stops)
 
     @property
     def powered(self) -> bool:
-        """Return whether every supply is on."""
+        """Whether every supply is on."""
         return bool(self.powers) and all(power == Power.ON for power in self.powers)
 
     def is_off(self, supply: int | None) -> bool:
-        """Return whether a supply is known to be off. ``supply``: its place in
-        ``RobotInfo.supplies``; None: it is not known."""
+        """Return whether a supply is known to be off.
+
+        Args:
+            supply: Its index in ``RobotInfo.supplies``; None if the robot did not report it.
+        """
         return supply is not None and supply < len(self.powers) and self.powers[supply] == Power.OFF
 
     @classmethod
     def decode(cls, data: bytes) -> RobotState:
-        """Raise ``MalformedFrame``, for positions and velocities that are not finite, too."""
+        """Decode a response. Raise ``MalformedFrame``, also for positions or velocities that are not finite."""
         answer = pb.message(data)
         state = pb.last_bytes(answer, 2)
-        found = pb.message(state)
-        position, velocity = _row(found, 31), _row(found, 32)
+        fields = pb.message(state)
+        position, velocity = _row(fields, 31), _row(fields, 32)
         if not all(map(math.isfinite, (*position, *velocity))):
             raise MalformedFrame("rb.api: a joint that is nowhere")
         if len(position) > MAX_JOINTS or len(velocity) != len(position):
             raise MalformedFrame(f"rb.api: {len(position)} positions, {len(velocity)} velocities")
-        battery = pb.message(pb.last_bytes(found, 3))
-        odometry = pb.message(pb.last_bytes(found, 45))
+        battery = pb.message(pb.last_bytes(fields, 3))
+        odometry = pb.message(pb.last_bytes(fields, 45))
         place = pb.message(pb.last_bytes(odometry, 1))
-        mass = pb.message(pb.last_bytes(found, 46))
-        time = pb.message(pb.last_bytes(found, 1))
+        mass = pb.message(pb.last_bytes(fields, 46))
+        time = pb.message(pb.last_bytes(fields, 1))
         return cls(
             position,
             velocity,
-            _row(found, 34),
-            _row(found, 41),
-            _row(found, 33),
-            tuple(float(_signed(value)) for value in _numbers(found, 48)),
-            tuple(value != 0.0 for value in _row(found, 30)),
-            tuple(pb.last_int(one, 1) for one in messages(found, 4)),
-            tuple(pb.last_int(one, 1) for one in messages(found, 100)),
+            _row(fields, 34),
+            _row(fields, 41),
+            _row(fields, 33),
+            tuple(float(_signed(value)) for value in _numbers(fields, 48)),
+            tuple(value != 0.0 for value in _row(fields, 30)),
+            tuple(pb.last_int(one, 1) for one in messages(fields, 4)),
+            tuple(pb.last_int(one, 1) for one in messages(fields, 100)),
             double(battery, 3) if battery else math.nan,
             double(battery, 1) if battery else math.nan,
             (double(place, 1), double(place, 2), double(odometry, 2)),
@@ -98,7 +101,7 @@ class RobotState(msgspec.Struct, frozen=True):
         )
 
     def encode(self) -> bytes:
-        """Encode it as a server does."""
+        """Encode the response as a server does."""
         x, y, heading = self.odometry
         battery = pb.double_field(1, self.battery_v) + pb.double_field(3, self.battery_pct)
         place = pb.double_field(1, x) + pb.double_field(2, y)
@@ -133,7 +136,8 @@ class RobotState(msgspec.Struct, frozen=True):
             + pb.varint_field(2, Fet.ON if ready else Fet.OFF)
             + pb.varint_field(3, Run.CONTROL_ON if ready else Run.CONTROL_OFF)
             + pb.varint_field(4, 1)
-            + pb.bytes_field(9, encode_duration(0.0))  # without it the vendor's client takes the servo for off
+            # Without this field the vendor's client takes the servo for off.
+            + pb.bytes_field(9, encode_duration(0.0))
             + pb.varint_field(10, int(self.powered))
             + pb.double_field(11, self.position[at])
             + pb.double_field(12, self.velocity[at])
@@ -144,8 +148,10 @@ class RobotState(msgspec.Struct, frozen=True):
 
 
 def _row(found: dict[int, list[pb.Value]], number: int) -> tuple[float, ...]:
-    """Return a repeated ``double`` of a message that was taken apart: a hundred states a second are
-    read once each. Raise ``MalformedFrame``."""
+    """Return a repeated ``double`` of a parsed message. Raise ``MalformedFrame``.
+
+    It works on the parsed fields, so that a message is parsed once: a hundred arrive every second.
+    """
     values = found.get(number, [])
     if len(values) == 1 and isinstance(values[0], bytes) and len(values[0]) % 8 == 0:
         return struct.unpack(f"<{len(values[0]) // 8}d", values[0])

@@ -1,7 +1,7 @@
-"""The root's way to an RB-Y1: a connection of its own, kept up, and another where that is lost.
+"""The root's stop channel to an RB-Y1: a separate connection that is kept alive, and replaced if lost.
 
-Nothing of it can hang: gRPC is spoken by this package, on trio, so that it needs no process of its
-own.
+No call on it can hang: this package implements gRPC itself, on trio. The channel therefore needs no
+separate process.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from .stopping import ANSWER_S, Stop
 KEEP_S = 0.5
 CONNECT_S = 0.6
 KEPT = 2
-"""Connections on which a stop was not answered; they are closed last."""
+"""Number of unanswered connections that stay open. The oldest is closed first."""
 
 
 class RBY1StopChannel(KeptSession[RBY1Config, Connection]):
@@ -43,7 +43,7 @@ class RBY1StopChannel(KeptSession[RBY1Config, Connection]):
     async def keep_up(self, session: Connection) -> None:
         while True:
             await trio.sleep(KEEP_S)
-            with contextlib.suppress(CallFailed):  # that is an answer, too
+            with contextlib.suppress(CallFailed):  # An error status is an answer, too.
                 await session.unary(Method.PING, b"", KEEP_S)
 
     async def make_safe_by(self, session: Connection | None, safe_state: SafeState) -> tuple[MotorReport, ...]:
@@ -57,14 +57,14 @@ class RBY1StopChannel(KeptSession[RBY1Config, Connection]):
                 self._silent.pop(0).close_in_order()
 
     def close(self) -> None:
-        """In order: a robot that was frozen finds the stop when it goes on."""
+        """Close in order, so that a robot that was frozen still receives the stop when it continues."""
         for connection in (*self._silent, *([self.session] if self.session else [])):
             connection.close_in_order()
         self._silent, self.session = [], None
 
 
 async def connect_to_stop(config: RBY1Config, open_stream: OpenStream) -> Connection:
-    """Connect, and hear nothing first: a stop is written to a robot that cannot be understood, too.
-    Raise ``WireDown``."""
+    """Connect without waiting for an answer. A stop is also written to a robot that sends nothing
+    readable. Raise ``WireDown``."""
     host, port = config.address()
     return await open_grpc(host, port, within_s=ANSWER_S, settle=False, open_stream=open_stream)

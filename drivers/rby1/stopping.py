@@ -1,9 +1,9 @@
-"""How an RB-Y1 is stopped: by the wire on its own connection, by the root on one of its own.
+"""Stop an RB-Y1. The wire uses its existing connection, the root a separate one.
 
-``CancelControl`` ends whatever the robot does, and it holds where it is. When that is not answered,
-or does not help, the control manager is disabled. ``off`` takes the power of the motors away, too.
+``CancelControl`` ends any motion, and the robot holds its position. If the robot does not answer it,
+or moves on, the control manager is disabled. ``off`` also removes the power of the motors.
 
-What confirms it are states whose own time goes on: one that repeats it counts as none.
+States confirm a stop only while the time in them advances. A state with a repeated time does not count.
 """
 
 from __future__ import annotations
@@ -33,18 +33,18 @@ DISABLE: Order = (Method.MANAGER, p.encode_manager_order(ManagerOrder.DISABLE))
 POWER_OFF: Order = (Method.POWER, p.encode_order(p.MOTOR_SUPPLY, PowerOrder.OFF))
 
 ANSWER_S = 0.3
-"""How long one order waits for its answer."""
+"""Timeout for the answer to one order."""
 ATTEMPTS = 3
 LOOK_S = 0.4
-"""How long the robot may take to stand, after an order that was answered."""
+"""How long the robot may take to stand still after an answered order."""
 STEADY_S = 0.05
-"""A robot that stands does so for this long: a command that it found late shows meanwhile."""
+"""The robot must stand still for this long. A command that it received late would show in this time."""
 POLL_S = 0.01
 STANDING_RAD_S = 0.05
-"""A joint that shows less stands [assumed]."""
+"""A joint below this speed counts as standing still [assumed]."""
 
 LONGEST_S = (ATTEMPTS + 1) * (ANSWER_S + LOOK_S)
-"""Of one stop, with the order that is the last resort."""
+"""The longest time of one stop, including the order that is the last resort."""
 
 _BUSY = (Control.EXECUTING, Control.SWITCHING)
 
@@ -52,14 +52,19 @@ Connect = Callable[[], Awaitable[Connection]]
 
 
 class Stop:
-    """One stop. ``connection``: the one to begin with; ``connect`` makes another when it is gone,
-    or when nobody answers on it."""
+    """One stop.
+
+    Args:
+        config: The robot's settings.
+        connection: The connection to begin with; None to make one.
+        connect: Make another connection when the first is lost or does not answer.
+    """
 
     def __init__(self, config: RBY1Config, connection: Connection | None, connect: Connect) -> None:
         self.connection = connection
         self.silent: list[Connection] = []
-        """Connections on which orders were not answered. Nothing is withdrawn there: a robot that
-        was frozen finds it. Whoever made the stop closes them."""
+        """Connections on which orders were not answered. Nothing is withdrawn there, so that a robot
+        that was frozen still finds the orders. The caller closes these connections."""
         self._config = config
         self._connect = connect
         self._written = self._acknowledged = False
@@ -67,12 +72,14 @@ class Stop:
         self._why = "not connected"
         self._refusal = ""
         self._position: Sequence[float] = ()  # of the newest state
-        self._holds = True  # what stands is held there
-        self._motor_supply: int | None = None  # its place; None: the robot has not told it
+        self._holds = True  # a joint that stands still is held there
+        self._motor_supply: int | None = None  # its index; None until the robot has reported it
 
     async def run(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """Bring the robot to ``safe_state``. Never raises; takes ``LONGEST_S`` at most. A joint that
-        is held is reported with where it stands."""
+        """Bring the robot to ``safe_state``. A held joint is reported with its position.
+
+        It never raises and takes ``LONGEST_S`` at most.
+        """
         self._holds = safe_state != SafeState.OFF
         if safe_state == SafeState.OFF:
             orders: list[Sequence[Order]] = [(CANCEL, DISABLE, POWER_OFF)] * ATTEMPTS
@@ -90,16 +97,16 @@ class Stop:
         return self._reports(False)
 
     async def _try(self, orders: Sequence[Order]) -> bool:
-        """Send the orders, then see what becomes of them. Raise ``WireDown``."""
+        """Send the orders, then check their effect. Raise ``WireDown``."""
         if self.connection is None or not self.connection.is_open:
             self.connection = None
             self.connection = await self._connect()
         connection = self.connection
-        calls = [connection.ask(method, message) for method, message in orders]  # all, before any wait
+        calls = [connection.ask(method, message) for method, message in orders]  # send all before any wait
         self._written = True
         if not await self._answered(connection, calls):
             self._why = "silent"
-            if not self.silent:  # another one, once: more would not be answered either
+            if not self.silent:  # Try another connection once. A third would not be answered either.
                 self.silent.append(connection)
                 self.connection = None
             return False
@@ -110,9 +117,11 @@ class Stop:
         return False
 
     async def _answered(self, connection: Connection, calls: Sequence[Call]) -> bool:
-        """Return whether all orders are answered in time. Raise ``WireDown`` when one is refused;
-        but not when the power is ordered off: the state of its supply tells, and a robot without
-        power may have nothing to cancel."""
+        """Return whether all orders are answered in time. Raise ``WireDown`` if one is refused.
+
+        A refusal does not count when the power is ordered off. The state of the supply shows the
+        result, and a robot without power may have nothing to cancel.
+        """
         until_s = trio.current_time() + ANSWER_S
         self._refusal = ""
         for call in calls:
@@ -131,15 +140,15 @@ class Stop:
         return True
 
     async def _stands(self, connection: Connection, orders: Sequence[Order]) -> bool:
-        """Look until the robot stands, and does so for a while. A command that runs now was found
-        late: it is cancelled by the next attempt."""
+        """Read states until the robot has stood still for ``STEADY_S``. A command that runs now was
+        received late, and the next attempt cancels it."""
         steady_s: float | None = None
-        time_ns: int | None = None  # of the state before, by the robot's clock
+        time_ns: int | None = None  # of the previous state, by the robot's clock
         if POWER_OFF in orders and self._motor_supply is None:
             self._motor_supply = (await _ask(connection, Method.GET_ROBOT_INFO, RobotInfo.decode)).motor_supply
         while True:
             state = await _ask(connection, Method.GET_ROBOT_STATE, RobotState.decode)
-            fresh = time_ns is not None and state.time_ns != time_ns  # the first may be of any time
+            fresh = time_ns is not None and state.time_ns != time_ns  # the first state may be old
             time_ns = state.time_ns
             self._why = self._trouble(state, orders)
             if state.manager.control == Control.EXECUTING:
@@ -156,10 +165,10 @@ class Stop:
             await trio.sleep(POLL_S)
 
     def _trouble(self, state: RobotState, orders: Sequence[Order]) -> str:
-        """Return what is not as it was ordered; empty: nothing."""
+        """Return how the state differs from the orders; empty if it does not."""
         rows = zip(self._config.axes, self._config.ids, strict=True)
-        self._position, known = state.position, len(state.velocity)
-        speeds = {axis: abs(state.velocity[at]) if at < known else math.inf for axis, at in rows}
+        self._position, count = state.position, len(state.velocity)
+        speeds = {axis: abs(state.velocity[at]) if at < count else math.inf for axis, at in rows}
         self._moving = [axis for axis, rad_s in speeds.items() if rad_s >= STANDING_RAD_S]
         if state.manager.control in _BUSY:
             self._moving = self._config.axes
@@ -173,12 +182,16 @@ class Stop:
         return "moves" if self._moving else ""
 
     def _held(self, joint: int) -> float | None:
-        """Return where a joint that stands is held, in rad."""
+        """Return the position at which a standing joint is held, in rad."""
         return self._position[joint] if self._holds and joint < len(self._position) else None
 
     def _reports(self, safe: bool) -> tuple[MotorReport, ...]:
-        """``safe``: every joint is. Else those are that were seen to stand beside others that
-        moved."""
+        """Return a report per joint.
+
+        Args:
+            safe: True if every joint is safe. Otherwise only those joints are that stood still while
+                others moved.
+        """
         stood, why = self._acknowledged and bool(self._moving), self._why or "not seen at rest"
         rows = zip(self._config.axes, self._config.ids, strict=True)
         return tuple(
@@ -190,7 +203,7 @@ class Stop:
 
 
 async def _ask(connection: Connection, method: Method, decode: Callable[[bytes], T]) -> T:
-    """Return what the robot answers. Raise ``WireDown``."""
+    """Return the robot's decoded answer. Raise ``WireDown``."""
     answer = await connection.unary(method, b"", LOOK_S)
     try:
         return decode(answer)
@@ -199,7 +212,7 @@ async def _ask(connection: Connection, method: Method, decode: Callable[[bytes],
 
 
 def _refusal(answer: bytes, path: str) -> str:
-    """Return why the robot did not do it; empty: it did."""
+    """Return why the robot refused the order; empty if it accepted."""
     try:
         if why := p.error_of(answer):
             return why

@@ -1,7 +1,7 @@
-"""An RB-Y1's gRPC server in the wire process.
+"""Connect the wire process to an RB-Y1's gRPC server.
 
-States are pushed on one call, commands go out on another; both are read and written without a wait.
-Only ``open``, ``arm``, ``make_safe`` and a service wait, each wait with a deadline.
+One call streams states, another streams commands. Both are read and written without waiting. Only
+``open``, ``arm``, ``make_safe`` and a service wait, each with a deadline.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ from .stopping import Stop
 T = TypeVar("T")
 
 QUIET_S = 0.1
-"""No setpoint is written to a robot that has been silent for so long: it would be taken up late."""
+"""No setpoint is written after this long without a state: the robot would act on it late."""
 
 ORDER_S = 2.0
-"""An order to supplies, servos or control manager is answered by then."""
+"""Timeout for the answer to an order to supplies, servos or control manager."""
 POWER_S = 5.0
 SERVO_S = 5.0
 ENABLE_S = 2.0
-"""By then a state shows what was ordered."""
+"""Timeouts until a state shows the effect of the order to supplies, servos and control manager."""
 FRESH_S = 1.0
 
 
@@ -59,8 +59,8 @@ class RBY1Wire(SessionWire[RBY1Session]):
         return facts
 
     async def arm(self, permit: Permit) -> Observation:
-        """Power, servos, control manager: each only when it is not there yet, and after the
-        emergency stop buttons and the control manager's faults were looked at."""
+        """Switch on supplies, servos and control manager, each only if it is off. Emergency stop buttons
+        and the control manager's faults are checked first."""
         session = self.session
         await session.next_state(self._clock, FRESH_S)
         self._refuse(session)
@@ -139,7 +139,7 @@ class RBY1Wire(SessionWire[RBY1Session]):
             channel.close()
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
-        """``reset_fault_control_manager``: what was a fault is idle; nothing is energised."""
+        """Run ``reset_fault_control_manager``. A fault becomes idle; nothing is energised."""
         session = self.session
         permit.check()
         answer = await self._manager(session, ManagerOrder.RESET_FAULT)
@@ -159,7 +159,7 @@ class RBY1Wire(SessionWire[RBY1Session]):
     # -- arming
 
     def _refuse(self, session: RBY1Session) -> None:
-        """Raise ``WireDown`` for a robot that may not be powered now."""
+        """Raise ``WireDown`` if the robot must not be powered now."""
         state = session.state
         refusal = refuse_pressed(state.pressed) or refuse_fault(state.manager.state)
         if refusal is not None:
@@ -180,7 +180,7 @@ class RBY1Wire(SessionWire[RBY1Session]):
     async def _until(
         self, session: RBY1Session, ready: Callable[[], bool], otherwise: str, within_s: float, permit: Permit
     ) -> None:
-        """Wait for a state that shows it. Raise ``WireDown``."""
+        """Wait until ``ready()`` is true of a state. Raise ``WireDown``."""
         with trio.move_on_after(within_s):
             while not ready():
                 await session.next_state(self._clock, FRESH_S)
@@ -220,7 +220,7 @@ class RBY1Wire(SessionWire[RBY1Session]):
 
 
 def _decoded(decode: Callable[[bytes], T], answer: bytes) -> T:
-    """Raise ``WireDown`` for an answer that cannot be understood."""
+    """Return the decoded answer. Raise ``WireDown`` if it is malformed."""
     try:
         return decode(answer)
     except MalformedFrame as malformed:

@@ -1,1 +1,1 @@
-"""Pollen Robotics Reachy Mini, through its daemon."""
+"""Drive a Pollen Robotics Reachy Mini through its daemon."""

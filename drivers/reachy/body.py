@@ -1,5 +1,5 @@
-"""The robot behind its twin's service: axes that follow their targets at the motors' speed, and
-moves that play."""
+"""Simulate the robot behind its twin's service. Axes follow their targets at the motors' speed, and moves
+play."""
 
 from __future__ import annotations
 
@@ -13,19 +13,20 @@ from strands_actors.drivers.common.simulation_control.body import Felt, Hand
 from strands_actors.drivers.common.simulation_control.protocol import TIMESTEP_S
 
 PEAK = 1.875
-"""Of a move of minimum jerk: its peak speed in averages."""
+"""Peak speed of a minimum-jerk move, as a multiple of its average speed."""
 
 _STEP_S = 0.01
 _LONGEST_S = 0.25
-"""Time that nobody looked at is passed when somebody does, up to this: a longer stall is
-dropped."""
+"""Longest time to catch up between two calls. The rest of a longer stall is dropped."""
 
 Row = tuple[float, ...]
 
 
 class Move:
-    """From where the robot is through ``stages``: targets, each with the seconds it takes.
-    ``listed``: whether the daemon tells that it runs, as it does of those begun by REST."""
+    """A move from the present position through ``stages``: targets, each with its duration in seconds.
+
+    ``listed`` is true if the daemon lists the move as running, as it does for those begun by REST.
+    """
 
     def __init__(self, uuid: str, stages: Sequence[tuple[Row, float]], listed: bool = True) -> None:
         self.uuid = uuid
@@ -35,7 +36,7 @@ class Move:
         self._passed_s = 0.0
 
     def step(self, step_s: float, at: Row) -> Row | None:
-        """Return the target so much later; None: it is over."""
+        """Return the target after this step; None if the move is over."""
         if not self._stages:
             return None
         target, duration_s = self._stages[0]
@@ -51,8 +52,10 @@ class Move:
 
 
 class ReachyBody:
-    """A row is in axis order, in the driver's units. Motors without torque stay where they are
-    [assumed]: the head of the real robot drops."""
+    """The body of the robot. A row is in axis order, in the driver's units.
+
+    Motors without torque keep their position [assumed]. The head of the real robot drops.
+    """
 
     def __init__(self, axes: Sequence[Axis], table: Mapping[str, Any], now_s: Callable[[], float]) -> None:
         self.axes = tuple(axis.key for axis in axes)
@@ -62,11 +65,11 @@ class ReachyBody:
         self._now_s = now_s
         self._seen_s = now_s()
         self.time_s = 0.0
-        self.ended: list[str] = []  # moves that are over and not reported yet
+        self.ended: list[str] = []  # moves that are over but not reported yet
         self.reset()
 
     def reset(self) -> None:
-        """At rest, as it begins: motors on."""
+        """Reset to the first state: at rest, motors on."""
         self.mode = "enabled"
         self.here: Row = (0.0,) * len(self.axes)
         self.target: Row = self.here
@@ -75,20 +78,20 @@ class ReachyBody:
         self.hand = Hand.NONE
 
     def set_mode(self, mode: str) -> None:
-        """As the daemon: torque comes on where the robot is."""
+        """Set the mode, as the daemon does: torque begins at the present position."""
         if mode == "enabled" and self.mode != "enabled":
             self.target = self.here
         self.mode = mode
 
     def aim_at(self, target: Row) -> bool:
-        """Return False, as the daemon, while a move is running."""
+        """Set a target. Return False while a move runs, as the daemon does."""
         self.hand = Hand.WIRE
         if self.move is None:
             self.target = target
         return self.move is None
 
     def play(self, move: Move) -> None:
-        """A second move is over at once, and nobody is told why, as with the daemon."""
+        """Play a move. If one is running, the new one ends at once without a reason, as with the daemon."""
         self.hand = Hand.WIRE
         if self.move is None:
             self.move = move
@@ -96,7 +99,7 @@ class ReachyBody:
             self.ended.append(move.uuid)
 
     def end_move(self) -> str:
-        """End what is played, where it is; return its uuid, empty: nothing was."""
+        """End the running move at the present position. Return its id; empty if no move ran."""
         move, self.move = self.move, None
         if self.hand is Hand.WIRE:
             self.hand = Hand.NONE
@@ -128,7 +131,7 @@ class ReachyBody:
 
     @cached_property
     def spec(self) -> Any:
-        from strands_actors.drivers.common.model_rows import build  # MuJoCo, for its looks only
+        from strands_actors.drivers.common.model_rows import build  # MuJoCo, for the pictures only
 
         return build(self._table)
 
@@ -142,7 +145,7 @@ class ReachyBody:
 
     def pose(self) -> Sequence[float]:
         values = dict(zip(self.axes, self._metric(self.here), strict=True))
-        values["head_yaw"] -= values["body_yaw"]  # in the model the head stands on the body
+        values["head_yaw"] -= values["body_yaw"]  # In the model the head stands on the body.
         return [values[name] for name in _MODEL_ORDER]
 
     def take(self, on: bool) -> None:
@@ -168,4 +171,4 @@ _MODEL_ORDER = (
     "body_yaw", "head_x", "head_y", "head_z", "head_yaw", "head_pitch", "head_roll", "antenna_left",
     "antenna_right",
 )  # fmt: skip
-"""Joints as ``model_rows`` has them."""
+"""The joints in the order of ``model_rows``."""

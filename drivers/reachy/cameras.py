@@ -1,5 +1,7 @@
-"""Pictures of the robot's camera, streamed by its daemon over WebRTC (``cameras={"head": {}}``). They come
-past the robot's tree, to a camera's process."""
+"""Read the robot's camera, which its daemon streams over WebRTC (``cameras={"head": {}}``).
+
+The pictures go directly to a camera's process, not through the robot's tree.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +13,11 @@ from strands_actors.drivers.common.webrtc import WebRtcVideo
 from .driver import Reachy
 
 PRODUCER = "reachymini"
-"""As the daemon's media server calls itself (1.13.0)."""
+"""Name that the daemon's media server gives itself (1.13.0)."""
 
 
 async def open_camera(settings: CameraSettings) -> WebRtcVideo:
-    """Open the stream of the first place where there is one. Raise ``WireDown`` with what every place said."""
+    """Open the stream at the first address that has one. Raise ``WireDown`` with the error of every address."""
     if why := missing("reachy", "a picture of the robot's camera"):
         raise WireDown(why)
     config = Reachy(settings.robot, settings.port, settings.options).config

@@ -1,4 +1,4 @@
-"""What the wire and the stop channel of a Reachy Mini know of it."""
+"""The frozen settings that the wire and the stop channel share, and how the daemon's address is handed over."""
 
 from __future__ import annotations
 
@@ -10,24 +10,23 @@ import msgspec
 from strands_actors.drivers.common.addresses import parse_web_address
 
 _LONGEST = 1024
-"""Bytes of a place."""
+"""Most bytes of an address."""
 
 
 LATE_S = 1.5
-"""A request of a client that was killed may be carried out so late [assumed: the daemon takes as long to
-switch the motors]. The root asks on connections of its own, and may overtake it."""
+"""A request of a killed client may take effect this late [assumed: the daemon takes as long to switch the
+motors]. The root uses separate connections, so its requests may overtake it."""
 
 
 def tell_place(host: str, number: int) -> int:
-    """Return a descriptor of memory that says where the daemon was found, for ``at_told``."""
-    told = os.memfd_create("reachy")
-    os.pwrite(told, f"[{host}]:{number}".encode(), 0)
-    return told
+    """Return a descriptor of memory with the address of the daemon, for ``at_told``."""
+    memory = os.memfd_create("reachy")
+    os.pwrite(memory, f"[{host}]:{number}".encode(), 0)
+    return memory
 
 
 def parse_speech_url(url: str) -> tuple[str, int, str]:
-    """Return host, port and target of ``tts_url``. Raise ``ValueError`` for what is no http
-    address."""
+    """Return host, port and target of ``tts_url``. Raise ``ValueError`` if it is not an http address."""
     parts = urlsplit(url)
     if parts.scheme != "http" or not parts.hostname or parts.username is not None:
         raise ValueError(f"tts_url is {url!r}. Give an address that begins with http://, without a user")
@@ -40,7 +39,7 @@ def parse_speech_url(url: str) -> tuple[str, int, str]:
 class ReachyConfig(msgspec.Struct, frozen=True):
     robot: str
     port: str
-    """Empty: whoever of ``places`` answers first."""
+    """The daemon's address. If empty, the first of ``places`` that answers is used."""
     places: tuple[str, ...]
     axes: tuple[str, ...]
     ids: tuple[int, ...]
@@ -49,15 +48,15 @@ class ReachyConfig(msgspec.Struct, frozen=True):
     media_port: int
     tts_url: str
     silent_s: float = 1.0
-    """Without a frame for so long the link counts as lost."""
+    """The link counts as lost after this long without a frame."""
 
     def addresses(self) -> tuple[tuple[str, int], ...]:
-        """Return where the daemon may be. Raise ``ValueError`` for a ``port`` that is no address of
-        a service."""
+        """Return the possible addresses of the daemon. Raise ``ValueError`` if ``port`` is not the address of a
+        service."""
         return tuple(self._address(place) for place in ((self.port,) if self.port else self.places))
 
     def at_told(self, told: int) -> ReachyConfig:
-        """Return it with the one place that ``tell_place`` told. Closes the descriptor."""
+        """Return a copy with the address that ``tell_place`` wrote as its only one. Close the descriptor."""
         try:
             return msgspec.structs.replace(self, port=os.pread(told, _LONGEST, 0).decode())
         finally:

@@ -1,10 +1,10 @@
-"""Pollen Robotics Reachy Mini, Lite and Wireless, through the REST and WebSocket service of its
-daemon.
+"""Drive a Pollen Robotics Reachy Mini, Lite or Wireless, through the REST and WebSocket service of its daemon.
 
-Safe, but for an e-stop, is to hold: the move that is played ends, whoever began it, face tracking
-and wobbling too, and the motors keep their torque where the head is. An e-stop takes the torque
-away: the head drops. Small steps are told as targets, larger ones as moves that last: nothing
-jumps. Connecting and ``resume()`` move nothing and give no torque; ``motors(mode="enabled")`` does.
+The safe state is to hold, except for an e-stop. A hold ends the running move of any client, face tracking and
+wobbling, and the motors keep their torque where the head is. An e-stop removes the torque: the head drops.
+
+Small steps are sent as targets, larger ones as moves with a duration, so that the robot never jumps. Connecting
+and ``resume()`` neither move the robot nor give torque. ``motors(mode="enabled")`` gives torque.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from .protocol import API_PORT, BODY, MEDIA_PORT
 from .robots import TABLES, axes_of
 
 PLACES = ("localhost", "reachy-mini.local")
-"""Where a daemon is looked for when neither ``port`` nor ``REACHY_HOST`` says where it is."""
+"""Addresses to try for a daemon when neither ``port`` nor ``REACHY_HOST`` is given."""
 
 
 class ReachyOptions(DriverOptions, frozen=True):
@@ -73,12 +73,12 @@ class Reachy(Driver):
     unit = "degrees (head_x, head_y, head_z: millimetres)"
     timing = Timing(
         control_hz=50.0,
-        keepalive_s=3600.0,  # never: the daemon keeps its last target, and a move must not begin twice
+        keepalive_s=3600.0,  # Practically never: the daemon keeps its last target, and a move must not repeat.
         stream_ttl_s=0.3,
         oneshot_ttl_s=None,
         state_ttl_s=0.5,
         call_s=0.8,
-        open_s=13.0,  # of which the daemon's status may take 10
+        open_s=13.0,  # 10 s of it for the daemon's status
         safe_s=2.0,
     )
     fallbacks: Mapping[Reason, SafeState] = {
@@ -89,7 +89,8 @@ class Reachy(Driver):
         "none: left alone the daemon ends the move it plays, 10 s at most of ours, and holds the last target with "
         "torque on; face tracking goes on"
     )
-    bound_s = 0.2  # two round trips until a WebSocket is there; the daemon's own computer is slow [assumed]
+    # A WebSocket needs two round trips, and the daemon's own computer is slow [assumed].
+    bound_s = 0.2
     conditions = CONDITIONS
 
     @classmethod
@@ -150,7 +151,7 @@ class Reachy(Driver):
         return {**targets, DURATION: seconds}
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
-        """A target has a duration behind its axes."""
+        """Return the axes by name. The duration after them in a target is left out."""
         return dict(zip(self.axes, values, strict=False))
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:

@@ -1,5 +1,7 @@
-"""What is refused before it reaches the daemon, which itself takes any number. Pure; nothing is
-ever clipped."""
+"""Conditions and gates that refuse a command before it reaches the daemon, which itself accepts any number.
+
+Pure; nothing is ever clipped.
+"""
 
 from __future__ import annotations
 
@@ -18,20 +20,20 @@ from .protocol import BODY, MODES, YAW
 
 DURATION = "duration"
 LOOK = ("look_x", "look_y", "look_z")
-"""A point to look at, in metres from where the head is at rest: to the front, to the left, up."""
+"""Keys of a point to look at, in metres from the head at rest: to the front, to the left, up."""
 
 SHORTEST_S, LONGEST_S = 0.1, 10.0
-"""Of a move."""
+"""Limits of the duration of a move."""
 
 AT_ONCE_S = 0.03
-"""What an axis turns in so long at full speed is told as a target, without a move: a stream of
-small steps."""
+"""A step that every axis does in this time at full speed is sent as a target, without a move. A stream has
+such small steps."""
 
 EASE = 0.5
-"""Of full speed: what a move without a duration is given [assumed]."""
+"""Speed of a move without a duration, as a share of full speed [assumed]."""
 
 NEAREST_M = 0.05
-"""A point nearer than this has no direction [assumed]."""
+"""A point nearer than this has no usable direction [assumed]."""
 
 _ROUNDING = 1e-9
 
@@ -39,14 +41,14 @@ _ROUNDING = 1e-9
 def parse(
     action: Mapping[str, object], robot: str, axes: Sequence[Axis], index: Mapping[str, int], state: GateState
 ) -> Candidate | Refused:
-    """Return the whole target, then how long the move there takes; 0: it is told at once."""
-    wanted = dict(action)
-    given = wanted.pop(DURATION, None)
-    if any(name in wanted for name in LOOK):
-        refusal = _look(wanted)
+    """Return the target of all axes, followed by the duration of the move; 0 for a target without a move."""
+    requested = dict(action)
+    given = requested.pop(DURATION, None)
+    if any(name in requested for name in LOOK):
+        refusal = _look(requested)
         if refusal is not None:
             return refusal
-    parsed = parse_action(wanted, robot, axes, index, state.target[: len(axes)])
+    parsed = parse_action(requested, robot, axes, index, state.target[: len(axes)])
     if isinstance(parsed, Refused):
         return _with_other_keys(parsed)
     values, named = parsed
@@ -66,14 +68,14 @@ def parse(
 
 
 def all_gates(axes: Sequence[Axis], state_ttl_s: float, yaw_deg: float) -> tuple[GateCheck, ...]:
-    """Return the gates in the order in which they are asked: the first that refuses answers."""
+    """Return the gates in the order of their checks. The first that refuses gives the answer."""
     own = past_range(axes), asleep(axes), twisted(yaw_deg), too_fast(axes)
     return stale(axes, state_ttl_s), would_be_heeded, *own
 
 
 def asleep(axes: Sequence[Axis]) -> GateCheck:
-    """Refuse to move one axis of the head while another is to stay out of its range, as it is in
-    the pose of sleep: the daemon does not go there, and does not say so."""
+    """Refuse to move one axis of the head while another one would stay outside its range, as in the sleeping
+    pose. The daemon does not move there and reports no error."""
 
     def asleep(candidate: Candidate, state: GateState) -> Refused | None:
         if not any(at < BODY for at in candidate.named):
@@ -91,7 +93,7 @@ def asleep(axes: Sequence[Axis]) -> GateCheck:
 
 
 def twisted(yaw_deg: float) -> GateCheck:
-    """Refuse a head that is turned too far from the body."""
+    """Refuse a head yaw that is too far from the body's."""
 
     def twisted(candidate: Candidate, state: GateState) -> Refused | None:
         apart = candidate.values[YAW] - candidate.values[BODY]
@@ -110,12 +112,12 @@ def twisted(yaw_deg: float) -> GateCheck:
 
 
 def too_fast(axes: Sequence[Axis]) -> GateCheck:
-    """Refuse a move that takes less time than an axis needs from where it is."""
+    """Refuse a move that is shorter than an axis needs from its present position."""
 
     def too_fast(candidate: Candidate, state: GateState) -> Refused | None:
         duration_s = candidate.values[len(axes)]
         if duration_s == 0.0:
-            return None  # ``parse`` saw that the step is small
+            return None  # ``parse`` has checked that the step is small.
         needed = _full_speed_s(candidate.values, axes, state.observation)
         at = max(range(len(axes)), key=lambda one: needed[one])
         if needed[at] <= duration_s + _ROUNDING:
@@ -135,10 +137,9 @@ def too_fast(axes: Sequence[Axis]) -> GateCheck:
 
 
 def motors_on(observation: Observation, now_ns: int) -> Refused | None:
-    """Refuse while the motors have no torque: the daemon takes commands then, too, and says that
-    all is well."""
-    told = observation.sensors.get("motor_mode")
-    mode = "in an unknown mode" if told is None else MODES[round(told[0])]
+    """Refuse while the motors have no torque. The daemon accepts commands then, too, and reports success."""
+    reading = observation.sensors.get("motor_mode")
+    mode = "in an unknown mode" if reading is None else MODES[round(reading[0])]
     if mode == "enabled":
         return None
     return Refused(Code.MOTORS_OFF, f"the motors are {mode}", 'call motors(mode="enabled") first', mode, "enabled")
@@ -154,13 +155,13 @@ IGNORED = Refused(
 
 
 def heeded(observation: Observation, now_ns: int) -> Refused | None:
-    """Refuse when the daemon has just ignored a command."""
+    """Refuse after the daemon has ignored a command."""
     return IGNORED if any(observation.sensors.get("ignored", ())) else None
 
 
 def would_be_heeded(candidate: Candidate, state: GateState) -> Refused | None:
-    """Refuse while another client's move runs, which goes on: the daemon ignores targets and moves
-    then."""
+    """Refuse while another client's move runs. That move continues, and the daemon ignores targets and moves
+    until it ends."""
     return IGNORED if any(state.observation.sensors.get("others_move", ())) else None
 
 
@@ -168,13 +169,13 @@ CONDITIONS = (Condition(motors_on, on_resume=OnResume.STAY_ARMED), Condition(hee
 
 
 def direction(x: float, y: float, z: float) -> tuple[float, float]:
-    """Return the head's pitch and yaw towards a point, in degrees: pitch is positive downwards, yaw
-    to the left."""
+    """Return the head's pitch and yaw towards a point, in degrees. Pitch is positive downwards, yaw to the
+    left."""
     return math.degrees(math.atan2(-z, math.hypot(x, y))), math.degrees(math.atan2(y, x))
 
 
 def _look(wanted: dict[str, object]) -> Refused | None:
-    """Replace a point to look at by the pose of the head."""
+    """Replace a point to look at by the pose of the head, in the action."""
     keys = ", ".join(LOOK)
     point = [finite(wanted.pop(name, None)) for name in LOOK]
     if both := [name for name in ("head_pitch", "head_yaw") if {name, f"{name}.pos"} & wanted.keys()]:
@@ -194,8 +195,8 @@ def _look(wanted: dict[str, object]) -> Refused | None:
 
 
 def _full_speed_s(values: Sequence[float], axes: Sequence[Axis], seen: Observation) -> list[float]:
-    """Return how long each axis needs at full speed, from where it is; where that is not known no
-    time."""
+    """Return the time in seconds that each axis needs at full speed from its present position; 0 if that
+    position is not known."""
     steps = [abs(value - here) / axis.speed for value, here, axis in zip(values, seen.position, axes, strict=False)]
     return [step if math.isfinite(step) else 0.0 for step in steps]
 

@@ -1,9 +1,8 @@
-"""What is said to and heard of the Reachy Mini daemon (1.13.0), as JSON. Pure.
+"""Encode and decode the JSON messages of the Reachy Mini daemon (1.13.0). Pure.
 
-A row of values is in axis order and in the driver's units: head pitch, roll and yaw in degrees,
-head x, y and z in millimetres, body yaw and the two antennas in degrees. The wire has radians and
-metres, and the right antenna first. The pose of the head is in the frame of the base: its yaw
-contains the body's.
+A row of values is in axis order and in the driver's units: head pitch, roll and yaw in degrees, head x, y and z
+in millimetres, body yaw and the two antennas in degrees. The wire has radians and metres, and the right antenna
+first. The pose of the head is in the frame of the base, so its yaw contains the body's.
 """
 
 from __future__ import annotations
@@ -46,14 +45,14 @@ UPDATES = "/api/move/ws/updates"
 
 OK, NOT_FOUND = 200, 404
 MODES = ("disabled", "enabled", "gravity_compensation")
-"""By the number under which the mode is observed."""
+"""Modes of the motors. The index is the number under which the mode is observed."""
 
 DATASET = "pollen-robotics/reachy-mini-emotions-library"
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}")
-"""Of a recorded move, and of each part of a dataset's."""
+"""Pattern of the name of a recorded move, and of each part of a dataset's name."""
 
 STOP_MOVE = '{"type":"stop_move"}'
-"""Ends the move that is being played, whoever began it; no answer."""
+"""Ends the move that is being played, from any client. It has no answer."""
 TRACKING_STOP = '{"type":"set_head_tracking","enabled":false}'
 WOBBLING_STOP = '{"type":"set_wobbling","enabled":false}'
 MOTORS_OFF = '{"type":"set_motor_mode","mode":"disabled"}'
@@ -62,14 +61,14 @@ COMPLETED = "move_completed"
 ENDS = (COMPLETED, "move_failed", "move_cancelled")
 
 PITCH, ROLL, YAW, X, Y, Z, BODY, LEFT, RIGHT = range(9)
-"""Axes of a row."""
+"""Indices of the axes in a row."""
 
 _JSON = msgspec.json.Decoder()
 _UUID = re.compile(r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}")
 
 
 class Joints(msgspec.Struct, frozen=True):
-    """Measured, in degrees."""
+    """Measured joints, in degrees."""
 
     body: float
     left: float
@@ -84,7 +83,7 @@ class Head(msgspec.Struct, frozen=True):
 
 
 class Imu(msgspec.Struct, frozen=True):
-    """Of a Reachy Mini Wireless; a Lite has none."""
+    """Readings of the IMU. A Reachy Mini Wireless has one, a Lite does not."""
 
     accelerometer_m_s2: tuple[float, ...]
     gyroscope_rad_s: tuple[float, ...]
@@ -93,7 +92,7 @@ class Imu(msgspec.Struct, frozen=True):
 
 
 class Status(msgspec.Struct, frozen=True):
-    """Of the daemon. ``battery_pct``: NaN where it tells none, as 1.13.0 does."""
+    """State of the daemon. ``battery_pct`` is NaN if the daemon does not send it, as 1.13.0."""
 
     state: str
     wireless: bool
@@ -105,7 +104,7 @@ class Status(msgspec.Struct, frozen=True):
 
 
 class Update(msgspec.Struct, frozen=True):
-    """What became of a move."""
+    """An event of a move."""
 
     kind: str
     uuid: str
@@ -113,7 +112,7 @@ class Update(msgspec.Struct, frozen=True):
 
 
 def encode_target(values: Sequence[float]) -> bytes:
-    """Return the body of a target that is taken up at once."""
+    """Return the body of a request for a target that takes effect at once."""
     return msgspec.json.encode(
         {
             "target_head_pose": _pose(values),
@@ -124,7 +123,7 @@ def encode_target(values: Sequence[float]) -> bytes:
 
 
 def encode_goto(values: Sequence[float], duration_s: float) -> bytes:
-    """Return the body of a move that takes so long."""
+    """Return the body of a request for a move of this duration."""
     return msgspec.json.encode(
         {
             "head_pose": _pose(values),
@@ -137,46 +136,48 @@ def encode_goto(values: Sequence[float], duration_s: float) -> bytes:
 
 
 def encode_uuid(uuid: str) -> bytes:
-    """Return the body that names a move."""
+    """Return the body with the id of a move."""
     return msgspec.json.encode({"uuid": uuid})
 
 
 def row_of(head: Head, joints: Joints) -> tuple[float, ...]:
-    """Return what was measured, in axis order."""
+    """Return the measured values in axis order."""
     roll, pitch, yaw = (math.degrees(angle) for angle in head.rpy_rad)
     x, y, z = (1e3 * length for length in head.xyz_m)
     return (pitch, roll, yaw, x, y, z, joints.body, joints.left, joints.right)
 
 
 def decode_sdk(message: str | bytes) -> Joints | Head | Imu | Status | None:
-    """Return what the daemon says on ``/ws/sdk``; None for what is of no interest. Raise
-    ``MalformedFrame``."""
-    told = _object(message)
-    match told.get("type"):
+    """Decode a message from ``/ws/sdk``. Return None for a type that is not used. Raise ``MalformedFrame``."""
+    fields = _object(message)
+    match fields.get("type"):
         case "joint_positions":
-            head, (right, left) = _row(told, "head_joint_positions", 7), _row(told, "antennas_joint_positions", 2)
+            head, (right, left) = (
+                _row(fields, "head_joint_positions", 7),
+                _row(fields, "antennas_joint_positions", 2),
+            )
             return Joints(math.degrees(head[0]), math.degrees(left), math.degrees(right))
         case "head_pose":
-            return _head(told.get("head_pose"))
+            return _head(fields.get("head_pose"))
         case "imu_data":
             return Imu(
-                _row(told, "accelerometer", 3),
-                _row(told, "gyroscope", 3),
-                _row(told, "quaternion", 4),
-                _number(told, "temperature"),
+                _row(fields, "accelerometer", 3),
+                _row(fields, "gyroscope", 3),
+                _row(fields, "quaternion", 4),
+                _number(fields, "temperature"),
             )
         case "daemon_status":
-            return _status(told)
+            return _status(fields)
     return None
 
 
 def decode_status(body: bytes) -> Status:
-    """Return the answer to ``GET /api/daemon/status``. Raise ``MalformedFrame``."""
+    """Decode the answer to ``GET /api/daemon/status``. Raise ``MalformedFrame``."""
     return _status(_object(body))
 
 
 def decode_mode(body: bytes) -> int:
-    """Return the motors' mode as its number in ``MODES``. Raise ``MalformedFrame``."""
+    """Return the motors' mode as its index in ``MODES``. Raise ``MalformedFrame``."""
     mode = _text(_object(body), "mode")
     if mode not in MODES:
         raise MalformedFrame(f"mode {mode[:40]!r}")
@@ -184,26 +185,26 @@ def decode_mode(body: bytes) -> int:
 
 
 def decode_running(body: bytes) -> tuple[str, ...]:
-    """Return the moves that are running. Raise ``MalformedFrame``."""
-    told = _decode(body)
-    if not isinstance(told, list):
+    """Return the ids of the running moves. Raise ``MalformedFrame``."""
+    moves = _decode(body)
+    if not isinstance(moves, list):
         raise MalformedFrame("the running moves are no list")
-    return tuple(_uuid(move) for move in told)
+    return tuple(_uuid(move) for move in moves)
 
 
 def decode_move(body: bytes) -> str:
-    """Return the uuid of a move that was begun. Raise ``MalformedFrame``."""
+    """Return the id of a move that has begun. Raise ``MalformedFrame``."""
     return _uuid(_object(body))
 
 
 def decode_update(message: str | bytes) -> Update:
-    """Return what is said on ``/api/move/ws/updates``. Raise ``MalformedFrame``."""
-    told = _object(message)
-    return Update(_text(told, "type"), _uuid(told), str(told.get("details") or "")[:200])
+    """Decode a message from ``/api/move/ws/updates``. Raise ``MalformedFrame``."""
+    fields = _object(message)
+    return Update(_text(fields, "type"), _uuid(fields), str(fields.get("details") or "")[:200])
 
 
 def decode_target_answer(body: bytes) -> bool:
-    """Return whether a target was taken; not while a move is running. Raise ``MalformedFrame``."""
+    """Return whether the daemon took a target. It takes none while a move runs. Raise ``MalformedFrame``."""
     status = _text(_object(body), "status")
     if status not in ("ok", "ignored"):
         raise MalformedFrame(f"status {status[:40]!r}")
@@ -211,25 +212,27 @@ def decode_target_answer(body: bytes) -> bool:
 
 
 def decode_direction(body: bytes) -> tuple[float, bool] | None:
-    """Return where sound comes from, in degrees to the left of straight ahead, and whether it is
-    speech; None without a microphone. Raise ``MalformedFrame``."""
+    """Return the direction of sound in degrees to the left of straight ahead, and whether it is speech.
+
+    None without a microphone. Raise ``MalformedFrame``.
+    """
     if _decode(body) is None:
         return None
-    told = _object(body)
-    return 90.0 - math.degrees(_number(told, "angle")), told.get("speech_detected") is True
+    fields = _object(body)
+    return 90.0 - math.degrees(_number(fields, "angle")), fields.get("speech_detected") is True
 
 
 def decode_object(body: bytes) -> dict[str, Any]:
-    """Return any JSON object. Raise ``MalformedFrame``."""
+    """Decode any JSON object. Raise ``MalformedFrame``."""
     return _object(body)
 
 
 def decode_names(body: bytes) -> list[str]:
-    """Return a list of names. Raise ``MalformedFrame``."""
-    told = _decode(body)
-    if not isinstance(told, list) or not all(isinstance(name, str) for name in told):
+    """Decode a list of names. Raise ``MalformedFrame``."""
+    names = _decode(body)
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         raise MalformedFrame("no list of names")
-    return told
+    return names
 
 
 def _pose(values: Sequence[float]) -> dict[str, float]:
@@ -244,7 +247,7 @@ def _pose(values: Sequence[float]) -> dict[str, float]:
 
 
 def _head(pose: object) -> Head:
-    """Read a 4 by 4 matrix: roll, pitch and yaw about the fixed x, y and z."""
+    """Convert a 4 by 4 matrix to a position, and roll, pitch and yaw about the fixed x, y and z."""
     if not isinstance(pose, list) or len(pose) != 4:
         raise MalformedFrame("head_pose is no 4 by 4 matrix")
     m = [_row({"row": row}, "row", 4) for row in pose]
@@ -252,18 +255,18 @@ def _head(pose: object) -> Head:
     return Head((m[0][3], m[1][3], m[2][3]), rpy)
 
 
-def _status(told: dict[str, Any]) -> Status:
-    backend = told.get("backend_status")
-    error = told.get("error") or (backend.get("error") if isinstance(backend, dict) else None)
-    battery = told.get("battery_pct")  # [assumed]: no daemon that was seen tells it
+def _status(fields: dict[str, Any]) -> Status:
+    backend = fields.get("backend_status")
+    error = fields.get("error") or (backend.get("error") if isinstance(backend, dict) else None)
+    battery = fields.get("battery_pct")  # [assumed]: no observed daemon sends it
     return Status(
-        state=_text(told, "state"),
-        wireless=told.get("wireless_version") is True,
-        simulated=told.get("simulation_enabled") is True or told.get("mockup_sim_enabled") is True,
-        version=str(told.get("version") or "unknown")[:40],
-        name=str(told.get("robot_name") or "")[:64],
+        state=_text(fields, "state"),
+        wireless=fields.get("wireless_version") is True,
+        simulated=fields.get("simulation_enabled") is True or fields.get("mockup_sim_enabled") is True,
+        version=str(fields.get("version") or "unknown")[:40],
+        name=str(fields.get("robot_name") or "")[:64],
         error=str(error or "")[:200],
-        battery_pct=math.nan if battery is None else _number(told, "battery_pct"),
+        battery_pct=math.nan if battery is None else _number(fields, "battery_pct"),
     )
 
 
@@ -275,26 +278,26 @@ def _decode(data: str | bytes) -> Any:
 
 
 def _object(data: str | bytes) -> dict[str, Any]:
-    told = _decode(data)
-    if not isinstance(told, dict):
+    fields = _decode(data)
+    if not isinstance(fields, dict):
         raise MalformedFrame("no JSON object")
-    return told
+    return fields
 
 
-def _text(told: dict[str, Any], name: str) -> str:
-    value = told.get(name)
+def _text(fields: dict[str, Any], name: str) -> str:
+    value = fields.get(name)
     if not isinstance(value, str):
         raise MalformedFrame(f"no {name}")
     return value
 
 
-def _number(told: dict[str, Any], name: str) -> float:
-    return _row({name: [told.get(name)]}, name, 1)[0]
+def _number(fields: dict[str, Any], name: str) -> float:
+    return _row({name: [fields.get(name)]}, name, 1)[0]
 
 
-def _row(told: dict[str, Any], name: str, length: int) -> tuple[float, ...]:
+def _row(fields: dict[str, Any], name: str, length: int) -> tuple[float, ...]:
     try:
-        row = msgspec.convert(told.get(name), list[float])
+        row = msgspec.convert(fields.get(name), list[float])
     except msgspec.ValidationError:
         raise MalformedFrame(f"{name} has no numbers") from None
     if len(row) != length or not all(math.isfinite(value) for value in row):
@@ -302,8 +305,8 @@ def _row(told: dict[str, Any], name: str, length: int) -> tuple[float, ...]:
     return tuple(row)
 
 
-def _uuid(told: object) -> str:
-    uuid = told.get("uuid") if isinstance(told, dict) else None
+def _uuid(move: object) -> str:
+    uuid = move.get("uuid") if isinstance(move, dict) else None
     if not isinstance(uuid, str) or not _UUID.fullmatch(uuid):
         raise MalformedFrame("no uuid of a move")
     return uuid

@@ -1,5 +1,5 @@
-"""The services of a Reachy Mini: each is one question to the daemon, or a move that is waited
-for."""
+"""Perform the services of a Reachy Mini. Each is one request to the daemon, or a move and the wait for its
+end."""
 
 from __future__ import annotations
 
@@ -23,42 +23,41 @@ from .gates import EASE, IGNORED, SHORTEST_S
 from .verbs import ALSO
 
 ASK_S = 4.0
-"""How long the daemon may take to answer a question."""
+"""Timeout for the answer to a request."""
 
 BEGIN_S = 0.5
-"""How long it may take to begin a move."""
+"""Timeout for the begin of a move."""
 
 SWITCH_S = 1.5
-"""How long it may take to switch the motors [assumed]; shorter than a stop waits for it."""
+"""Timeout for switching the motors [assumed]. It is shorter than the time for which a stop waits."""
 
 FETCH_S = 25.0
-"""How long it may take to list the moves of a data set, which it fetches first."""
+"""Timeout for the list of moves of a dataset, which the daemon may download first."""
 
 SPEECH_S = 20.0
-"""How long a text may take to become speech [assumed]."""
+"""Timeout for making speech of a text [assumed]."""
 
 SPEECH_SIZE = 4 << 20
-"""Bytes of a WAV file: 40 s at 48 kHz."""
+"""Most bytes of a WAV file: 40 s at 48 kHz."""
 
 SPEECH = "strands-speech.wav"
-"""Under which name speech is handed to the robot."""
+"""Name of the file with speech on the robot."""
 
 BOUNDARY = "strands-actors-speech"
 
 TURN_DEG_S = 240.0
-"""Of the head, as in ``robots.toml``."""
+"""Average speed of the head, as in ``robots.toml``."""
 
 KEPT = 16
-"""Ends of moves that nobody has waited for yet."""
+"""Number of moves of ours, and of ended moves, to remember."""
 
 
 OVER_S = 0.05
-"""A move that is completed so soon was not played: another one runs."""
+"""A move that is completed this soon was not played, because another one runs."""
 
 
 class Moves:
-    """What became of moves, by uuid. ``running``: the newest of ours, as long as it is not known to
-    have ended."""
+    """The moves and how they ended, by id. ``running`` is our newest move until its end is known."""
 
     def __init__(self) -> None:
         self.running = ""
@@ -83,12 +82,14 @@ class Moves:
         self._news = trio.Event()
 
     def others(self, running: Sequence[str]) -> bool:
-        """Return whether one of these is another client's."""
+        """Return whether one of these moves belongs to another client."""
         return any(uuid not in self._ours for uuid in running)
 
     async def ignored(self, uuid: str) -> bool:
-        """Return whether it is over at once, as one that the daemon does not play: a move that was
-        begun over a WebSocket runs, and is in no list."""
+        """Return whether the move ends at once, because the daemon does not play it.
+
+        This shows another client's move that was begun over a WebSocket, which no list contains.
+        """
         with trio.move_on_after(OVER_S):
             return (await self.ended(uuid)).kind == p.COMPLETED
         return False
@@ -100,22 +101,27 @@ class Moves:
 
 
 class _NotedPermit:
-    """A permit. ``passed``: whether it was given, so that the request may have left."""
+    """A permit with a note. ``passed`` is true after a successful check: the request may have left."""
 
     def __init__(self, permit: Permit) -> None:
         self._permit = permit
         self.passed = False
 
     def check(self) -> None:
-        """Raise ``PermitDenied``."""
+        """Check the permit. Raise ``PermitDenied``."""
         self._permit.check()
         self.passed = True
 
 
 class Services:
-    """Asked one at a time. ``owed``: set when motion or torque that was asked for has been answered;
-    None: none was. ``asks_on``: where it was asked for, meanwhile. ``given_up``: why an answer is
-    not waited for any more, which may yet come: the link has to end."""
+    """Performs one service at a time.
+
+    Attributes:
+        owed: Set when the outstanding request for motion or torque has been answered; None without one.
+        asks_on: The connection of that request, while it is outstanding.
+        given_up: Why an answer is no longer awaited; empty otherwise. The answer may still come, so
+            the link has to end.
+    """
 
     def __init__(self, config: ReachyConfig, host: str, number: int, moves: Moves) -> None:
         self._config = config
@@ -128,11 +134,11 @@ class Services:
     async def perform(
         self, service: str, arguments: Mapping[str, Any], permit: Permit, seen: Observation
     ) -> dict[str, Any] | Refused:
-        """Raise ``WireDown``, ``PermitDenied``."""
+        """Perform a service. Raise ``WireDown`` or ``PermitDenied``."""
         client = HttpPort(*self._where)
         try:
             answer = await self._perform(client, service, arguments, permit, seen)
-            await trio.lowlevel.checkpoint_if_cancelled()  # what a stop undoes is not told as done
+            await trio.lowlevel.checkpoint_if_cancelled()  # Do not report success after a stop has undone it.
             return answer
         except MalformedFrame as malformed:
             raise WireDown(f"{malformed}. Look at the daemon") from None
@@ -170,18 +176,18 @@ class Services:
             case "track_face":
                 return await self._track(client, given, permit)
             case "camera":
-                found = await self._get(client, p.CAMERA)
+                answer = await self._get(client, p.CAMERA)
                 host = self._where[0]
                 host = f"[{host}]" if ":" in host else host
                 stream = f"ws://{host}:{self._config.media_port}"
-                return found if isinstance(found, Refused) else {**p.decode_object(found), "webrtc": stream}
+                return answer if isinstance(answer, Refused) else {**p.decode_object(answer), "webrtc": stream}
         target = {"volume": p.VOLUME, "tracking_status": p.TRACKED_FACE}[service]
-        found = await self._get(client, target)
-        return found if isinstance(found, Refused) else p.decode_object(found)
+        answer = await self._get(client, target)
+        return answer if isinstance(answer, Refused) else p.decode_object(answer)
 
     async def _move(self, client: HttpPort, target: str, body: bytes, permit: Permit) -> dict[str, Any] | Refused:
-        """Begin a move, in the place of ours that runs, and wait for its end. The daemon ignores it
-        while another client's runs."""
+        """Begin a move in place of our running one, and wait for its end. The daemon ignores it while another
+        client's move runs."""
         running = await client.ask("GET", p.RUNNING, within_s=BEGIN_S)
         if running.status != p.OK:
             return _said_no(running.status, running.body)
@@ -207,8 +213,11 @@ class Services:
     async def _energise(
         self, client: HttpPort, target: str, body: bytes, permit: Permit, within_s: float
     ) -> Response:
-        """Ask for motion, or for torque. A stop does not cut this short: it has to know whether
-        there is anything to be ended, and whether that may still come."""
+        """Send a request for motion or torque, and wait for its answer.
+
+        A stop does not cancel this wait. It has to know whether there is a motion to end, and whether the
+        request may still take effect.
+        """
         owed, noted = trio.Event(), _NotedPermit(permit)
         self.owed, self.asks_on = owed, client
         try:
@@ -230,8 +239,8 @@ class Services:
         return {"mode": mode}
 
     async def _express(self, client: HttpPort, move: str, dataset: str, permit: Permit) -> dict[str, Any] | Refused:
-        """The list first: the daemon fetches the data set for it, and a move that is fetched would
-        begin late."""
+        """Play a recorded move. The list of moves is fetched first, so that the daemon downloads the dataset
+        then. Otherwise the move would begin late."""
         names = await self._names(client, dataset)
         if isinstance(names, Refused):
             return names
@@ -247,12 +256,12 @@ class Services:
         return p.decode_names(answer.body)
 
     async def _turn_to_sound(self, client: HttpPort, permit: Permit, seen: Observation) -> dict[str, Any] | Refused:
-        heard = await self._sound(client)
-        if isinstance(heard, Refused):
-            return heard
+        sound = await self._sound(client)
+        if isinstance(sound, Refused):
+            return sound
         row = list(seen.position)
-        left_deg = heard["left_deg"]
-        row[p.YAW] += left_deg  # the microphones turn with the head [assumed]
+        left_deg = sound["left_deg"]
+        row[p.YAW] += left_deg  # The microphones turn with the head [assumed].
         apart = row[p.YAW] - row[p.BODY]
         limit = self._config.yaw_deg
         if abs(apart) > limit or abs(row[p.YAW]) > 180.0:
@@ -260,16 +269,16 @@ class Services:
             return Refused(ReachyCode.TWISTED, why, "turn the body first", f"{apart:.1f}", f"-{limit:g}..{limit:g}")
         duration_s = max(SHORTEST_S, abs(left_deg) / TURN_DEG_S / EASE)
         moved = await self._move(client, p.GOTO, p.encode_goto(row, duration_s), permit)
-        return moved if isinstance(moved, Refused) else {**heard, "head_yaw": row[p.YAW]}
+        return moved if isinstance(moved, Refused) else {**sound, "head_yaw": row[p.YAW]}
 
     async def _sound(self, client: HttpPort) -> dict[str, Any] | Refused:
         body = await self._get(client, p.DIRECTION_OF_SOUND)
         if isinstance(body, Refused):
             return body
-        heard = p.decode_direction(body)
-        if heard is None:
+        sound = p.decode_direction(body)
+        if sound is None:
             return Refused(ReachyCode.NO_SOUND, "the daemon tells no direction of sound", "it needs microphones")
-        return {"left_deg": heard[0], "speech": heard[1]}
+        return {"left_deg": sound[0], "speech": sound[1]}
 
     async def _track(self, client: HttpPort, given: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
         if not given.get("enabled", True):
@@ -320,5 +329,5 @@ class Services:
 
 
 def _said_no(status: int, body: bytes) -> Refused:
-    said = body[:120].decode("utf-8", "replace")
-    return Refused(ReachyCode.DAEMON, f"the daemon answers status {status}: {said}", "look at its log", str(status))
+    text = body[:120].decode("utf-8", "replace")
+    return Refused(ReachyCode.DAEMON, f"the daemon answers status {status}: {text}", "look at its log", str(status))

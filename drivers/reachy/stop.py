@@ -1,13 +1,16 @@
-"""How a Reachy Mini is brought to a safe state, by the wire and by the root's stop channel alike.
+"""Bring a Reachy Mini to a safe state. The wire and the root's stop channel share this code.
 
-The first frames need no answer: they leave at once on every connection that is open, whatever has
-come on it, and where none is, with the upgrade of a WebSocket that is made for them. Only on a
-WebSocket a move can be ended whoever began it. Beside it, at the same time, HTTP takes the torque
-away, ends face tracking, and ends the move that is known by its id.
+The first frames need no answer. They leave at once on every open connection, even after undecodable bytes were
+received there. Without an open connection they leave together with the upgrade of a new WebSocket. Only a
+WebSocket can end the move of any client. At the same time HTTP requests remove the torque, end face tracking, and
+end the move if its id is known.
 
-A stop is confirmed by answers alone. A ping behind the frames is answered once they were read: no
-list has the moves that were begun over a WebSocket. The rest is asked over HTTP: face tracking is
-off, no move is listed any more, at two looks, and the motors are in the mode that was ordered.
+Only answers confirm a stop:
+
+* A ping after the frames is answered, so they were read. This is required because no list contains the moves
+  that were begun over a WebSocket.
+* Over HTTP: face tracking is off, the second of two queries lists no running move, and the motors are in the
+  ordered mode.
 """
 
 from __future__ import annotations
@@ -33,32 +36,36 @@ from . import protocol as p
 from .config import ReachyConfig
 
 STOP_S = 1.7
-"""How long a stop is repeated: less than ``Timing.safe_s``, and than what is left of it when a link
-is reached."""
+"""How long a stop is repeated. It is less than ``Timing.safe_s``, and than the time that remains of it after a
+link was reached."""
 
 CONNECT_S = 0.4
-"""Within which a WebSocket must be there."""
+"""Timeout for opening a WebSocket."""
 
 REPEAT_S = 0.03
-"""How often the frames are sent again while the upgrade is not answered: uvicorn, in the daemon,
-drops what it reads together with the upgrade."""
+"""Period in which the frames are sent again until the upgrade is answered. uvicorn, in the daemon, drops data
+that it reads together with the upgrade."""
 
 ANSWER_S = 0.3
-"""How long one question waits for its answer."""
+"""Timeout for the answer to one request."""
 
 AGAIN_S = 0.05
-"""Pause before what is not confirmed is done again."""
+"""Pause before an attempt is repeated."""
 
 
 def frames(safe_state: SafeState) -> tuple[str, ...]:
-    """Return what brings the robot to a safe state, in the order in which it is sent."""
+    """Return the WebSocket messages that bring the robot to a safe state, in the order in which they are sent."""
     ends = (p.STOP_MOVE, p.TRACKING_STOP, p.WOBBLING_STOP)
     return (p.MOTORS_OFF, *ends) if safe_state == SafeState.LIMP else ends
 
 
 def requests(safe_state: SafeState, running: str = "") -> tuple[tuple[str, bytes], ...]:
-    """Return the same as requests over HTTP: target and body. ``running``: the move that is known to
-    run, which is the only one that can be ended so."""
+    """Return the HTTP requests that bring the robot to a safe state, as target and body.
+
+    Args:
+        safe_state: The safe state.
+        running: The id of the running move if it is known. HTTP can end no other move.
+    """
     ends = [(p.STOP, p.encode_uuid(running))] if running else []
     ends.append((p.TRACKING_OFF, b""))
     return ((f"{p.SET_MODE}disabled", b""), *ends) if safe_state == SafeState.LIMP else tuple(ends)
@@ -67,12 +74,12 @@ def requests(safe_state: SafeState, running: str = "") -> tuple[tuple[str, bytes
 def send_at_once(
     safe_state: SafeState, sockets: Sequence[WebSocket | None], ports: Sequence[HttpPort | None], running: str = ""
 ) -> bool:
-    """Send the frames on each connection that can be written, whatever has come on it. Return
-    whether any has left. Never waits, never raises."""
+    """Send the frames on each connection that can be written, even after undecodable bytes were received there.
+    Return whether any frame has left. Never waits, never raises."""
     left = False
     for socket in sockets:
         if socket is not None:
-            with contextlib.suppress(WireDown):  # it is closed
+            with contextlib.suppress(WireDown):  # It is closed.
                 socket.send_stop(*frames(safe_state))
                 left = True
     for port in ports:
@@ -85,9 +92,18 @@ def send_at_once(
 
 
 class Stopper:
-    """For one daemon. ``socket``: an open connection to ``/ws/sdk``, if there is one; it stays
-    open. ``heard``: whether another task receives on it. ``detail``: why it is not known to be
-    safe; empty: it is."""
+    """Stops one daemon.
+
+    Args:
+        host: The daemon's host.
+        number: The daemon's port.
+        socket: An open connection to ``/ws/sdk``, or None. It stays open.
+        heard: Returns whether another task receives on ``socket``.
+        running: Returns the id of our running move; empty without one.
+
+    Attributes:
+        detail: Why the robot is not confirmed as safe; empty if it is.
+    """
 
     def __init__(
         self,
@@ -102,22 +118,32 @@ class Stopper:
         self._heard = heard
         self._running_move = running
         self._own: WebSocket | None = None
-        self._pinged = 0  # behind the frames that were sent last; 0: no ping was sent
+        self._pinged = 0  # number of the ping after the last frames; 0 if no ping was sent
         self._port = HttpPort(host, number)
         self.written = self.acknowledged = False
-        self._is_refused = False  # the newest attempt
+        self._is_refused = False  # whether the last attempt was refused
         self.detail = f"not confirmed: {self._port.name} is silent"
 
     async def run(
         self, safe_state: SafeState, within_s: float, pending: Callable[[], bool] = nothing_pending
     ) -> str:
-        """Bring the robot to ``safe_state``; return why that is not confirmed, empty: it is. Never
-        raises. Where a connection is open the first frame leaves before the first wait. ``pending``:
-        whether an earlier command has not been answered, which may be carried out later."""
+        """Bring the robot to ``safe_state``. Never raises.
+
+        If a connection is open, the first frame leaves before the first wait.
+
+        Args:
+            safe_state: The safe state.
+            within_s: How long to repeat what is not confirmed.
+            pending: Returns whether an earlier command has no answer yet. It may still take effect.
+
+        Returns:
+            Why the safe state is not confirmed; empty if it is.
+        """
         self.written = send_at_once(safe_state, [self._socket], []) or self.written
         with trio.move_on_after(within_s):
             while True:
-                owed = pending()  # what is answered while we look may have been carried out after that
+                # Read this first: a command that is answered during ``_look`` may have taken effect after it.
+                owed = pending()
                 try:
                     async with trio.open_nursery() as nursery:
                         nursery.start_soon(self._order, safe_state)
@@ -138,18 +164,17 @@ class Stopper:
 
     @property
     def nobody_there(self) -> bool:
-        """Return whether the connection is refused: no daemon runs there. One that does not answer
-        may be the robot's."""
+        """Whether the connection is refused, so that no daemon runs there. A daemon that does not answer may
+        still be the robot's."""
         return not self.written and self._is_refused
 
     def close(self) -> None:
-        self._port.close_in_order()  # what was sent still arrives
+        self._port.close_in_order()  # The sent bytes are still delivered.
         if self._own is not None:
             self._own.close_in_order()
 
     async def _order(self, safe_state: SafeState) -> None:
-        """Send the frames on the WebSocket, and a ping behind them where it is open. Never
-        raises: ``_look`` finds what is missing."""
+        """Send the frames on the WebSocket, followed by a ping. Never raises: ``_look`` finds what is missing."""
         self._pinged = 0
         with contextlib.suppress(WireDown):
             if self._socket is None or not self._socket.is_open:
@@ -159,8 +184,8 @@ class Stopper:
             self._pinged = self._socket.ping()
 
     async def _begin(self, safe_state: SafeState) -> WebSocket:
-        """Return a WebSocket made for the stop, once its upgrade is answered. The frames leave with
-        the upgrade, and again until then. Raise ``WireDown``."""
+        """Open a WebSocket for the stop and return it when its upgrade is answered. The frames leave with the
+        upgrade, and are repeated until the answer. Raise ``WireDown``."""
         stop = frames(safe_state)
         begun = await begin_websocket(*self._where, p.SDK, within_s=CONNECT_S, stop=stop)
         self.written = True
@@ -172,14 +197,14 @@ class Stopper:
         return begun
 
     async def _order_by_http(self, safe_state: SafeState) -> None:
-        """Send the same over HTTP. Never raises."""
+        """Send the requests over HTTP. Never raises."""
         with contextlib.suppress(WireDown):
             await self._port.ready()
             self.written = send_at_once(safe_state, [], [self._port], self._running_move()) or self.written
 
     async def _look(self, safe_state: SafeState) -> str:
-        """End the moves that are listed, and face tracking; return why the robot is not known to be
-        safe."""
+        """End the listed moves and face tracking. Return why the robot is not confirmed as safe; empty if it
+        is."""
         for uuid in await self._running():
             await self._port.ask("POST", p.STOP, p.encode_uuid(uuid), within_s=ANSWER_S)
         self.acknowledged = True
@@ -195,7 +220,8 @@ class Stopper:
         return tracks
 
     async def _end_tracking(self) -> str:
-        """Return why face tracking may go on. A daemon without that path has none."""
+        """End face tracking. Return why it may still run; empty if it is off. A daemon without that path has no
+        face tracking."""
         answer = await self._port.ask("POST", p.TRACKING_OFF, within_s=ANSWER_S)
         if answer.status == p.NOT_FOUND:
             return ""
@@ -204,8 +230,8 @@ class Stopper:
         return f"not confirmed: {p.TRACKING_OFF} is answered with status {answer.status}: it may track a face"
 
     async def _read_by_daemon(self) -> None:
-        """Wait until it has read the frames: what is asked before that says nothing of what they
-        end. Raise ``WireDown``."""
+        """Wait until the daemon has read the frames. Answers from before that do not show their effect. Raise
+        ``WireDown``."""
         socket, why = self._socket, ""
         if socket is None or not self._pinged:
             raise WireDown(f"{self._port.name}: {p.SDK}: no WebSocket that can end a move. Check the daemon")
@@ -230,16 +256,15 @@ class Stopper:
 
 
 async def _drain(socket: WebSocket) -> None:
-    """Receive, so that a pong is heard."""
+    """Receive messages, so that a pong is processed."""
     with contextlib.suppress(WireDown):
         while True:
             await socket.receive()
 
 
 class ReachyStopChannel(KeptSession[ReachyConfig, WebSocket]):
-    """The root's way to the robot: a WebSocket that is kept open where the wire found the daemon, and
-    others that are made when they are needed. ``descriptors``: that place (``config.tell_place``), or
-    none."""
+    """The root's stop channel. It keeps a WebSocket open where the wire found the daemon, and makes others when
+    needed. ``descriptors`` has that address (``config.tell_place``), or is empty."""
 
     SERVED_FIRST: ClassVar[bool] = False
 
@@ -261,7 +286,7 @@ class ReachyStopChannel(KeptSession[ReachyConfig, WebSocket]):
 
     async def keep_up(self, session: WebSocket) -> None:
         while True:
-            await session.receive()  # the state of the robot: dropped, but taken off the daemon
+            await session.receive()  # The state is dropped, but the daemon's send buffer stays empty.
 
     async def make_safe_by(self, session: WebSocket | None, safe_state: SafeState) -> tuple[MotorReport, ...]:
         return await stop_everywhere(self.config, safe_state, session)
@@ -270,16 +295,23 @@ class ReachyStopChannel(KeptSession[ReachyConfig, WebSocket]):
 async def stop_everywhere(
     config: ReachyConfig, safe_state: SafeState, session: WebSocket | None = None
 ) -> tuple[MotorReport, ...]:
-    """Stop the robot at each address where it may be. Where no daemon runs there is none; each of the
-    others has to confirm, since nobody knows which is the robot's. ``session``: a connection to the
-    only address. Never raises."""
+    """Stop the robot at each possible address. Never raises.
+
+    An address that refuses the connection has no daemon. Every other one must confirm, because it may be the
+    robot's.
+
+    Args:
+        config: The robot's settings.
+        safe_state: The safe state.
+        session: An open connection, if there is only one address.
+    """
     try:
         stoppers = [Stopper(host, number, session) for host, number in config.addresses()]
     except ValueError as error:
         return Outcome(False, False, str(error)).reports(config.axes, config.ids)
 
     async def stop(stopper: Stopper, scope: trio.CancelScope) -> None:
-        if not await stopper.run(safe_state, STOP_S):  # the others are given as long as a connection may take
+        if not await stopper.run(safe_state, STOP_S):  # Then the others get the time of one more connection.
             scope.deadline = min(scope.deadline, trio.current_time() + CONNECT_S)
 
     try:

@@ -1,9 +1,8 @@
-"""The daemon as a twin: its REST and WebSocket service with a robot behind it, where the real one
-is not installed.
+"""Simulate the daemon: its REST and WebSocket service with a robot behind it.
 
-As daemon 1.13.0 it takes any number, tells "ok" with the motors off, ignores targets and further
-moves while one is played, and answers nothing to what is said on ``/ws/sdk``: a move that is begun
-there is in no list. It plays no sound and sees no face.
+As daemon 1.13.0 it accepts any number, reports success with the motors off, ignores targets and further moves
+while one is played, and does not answer messages on ``/ws/sdk``. A move that is begun there is in no list. The
+twin plays no sound and sees no face.
 """
 
 from __future__ import annotations
@@ -47,10 +46,10 @@ class ReachyTwinOptions(NetworkOptions, frozen=True):
 
 
 STATE_S = 0.02
-"""Between two frames of the state."""
+"""Period of the state frames."""
 
 STATUS_S = 1.0
-"""Between two frames of the daemon's status."""
+"""Period of the daemon's status frames."""
 
 VERSION = "1.13.0"
 
@@ -64,7 +63,7 @@ _JSON = msgspec.json.Decoder()
 
 
 class ReachyTwin:
-    """One service for all clients."""
+    """One service that all clients share."""
 
     def __init__(
         self,
@@ -75,7 +74,7 @@ class ReachyTwin:
         motors: str = "enabled",
         media: bool = True,
     ) -> None:
-        """Raise ``ValueError`` for a mode that is none."""
+        """Raise ``ValueError`` if ``motors`` is not a mode."""
         if motors not in p.MODES:
             raise ValueError(f"motors is {motors!r}. use {', '.join(p.MODES)}")
         self.body = ReachyBody(axes_of(robot), TABLES.table(robot), now_s)
@@ -85,13 +84,13 @@ class ReachyTwin:
         self._wireless = wireless
         self._media = media
         self._volume = 50
-        self._listeners: set[WebSocketClient] = set()  # of what becomes of moves
-        self._clients: set[WebSocketClient] = set()  # of ``/ws/sdk``
+        self._listeners: set[WebSocketClient] = set()  # subscribers of the events of moves
+        self._clients: set[WebSocketClient] = set()  # clients of ``/ws/sdk``
         self._stuck: Row | None = None
         self.body.mode = motors
 
     def set_fault(self, fault: Fault, unit: int | None = None) -> None:
-        """``unit``: of no meaning here, there is one speaker."""
+        """Set a fault. ``unit`` has no meaning here, because there is only one server."""
         self.body.pass_time()
         self._stuck = self.body.here if fault is Fault.STUCK else None
         self.body.stuck = fault is Fault.STUCK
@@ -110,11 +109,11 @@ class ReachyTwin:
         self.body.pass_time()
         target = request.target.partition("?")[0]
         try:
-            found = self._read(target) if request.method == "GET" else self._write(target, request.body)
+            answer = self._read(target) if request.method == "GET" else self._write(target, request.body)
         except MalformedFrame as malformed:
             return _tell({"detail": str(malformed)}, "other", _BAD)
         self._report()
-        return found
+        return answer
 
     def _read(self, target: str) -> Answer:
         body = self.body
@@ -143,15 +142,15 @@ class ReachyTwin:
         body = self.body
         match target:
             case p.SET_TARGET:
-                told = _object(data)
-                taken = body.aim_at(self._target(told, "target_head_pose", "target_antennas", "target_body_yaw"))
+                fields = _object(data)
+                taken = body.aim_at(self._target(fields, "target_head_pose", "target_antennas", "target_body_yaw"))
                 return _tell(
                     {"status": "ok"} if taken else {"status": "ignored", "reason": "move_running"}, "setpoint"
                 )
             case p.GOTO:
-                told = _object(data)
-                duration_s = _finite(told, "duration")
-                row = self._target(told, "head_pose", "antennas", "body_yaw")
+                fields = _object(data)
+                duration_s = _finite(fields, "duration")
+                row = self._target(fields, "head_pose", "antennas", "body_yaw")
                 return self._play([(row, max(0.01, duration_s))])
             case p.WAKE_UP:
                 neutral = (0.0,) * len(body.here)
@@ -183,8 +182,8 @@ class ReachyTwin:
             return _tell({"detail": f"no mode {mode}"}, "other", _BAD)
         self.body.set_mode(mode)
         safe = mode == "disabled"
-        told = msgspec.json.encode({"status": f"motors changed to {mode} mode"})
-        return Answer(p.OK, told, "safe" if safe else "other", "limp" if safe else None)
+        message = msgspec.json.encode({"status": f"motors changed to {mode} mode"})
+        return Answer(p.OK, message, "safe" if safe else "other", "limp" if safe else None)
 
     def _play(self, stages: Sequence[tuple[Row, float]]) -> Answer:
         move = Move(str(uuid.uuid4()), stages)
@@ -198,34 +197,34 @@ class ReachyTwin:
         nod = (15.0, *neutral[1:])
         return self._play([(nod, 0.4), (neutral, 0.4)])
 
-    def _stop(self, wanted: object) -> Answer:
+    def _stop(self, requested: object) -> Answer:
         move = self.body.move
-        if move is None or move.uuid != wanted:
-            return Answer(_ERROR, b"Internal Server Error", "other")  # as the daemon
+        if move is None or move.uuid != requested:
+            return Answer(_ERROR, b"Internal Server Error", "other")  # as the daemon does
         self._cancel()
-        return _tell({"message": f"Stopped move with UUID: {wanted}"}, "other")
+        return _tell({"message": f"Stopped move with UUID: {requested}"}, "other")
 
     def _cancel(self) -> None:
         ended = self.body.end_move()
         if ended:
             self._notify("move_cancelled", ended)
 
-    def _target(self, told: Mapping[str, Any], pose: str, antennas: str, body_yaw: str) -> Row:
-        """Return the whole target: what is not told stays."""
+    def _target(self, fields: Mapping[str, Any], pose: str, antennas: str, body_yaw: str) -> Row:
+        """Return the target of all axes. An axis that is not in the message keeps its target."""
         row = list(self.body.target)
-        if (given := told.get(pose)) is not None:
+        if (given := fields.get(pose)) is not None:
             if not isinstance(given, dict):
                 raise MalformedFrame(f"{pose} is no pose")
             for name, at in _POSE.items():
                 row[at] = math.degrees(_finite(given, name, 0.0))
             for name, at in _PLACE.items():
                 row[at] = 1e3 * _finite(given, name, 0.0)
-        if (given := told.get(antennas)) is not None:
+        if (given := fields.get(antennas)) is not None:
             if not isinstance(given, list) or len(given) != 2:
                 raise MalformedFrame(f"{antennas} are not two numbers")
             row[p.RIGHT], row[p.LEFT] = (math.degrees(_finite({antennas: one}, antennas)) for one in given)
-        if told.get(body_yaw) is not None:
-            row[p.BODY] = math.degrees(_finite(told, body_yaw))
+        if fields.get(body_yaw) is not None:
+            row[p.BODY] = math.degrees(_finite(fields, body_yaw))
         return tuple(row)
 
     def _status(self) -> dict[str, Any]:
@@ -277,31 +276,34 @@ class ReachyTwin:
                 client.heard(t_ns, kind, message, safe_state)
                 self._report()
 
-    def _obey(self, told: Mapping[str, Any]) -> tuple[str, str | None]:
-        """Do what is said on ``/ws/sdk``; return its kind and safe state, as the wire log has
-        them."""
+    def _obey(self, fields: Mapping[str, Any]) -> tuple[str, str | None]:
+        """Carry out a message from ``/ws/sdk``. Return its kind and its safe state for the wire log."""
         body = self.body
-        match told.get("type"):
-            case "task" if isinstance(told.get("req"), dict):
-                goto = told["req"]
+        match fields.get("type"):
+            case "task" if isinstance(fields.get("req"), dict):
+                goto = fields["req"]
                 row = self._target({**goto, "head": _pose_of(goto.get("head"))}, "head", "antennas", "body_yaw")
-                body.play(Move(str(told.get("uuid")), [(row, max(0.01, _finite(goto, "duration")))], listed=False))
+                body.play(
+                    Move(str(fields.get("uuid")), [(row, max(0.01, _finite(goto, "duration")))], listed=False)
+                )
                 return "setpoint", None
             case "stop_move":
                 self._cancel()
                 return "safe", "hold"
             case "set_motor_mode" | "set_torque":
-                mode = told.get("mode") or ("enabled" if told.get("on") else "disabled")
+                mode = fields.get("mode") or ("enabled" if fields.get("on") else "disabled")
                 if mode in p.MODES:
                     body.set_mode(str(mode))
                 return ("safe", "limp") if mode == "disabled" else ("other", None)
             case "set_head_tracking":
-                self.tracking = told.get("enabled") is True and self._media
+                self.tracking = fields.get("enabled") is True and self._media
                 return "setpoint" if self.tracking else "other", None
             case "set_full_target" | "set_target" | "set_antennas" | "set_body_yaw" | "goto_target":
-                row = self._target({**told, "head": _pose_of(told.get("head"))}, "head", "antennas", "body_yaw")
-                if told["type"] == "goto_target":
-                    body.play(Move(str(uuid.uuid4()), [(row, max(0.01, _finite(told, "duration")))], listed=False))
+                row = self._target({**fields, "head": _pose_of(fields.get("head"))}, "head", "antennas", "body_yaw")
+                if fields["type"] == "goto_target":
+                    body.play(
+                        Move(str(uuid.uuid4()), [(row, max(0.01, _finite(fields, "duration")))], listed=False)
+                    )
                 else:
                     body.aim_at(row)
                 return "setpoint", None
@@ -330,7 +332,7 @@ class ReachyTwin:
     async def _stream(
         self, client: WebSocketClient, frames: Callable[[], list[dict[str, Any]]], period_s: float = STATE_S
     ) -> None:
-        """Tell the state until the client is gone; not one line of the log each."""
+        """Send the state until the client is gone. The frames are not logged."""
         while True:
             await client.connection.frost.thawed()
             self.body.pass_time()
@@ -357,7 +359,7 @@ class ReachyTwin:
     def _notify(self, kind: str, move: str) -> None:
         for client in list(self._listeners):
             client.send(_text({"type": kind, "uuid": move, "details": ""}))
-        stamp = "2026-01-01T00:00:00"  # nobody reads it
+        stamp = "2026-01-01T00:00:00"  # No client reads it.
         progress = {"type": "task_progress", "uuid": move, "finished": True, "error": None, "timestamp": stamp}
         for client in list(self._clients):
             client.send(_text(progress))
@@ -412,7 +414,7 @@ def _matrix(row: Row) -> list[list[float]]:
 
 
 def _pose_of(matrix: object) -> dict[str, float] | None:
-    """Return the pose of 16 numbers, row by row."""
+    """Return the pose in 16 numbers of a matrix, row by row."""
     if matrix is None:
         return None
     if not isinstance(matrix, list) or len(matrix) != 16:
@@ -424,33 +426,33 @@ def _pose_of(matrix: object) -> dict[str, float] | None:
     return dict(zip(("x", "y", "z", "roll", "pitch", "yaw"), (*head.xyz_m, *head.rpy_rad), strict=True))
 
 
-def _tell(told: object, kind: str = "read", status: int = p.OK) -> Answer:
-    return Answer(status, msgspec.json.encode(told), kind)
+def _tell(value: object, kind: str = "read", status: int = p.OK) -> Answer:
+    return Answer(status, msgspec.json.encode(value), kind)
 
 
-def _text(told: object) -> str:
-    return msgspec.json.encode(told).decode()
+def _text(value: object) -> str:
+    return msgspec.json.encode(value).decode()
 
 
 def _object(data: str | bytes) -> dict[str, Any]:
     try:
-        told = _JSON.decode(data)
+        fields = _JSON.decode(data)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         raise MalformedFrame("no JSON") from None
-    if not isinstance(told, dict):
+    if not isinstance(fields, dict):
         raise MalformedFrame("no JSON object")
-    return told
+    return fields
 
 
-def _finite(told: Mapping[str, Any], name: str, default: float | None = None) -> float:
-    number = finite(told.get(name, default))
+def _finite(fields: Mapping[str, Any], name: str, default: float | None = None) -> float:
+    number = finite(fields.get(name, default))
     if number is None:
         raise MalformedFrame(f"{name} is no finite number")
     return number
 
 
 def serve_twin(twin: ReachyTwin, log: WireLog, host: str | None = None, port: int = 0) -> TcpServer:
-    """Return the server of a twin. Raise ``OSError`` when its port cannot be had."""
+    """Return the server of a twin. Raise ``OSError`` if its port cannot be bound."""
     return TcpServer(twin, {port: serving_both(lambda: HttpSession(twin), twin.choose)}, log, host)
 
 

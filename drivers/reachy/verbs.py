@@ -1,5 +1,4 @@
-"""What a Reachy Mini can do beyond a command: its services, what each takes, and the verbs of its
-tool. Pure."""
+"""The services of a Reachy Mini, their arguments, and the verbs of its tool. Pure."""
 
 from __future__ import annotations
 
@@ -20,7 +19,7 @@ from .gates import LONGEST_S, SHORTEST_S
 from .protocol import DATASET, MODES, NAME
 
 SPOKEN = 500
-"""Characters of a text to say, at most [assumed]."""
+"""Most characters of a text to speak [assumed]."""
 
 _ANGLE = {"type": "number", "description": "degrees"}
 _LENGTH = {"type": "number", "description": "millimetres"}
@@ -43,7 +42,7 @@ _HEAD = {
 _REST = dict.fromkeys((*_HEAD, "body_yaw", "antenna_left", "antenna_right"), 0.0)
 
 ALSO: Mapping[str, str] = {"wake_up": "wake", "goto_sleep": "sleep", "play_move": "express"}
-"""Other names of services, as Reachy's own library and scripts of strands-robots have them."""
+"""Other names of services, as in the vendor's own library and in scripts of strands-robots."""
 
 _SERVICES: Mapping[str, Service] = {
     "wake": Service("wake up: the head rises and nods", 20.0, in_motion=True, moves=True, late_s=LATE_S),
@@ -182,17 +181,18 @@ TOOL_VERBS: tuple[ToolVerb, ...] = (
 
 
 def plain_goto(inputs: Mapping[str, Any]) -> dict[str, Any] | Refused:
-    """Return the command of a ``goto`` that may name head and antennas as scripts of strands-robots do."""
+    """Return the command of a ``goto``, which may have ``head`` and ``antennas`` as in scripts of
+    strands-robots."""
     command = dict(inputs)
     pose, antennas = command.pop("head", {}), command.pop("antennas", ())
     if antennas and len(antennas) != 2:
-        what = f"antennas has {len(antennas)} numbers"
-        return Refused(Code.BAD_INPUT, what, "give right and left, in degrees", str(len(antennas)), "2")
+        reason = f"antennas has {len(antennas)} numbers"
+        return Refused(Code.BAD_INPUT, reason, "give right and left, in degrees", str(len(antennas)), "2")
     spread = {f"head_{axis}": value for axis, value in pose.items()}
     if unknown := sorted(spread.keys() - _HEAD.keys()):
         axis = unknown[0].removeprefix("head_")
-        known = ", ".join(name.removeprefix("head_") for name in _HEAD)
-        return Refused(Code.BAD_INPUT, f"head has no {axis!r}", f"give some of {known}", axis, known)
+        axes = ", ".join(name.removeprefix("head_") for name in _HEAD)
+        return Refused(Code.BAD_INPUT, f"head has no {axis!r}", f"give some of {axes}", axis, axes)
     spread |= zip(("antenna_right", "antenna_left"), antennas, strict=False)
     if twice := sorted(spread.keys() & command.keys()):
         return Refused(Code.BAD_INPUT, f"{twice[0]} is given twice", "give it once", twice[0], "once")
@@ -200,7 +200,7 @@ def plain_goto(inputs: Mapping[str, Any]) -> dict[str, Any] | Refused:
 
 
 def check_arguments(service: str, arguments: Mapping[str, Any], tts_url: str) -> Refused | None:
-    """Refuse arguments of a declared service that it would not take."""
+    """Refuse invalid arguments of a declared service."""
     given = {**SERVICES[service].arguments, **arguments}
     match ALSO.get(service, service):
         case "express":
@@ -231,7 +231,7 @@ def check_arguments(service: str, arguments: Mapping[str, Any], tts_url: str) ->
 
 
 def _dataset(service: str, dataset: object) -> Refused | None:
-    """Refuse what is not one name or two, as ``owner/name``: it becomes part of a path."""
+    """Refuse a dataset that is not ``name`` or ``owner/name``, because it becomes part of a path."""
     names = dataset.split("/") if isinstance(dataset, str) else [""]
     if len(names) > 2:
         return _bad(service, "dataset", dataset, "owner/name")

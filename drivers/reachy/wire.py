@@ -1,10 +1,11 @@
-"""The daemon in the wire process: state and stops on one WebSocket, what becomes of moves on
-another, commands on an HTTP connection.
+"""Connect the wire process to the daemon of a Reachy Mini.
 
-A command is written when the one before has been answered; one that is not answered within half a
-second ends the link. As long as an answer is owed, to a service that moves the robot or switches
-its motors, too, no stop is confirmed: what was sent may still be carried out. The daemon ignores a
-target while a move runs, and a second move too, so a command ends the move of the one before it.
+State and stops use one WebSocket, the events of moves another, and commands an HTTP connection.
+
+A command is written after the previous one has been answered. One that is not answered within half a second
+ends the link. No stop is confirmed while an answer is outstanding, because the request may still take effect.
+This includes services that move the robot or switch its motors. The daemon ignores a target or a second move
+while a move runs, so each command first ends the move of the previous one.
 """
 
 from __future__ import annotations
@@ -33,30 +34,30 @@ from .services import Moves, Services
 from .stop import STOP_S, Stopper, send_at_once, stop_everywhere
 
 STATUS_S = 10.0
-"""Within which the daemon must tell its status."""
+"""Timeout for the daemon's status."""
 
 FIRST_S = 2.0
-"""Within which the first position must come."""
+"""Timeout for the first position."""
 
 COMMAND_S = 0.5
-"""Within which a command must be answered, or the link counts as lost."""
+"""Timeout for the answer to a command, after which the link counts as lost."""
 
 WAIT_S = 0.2
-"""How long a command waits for the answer to the one before."""
+"""How long a command waits for the answer to the previous one."""
 
 LOOK_S = 0.1
-"""Between two looks at what the stream of positions does not tell: the motors' mode, and moves."""
+"""Period of the queries for the motors' mode and the running moves, which the stream of positions lacks."""
 
 OWED_S = 0.03
-"""How long a stop waits for the answer to a command that has just been sent: on a connection that
-is open it could overtake it. Then it goes out on a new one, which is heard after those that
-wait."""
+"""How long a stop waits for the answer to a command that was just sent. On a connection that is open the stop
+could overtake that command. After this time the stop is sent on a new connection, which the daemon reads after
+those that wait."""
 
 BATTERY_S = 5.0
-"""How long a charge counts: the daemon tells its status once a second."""
+"""How long a battery reading is valid. The daemon sends its status once per second."""
 
 IGNORED_S = 0.5
-"""So long a command that was ignored keeps others from being sent."""
+"""How long an ignored command prevents further ones."""
 
 
 class ReachyWire(Wire):
@@ -65,20 +66,21 @@ class ReachyWire(Wire):
     def __init__(self, config: ReachyConfig, clock: Clock) -> None:
         self._config = config
         self._clock = clock
-        self._where = "", 0  # of the daemon that was found
-        self._told: int | None = None  # the same, as a descriptor
+        self._where = "", 0  # address of the daemon that was found
+        self._told: int | None = None  # the same address, as a descriptor
         self._sdk: WebSocket | None = None
         self._updates: WebSocket | None = None
         self._commands: HttpPort | None = None
         self._nursery: trio.Nursery | None = None  # of ``serve``
         self._moves = Moves()
         self._services: Services | None = None
-        self._owed: trio.Event | None = None  # a command has been sent and not answered; set when it is
-        self._gave_up = False  # on the answer to a command, which has not come
+        # Set when the outstanding command is answered; None without one.
+        self._owed: trio.Event | None = None
+        self._gave_up = False  # whether the answer to a command did not arrive in time
         self._joints: p.Joints | None = None
         self._head: p.Head | None = None
         self._head_ns = self._joints_ns = self._ignored_ns = 0
-        self._others = False  # whether another client's move runs
+        self._others = False  # whether a move of another client runs
         self._mode = math.nan
         self._mode_ns = 0
         self._imu: p.Imu | None = None
@@ -127,7 +129,7 @@ class ReachyWire(Wire):
             modes.close()
 
     async def arm(self, permit: Permit) -> Observation:
-        """Give no torque and move nothing: the robot is as it was found."""
+        """Return the present state. Arming gives no torque and moves nothing."""
         permit.check()
         return await self.read()
 
@@ -184,19 +186,22 @@ class ReachyWire(Wire):
         return await self._stop(safe_state)
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """As ``make_safe``, without waiting for an answer that is owed."""
+        """Stop the robot as ``make_safe``, but without waiting for an outstanding answer."""
         self._send_at_once(safe_state)
         return await self._stop(safe_state)
 
     def _send_at_once(self, safe_state: SafeState) -> None:
-        """Send the first frames on what is open, before anything is waited for. Where a command
-        waits, behind it alone: a daemon that goes on reads its connections in any order."""
+        """Send the first frames on the open connections, before any wait.
+
+        If a command waits on a connection, only that one is used: a frozen daemon that continues reads its
+        connections in any order, and the stop must be read after the command.
+        """
         running = self._moves.running
         if not send_at_once(safe_state, (), self._waits_on(), running):
             send_at_once(safe_state, (self._sdk,), (self._commands,), running)
 
     def _waits_on(self) -> tuple[HttpPort, ...]:
-        """Return the connections on which a command may wait to be read."""
+        """Return the connections on which a command may still wait to be read."""
         commands = self._commands if self._owed is not None else None
         asks_on = self._services.asks_on if self._services is not None else None
         return tuple(port for port in (commands, asks_on) if port is not None)
@@ -210,7 +215,8 @@ class ReachyWire(Wire):
         return await services.perform(service, arguments, permit, await self.read())
 
     def handover(self) -> Sequence[int]:
-        """Hand the root the place where the daemon was found: another robot's may run elsewhere."""
+        """Return the address of the daemon that was found, for the root: other addresses may have another
+        robot."""
         return () if self._told is None else (self._told,)
 
     def close(self) -> None:
@@ -225,7 +231,7 @@ class ReachyWire(Wire):
         self._sdk = self._updates = self._commands = self._services = None
         self._owed = self._head = self._joints = None
 
-    # -- what runs beside the calls
+    # -- background tasks
 
     async def _hear_all(self, sdk: WebSocket) -> None:
         while True:
@@ -243,10 +249,10 @@ class ReachyWire(Wire):
                 case p.Status() as status:
                     self._battery_pct, self._battery_ns = status.battery_pct, self._clock.now_ns()
         except MalformedFrame as malformed:
-            self._problem = str(malformed)  # ``read`` tells when it lasts
+            self._problem = str(malformed)  # ``read`` reports it if it persists.
 
     def _felt(self, now_ns: int) -> dict[str, tuple[float, ...]]:
-        """Return what the daemon has told lately of IMU and battery; nothing of what it has not."""
+        """Return the recent readings of IMU and battery. A reading that is missing or old is left out."""
         felt: dict[str, tuple[float, ...]] = {}
         if not math.isnan(self._battery_pct) and now_ns - self._battery_ns <= BATTERY_S * NS:
             felt["battery_pct"] = (self._battery_pct,)
@@ -268,7 +274,7 @@ class ReachyWire(Wire):
                 self._problem = str(malformed)
 
     async def _look(self, modes: HttpPort) -> None:
-        """See the motors' mode, and whether another client's move runs."""
+        """Query the motors' mode, and whether a move of another client runs."""
         try:
             answer = await modes.ask("GET", p.MOTORS, within_s=COMMAND_S)
             if answer.status != p.OK:
@@ -278,14 +284,14 @@ class ReachyWire(Wire):
             if answer.status != p.OK:
                 raise MalformedFrame(f"{p.RUNNING}: status {answer.status}")
             running = p.decode_running(answer.body)
-            # one that is listed before our command is answered may be ours
+            # While our command is unanswered, an unknown move in the list may be ours.
             if self._pending() is None:
                 self._others = self._moves.others(running)
         except (WireDown, MalformedFrame) as problem:
             self._problem = str(problem)
 
     async def _take_answer(self, port: HttpPort, number: int, owed: trio.Event, is_move: bool) -> None:
-        """Raise ``WireDown`` when it does not come."""
+        """Take the answer to a command. Raise ``WireDown`` if it does not arrive in time."""
         answered, uuid = False, ""
         try:
             with trio.move_on_after(COMMAND_S):
@@ -314,26 +320,25 @@ class ReachyWire(Wire):
 
     @property
     def _given_up(self) -> bool:
-        """Return whether an answer is not waited for any more: this wire writes no command then."""
+        """Whether an answer did not arrive in time. This wire then writes no more commands."""
         return self._gave_up or (self._services is not None and bool(self._services.given_up))
 
     async def _answered(self, within_s: float) -> bool:
-        """Wait until no answer to a command is owed."""
+        """Wait until no answer to a command is outstanding. Return whether that is so."""
         with trio.move_on_after(within_s):
             while self._owed is not None:
                 await self._owed.wait()
         return self._owed is None
 
     def _pending(self) -> trio.Event | None:
-        """Return what is set when a command that was sent has been answered; None: none is owed an
-        answer."""
+        """Return an event that is set when the outstanding request is answered; None without such a request."""
         if self._services is not None and self._services.owed is not None:
             return self._services.owed
         return None if self._gave_up else self._owed
 
     async def _stop(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """On the connection that is open, unless a command may wait on another one: then the stop
-        would be heard before it."""
+        """Stop on the open connection, unless a command may wait on another one. The daemon could then read the
+        stop before that command, so a new connection is used."""
         if not self._where[0]:
             return await stop_everywhere(self._config, safe_state)
         socket = self._sdk if self._pending() is None and not self._given_up else None
@@ -353,7 +358,7 @@ class ReachyWire(Wire):
         return f"http://[{host}]:{number}" if ":" in host else f"http://{host}:{number}"
 
     async def _find(self) -> p.Status:
-        """Return the status of the first daemon that answers. Raise ``WireDown``."""
+        """Return the status of the first daemon that answers, and note its address. Raise ``WireDown``."""
         try:
             addresses = self._config.addresses()
         except ValueError as error:

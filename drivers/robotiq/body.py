@@ -1,4 +1,4 @@
-"""The gripper as a simulation: as long as the wire gives it no goal, targets come through the
+"""Move the twin's gripper as a simulation while the wire gives it no goal. Targets then come through the
 simulation control."""
 
 from __future__ import annotations
@@ -14,8 +14,7 @@ from .mechanism import Gripper
 from .protocol import TOP
 
 CLOSED_RAD = 0.8
-"""Of each of the four joints of the model, when the fingers meet
-[mujoco_menagerie/robotiq_2f85]."""
+"""Position of each of the model's four joints when the fingers meet [mujoco_menagerie/robotiq_2f85]."""
 
 
 class GripperBody:
@@ -28,7 +27,7 @@ class GripperBody:
 
     @cached_property
     def spec(self) -> Any:
-        from strands_actors.drivers.common.model_rows import build  # MuJoCo, for its looks only
+        from strands_actors.drivers.common.model_rows import build  # MuJoCo, for the pictures only
 
         return build(self._table)
 
@@ -40,7 +39,7 @@ class GripperBody:
 
     @property
     def _closed(self) -> float:
-        """Fraction."""
+        """The closed fraction, 0 to 1."""
         return self._gripper.position / TOP
 
     @property
@@ -54,7 +53,7 @@ class GripperBody:
         return [self._closed * CLOSED_RAD] * 4
 
     def take(self, on: bool) -> None:
-        """Nobody can push its fingers: let go of, they stay."""
+        """Begin or end leading the fingers. After the end they stay, because the gear cannot be pushed."""
         if self._hand is (Hand.NONE if on else Hand.SIM):
             self._gripper.led_to = self._gripper.position if on else None
 

@@ -1,6 +1,8 @@
-"""A gripper's registers over one connection, and how it is made to hold. Shared by the wire and by
-the root's stop channel. What carries them: ``tcp_client``, ``serial_client``; one of the two is
-opened by ``connect``."""
+"""Access a gripper's registers on one connection, and hold the gripper.
+
+The wire and the root's stop channel share this code. The transports are ``tcp_client`` and ``serial_client``;
+``connect`` opens one of the two.
+"""
 
 from __future__ import annotations
 
@@ -19,72 +21,77 @@ ATTEMPTS = 3
 CONFIRM_S = 0.25
 """Longest wait for one answer."""
 HOLD_S = ATTEMPTS * CONFIRM_S
-"""Of all attempts: these, and a connection, fit into what a stop may take (``Timing.safe_s``)."""
+"""Limit of all attempts. With a connection, they fit into the time limit of a stop (``Timing.safe_s``)."""
 
 POLL_S = 0.05
 ECHO_POLLS = 2
-"""By then the gripper repeats what it was told [assumed; no manual has a number]; before, what it
-says of going and of objects is about the past."""
+"""Number of polls after which the gripper repeats a command [assumed; no manual has a number]. Before that, its
+bits for motion and object belong to the previous command."""
 
 
 class GripperClient(ABC):
-    """One gripper on one connection: its registers as ``Command`` and ``Status``. What raises,
-    raises ``WireDown``."""
+    """One gripper on one connection: its registers as ``Command`` and ``Status``. Methods that fail raise
+    ``WireDown``."""
 
     descriptors: Sequence[int] = ()
-    """What the root's stop channel may go on with."""
+    """Descriptors with which the root's stop channel may continue."""
 
     @abstractmethod
     async def clear_way(self) -> None:
-        """Wait until what is written next meets nothing on its way: at most for one answer."""
+        """Wait until the line is free for the next write, at most for one answer."""
 
     @abstractmethod
     def write(self, command: Command) -> None:
-        """Send at once."""
+        """Send a command at once."""
 
     @abstractmethod
     async def status(self, within_s: float, permit: Permit | None = None) -> Status | None:
-        """Ask, until there is an answer. None: not in time. ``permit`` is checked meanwhile."""
+        """Request the status until an answer arrives. Return None after the timeout. ``permit`` is checked during
+        the wait."""
 
     @abstractmethod
     async def soonest(self, number: int | None, within_s: float) -> Status | None:
-        """Ask anew, and return what comes first: the answer to this, or the one that is owed to
-        question ``number``. None: neither in time. Neither is of interest afterwards."""
+        """Request the status, and return the first answer to this or to the open request ``number``.
+
+        Return None if neither arrives in time. Both requests are forgotten afterwards.
+        """
 
     @abstractmethod
     def ask(self) -> int:
-        """A number to give to ``answer`` or to ``forget``."""
+        """Request the status without waiting. Return a number for ``answer`` or ``forget``."""
 
     @abstractmethod
     async def answer(self, number: int, within_s: float) -> Status | None:
-        """None: not yet."""
+        """Wait for the answer to a request. Return None if it has not arrived yet."""
 
     @abstractmethod
     def forget(self, number: int) -> None:
-        """The answer is of no more interest; it may still come."""
+        """Discard the answer to a request. It may still arrive."""
 
     @property
     @abstractmethod
     def hears_part(self) -> bool:
-        """Whether it has begun an answer, and not ended it."""
+        """Whether an answer has arrived in part only."""
 
     @abstractmethod
     def close(self) -> None: ...
 
 
 async def hold(gripper: GripperClient, known: Status | None, config: RobotiqConfig) -> MotorReport:
-    """Stop the fingers where they are, and prove it. Never raises. Without a ``known`` state the
-    gripper is asked first: a hold would activate one that is not, and that moves its fingers. One
-    that does not answer within ``CONFIRM_S`` is reset."""
-    written = heard = False
+    """Stop the fingers where they are, and confirm it. Never raises.
+
+    Without a ``known`` status the gripper is asked first. A hold would activate a gripper that is not active, and
+    that moves its fingers. A gripper that does not answer within ``CONFIRM_S`` is reset.
+    """
+    written = answered = False
     detail = "silent"
     command: Command | None = None
     try:
         with trio.move_on_after(HOLD_S):
             for _ in range(ATTEMPTS):
-                # One that does not answer is reset: that stops it, and moves none that was reset before.
+                # A gripper without an answer is reset. That stops it, and does not move one that was reset before.
                 known = known or await gripper.status(CONFIRM_S) or Status()
-                # A reset may not have been taken up yet: a hold behind it would be the rising edge.
+                # Stay with a reset: if it was not taken yet, a hold after it would be a rising edge of rACT.
                 if command is None or command.activate:
                     command = protocol.safe_command(known)
                 await gripper.clear_way()
@@ -97,12 +104,12 @@ async def hold(gripper: GripperClient, known: Status | None, config: RobotiqConf
                     if known is None:
                         detail = "silent"
                         break
-                    heard = True
+                    answered = True
                     detail = protocol.unsafe_words(known, command)
                     if not detail:
-                        return config.report(written, heard, detail)
+                        return config.report(written, answered, detail)
                     if command.activate and not protocol.safe_command(known).activate:
-                        break  # it is being activated, and only a reset ends that
+                        break  # An activation is running, and only a reset ends it.
     except WireDown as error:
         detail = str(error)
-    return config.report(written, heard, detail)
+    return config.report(written, answered, detail)

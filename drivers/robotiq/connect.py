@@ -1,4 +1,4 @@
-"""Opens what leads to a gripper: a connection, or a serial port."""
+"""Open the transport to a gripper: a connection or a serial port."""
 
 from __future__ import annotations
 

@@ -1,15 +1,14 @@
-"""Robotiq two-finger grippers on Modbus, over TCP or a serial port: robotiq_2f85, robotiq_2f85_v4.
+"""Drive Robotiq two-finger grippers by Modbus, over TCP or a serial port: robotiq_2f85, robotiq_2f85_v4.
 
-Safe, for whatever reason, is to hold: the fingers stop where they are (rGTO 0) and stay activated,
-so that what is held stays held by the gear, which cannot be driven from the fingers' side
-[assumed]. There is no limp, and nothing here ever asks for the automatic release. What is given up
-in a hold is that the gripper closes again by itself when the object slips.
+The safe state is a hold, for every reason. The fingers stop where they are (rGTO 0) and stay activated. An object
+stays gripped by the gear, which cannot be driven from the fingers' side [assumed]. There is no limp, and the
+automatic release is never requested. In a hold the gripper no longer closes by itself when the object slips.
 
-A hold has rACT set, as every setpoint has, and activates a gripper that has lost its power since it
-was last heard. So one that was not heard for 60 ms is asked first. If it does not answer, a setpoint
-is not written, and a stop resets it: the fingers stop and the gear holds as above [assumed], but the
-next arming activates it again, through its whole stroke. What remains is a supply that is away and
-back within these 60 ms.
+A hold has rACT set, like every setpoint, so it activates a gripper that has lost its power since its last
+answer. A gripper without an answer for 60 ms is therefore asked first. If it does not answer, a setpoint is not
+written, and a stop resets it: the fingers stop and the gear holds as above [assumed], but the next arming
+activates it again, through its whole stroke. One case remains: a supply that fails and returns within these
+60 ms.
 """
 
 from __future__ import annotations
@@ -89,7 +88,7 @@ class Robotiq(Driver):
     unit = "closed fraction, 0 open to 1 closed (position, aperture_mm: millimetres open)"
     timing = Timing(
         control_hz=50.0,
-        keepalive_s=0.5,  # nothing needs it: it heals a request that the gripper did not take
+        keepalive_s=0.5,  # not required; it repeats a request that the gripper did not take
         stream_ttl_s=0.1,
         oneshot_ttl_s=None,
         state_ttl_s=0.3,
@@ -125,7 +124,7 @@ class Robotiq(Driver):
         if port and chosen.baud is not None and not self.config.serial:
             raise ValueError(f"{robot}: port is {port!r}, an address, which has no baud. Leave it out")
         self.declare(Part(PartKind.GRIPPER, (Axis(key=AXIS, unit="", low=0.0, high=1.0, id=chosen.unit_id),)))
-        if self.config.serial:  # one line for all: nothing on it overtakes anything
+        if self.config.serial:  # All share one line, on which no message overtakes another.
             self.timing = structs.replace(self.timing, late_s=0.0)
         self.keys = Keys(self.robot, stroke_mm, chosen.speed, chosen.force)
         self.gates = all_gates(self.table, self.timing.state_ttl_s)
@@ -145,8 +144,8 @@ class Robotiq(Driver):
     def timed(
         self, targets: Mapping[str, Any], seconds: float, observation: Observation
     ) -> dict[str, Any] | Refused | None:
-        """Return the command at the speed that takes so long. A slow motion ends early: the fingers have
-        a least speed, too."""
+        """Return the command at the speed for this duration. A slow motion ends early, because the fingers have
+        a lowest speed."""
         if "speed" in targets:
             remedy = "leave speed out: it follows from seconds"
             return Refused(Code.BOTH, "speed and seconds are both given", remedy, "speed", "seconds")
@@ -163,8 +162,8 @@ class Robotiq(Driver):
         return {**targets, "speed": min(1.0, max(0.0, share))}
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
-        """``gripper`` is the closed fraction; ``position``, ``speed`` and ``force`` are what goes
-        over the wire: counts, 0 to 255."""
+        """Return the accepted target. ``gripper`` is the closed fraction. ``position``, ``speed`` and ``force`` are
+        the counts for the wire, 0 to 255."""
         position, speed, force = (counts_of(values[slot]) for slot in (POSITION, SPEED, FORCE))
         return {
             "robot": self.robot,
@@ -183,14 +182,14 @@ class Robotiq(Driver):
 
     def readings(self, observation: Observation) -> dict[str, Any]:
         sensors = observation.sensors
-        told: dict[str, Any] = {"position": counts_of(observation.position[0]), "holding": holding(sensors)}
+        readings: dict[str, Any] = {"position": counts_of(observation.position[0]), "holding": holding(sensors)}
         if "aperture_mm" in sensors:
-            told["aperture_mm"] = round(sensors["aperture_mm"][0], 2)
-        return told
+            readings["aperture_mm"] = round(sensors["aperture_mm"][0], 2)
+        return readings
 
 
 def holding(sensors: Mapping[str, tuple[float, ...]]) -> bool | None:
-    """Return whether the fingers have met something, as last read; None while that is not known:
-    they move, or have not taken the last command yet."""
+    """Return whether the fingers have met an object, by the last reading. None while that is not known: they move,
+    or have not taken the last command yet."""
     contact = sensors.get("contact", (math.nan,))[0]
     return None if math.isnan(contact) else contact != 0.0

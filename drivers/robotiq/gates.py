@@ -1,4 +1,4 @@
-"""What is refused before it reaches the gripper. Every gate is a pure function; nothing is ever
+"""Gates that refuse a setpoint before it reaches the gripper. Every gate is a pure function; nothing is ever
 clipped."""
 
 from __future__ import annotations
@@ -18,19 +18,24 @@ from .config import AXIS
 from .protocol import MAJOR, NO_FAULT, OVER_TEMPERATURE, RELEASING, SILENCE, Activation, fault_words
 
 POSITION, SPEED, FORCE = range(3)
-"""What a target is made of. All are fractions: 0 open to 1 closed, 0 slowest to 1 fastest, 0
-weakest to 1 strongest."""
+"""Slots of a target. All are fractions: 0 open to 1 closed, 0 slowest to 1 fastest, 0 weakest to 1 strongest."""
 
 _PLACES = 3
-"""Keys that say where to go; the first is how far closed, the others how wide open."""
+"""Number of axes for a position. The first is how far closed, the others how wide open."""
 
 _BARE = GateState(0, Observation(0, (), ()), (), 0, stream=False)
-"""A range asks for nothing of the gripper."""
+"""An empty state for ``past_range``, which does not use it here."""
 
 
 class Keys:
-    """The keys of an action: how far closed, or how wide open, and how. ``speed``, ``force``: what
-    an action means that does not name them."""
+    """The keys of an action: how far closed or how wide open, speed and force.
+
+    Args:
+        robot: The name of the robot in refusals.
+        stroke_mm: The opening of the gripper.
+        speed: The speed of an action that does not name one.
+        force: The force of an action that does not name one.
+    """
 
     def __init__(self, robot: str, stroke_mm: float, speed: float = 1.0, force: float = 1.0) -> None:
         self._robot = robot
@@ -49,11 +54,11 @@ class Keys:
         self._in_range = past_range(self._axes, measured=False)
 
     def places_in(self, action: Iterable[object]) -> list[str]:
-        """Return the keys that say where to go."""
+        """Return the keys of an action that give a position."""
         return [name for name in action if isinstance(name, str) and name in self._places]
 
     def parse(self, action: Mapping[str, object]) -> Candidate | Refused:
-        """Return a whole target. Exactly one key says where to go."""
+        """Return a complete target. Exactly one key must give a position."""
         for name in action:
             if not isinstance(name, str) or name not in self._names:
                 shown, names = str(name)[:40] or "''", ", ".join(self._names)
@@ -64,19 +69,19 @@ class Keys:
             both = " and ".join(given)
             return Refused(Code.BOTH_SPELLINGS, f"{both} are both given", "send one of them", both, places)
         if not given:
-            said = ", ".join(action) or "{}"
-            return Refused(Code.EMPTY, "the action says no position", f"use one of {places}", said, places)
+            keys = ", ".join(action) or "{}"
+            return Refused(Code.EMPTY, "the action says no position", f"use one of {places}", keys, places)
         parsed = parse_action(action, self._robot, self._axes, self._index, self._unnamed)
         if isinstance(parsed, Refused):
             return parsed
-        asked = Candidate(*parsed)
-        refusal = self._in_range(asked, _BARE)
+        requested = Candidate(*parsed)
+        refusal = self._in_range(requested, _BARE)
         if refusal is not None:
             return refusal
-        closed, *open_mm, speed, force = asked.values
+        closed, *open_mm, speed, force = requested.values
         wide_mm = next((mm for mm in open_mm if not math.isnan(mm)), None)
         target = (closed if wide_mm is None else 1.0 - wide_mm / self._stroke_mm, speed, force)
-        # a range lets what rounding makes of its ends pass
+        # The range check tolerates the rounding of values at its ends, so limit them here.
         return Candidate(tuple(min(1.0, max(0.0, value)) for value in target), (POSITION,))
 
 
@@ -85,7 +90,7 @@ def _fraction(key: str) -> Axis:
 
 
 def all_gates(axes: Sequence[Axis], state_ttl_s: float) -> tuple[GateCheck, ...]:
-    """Return the gates in the order in which they are asked: the first that refuses answers."""
+    """Return the gates in the order of their checks. The first that refuses gives the answer."""
     return stale(axes, state_ttl_s), activated, fault_free
 
 

@@ -1,7 +1,7 @@
-"""The twin's gripper: what its registers do to its fingers, and back.
+"""Simulate the twin's gripper: how its registers move the fingers, and how the fingers change the registers.
 
-Kinematic: a position controller that moves its fingers at the asked speed until they meet a stop,
-an object or their goal is all that can be seen of it on the wire.
+It is kinematic. A position controller moves the fingers at the requested speed until they meet a stop, an object
+or their goal. On the wire no more than that can be seen.
 """
 
 from __future__ import annotations
@@ -34,24 +34,24 @@ FREE_CURRENT = 8
 """Counts of 10 mA while the fingers move, without an object [assumed]."""
 
 LONGEST_STEP_S = 0.5
-"""A process that was paused goes on where it was."""
+"""Longest time to catch up. After a longer pause of the process the gripper continues where it was."""
 
 _TOO_EARLY = 0x05
 _NOT_ACTIVATED = 0x07
 
 
 class Setup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A gripper and the bench it is on."""
+    """A gripper and its test bench."""
 
     stroke_mm: float
     speed_mm_s: tuple[float, float]
     open: int
     closed: int
     activation_s: float = 1.5
-    object_mm: float = 0.0  # width of a rigid object between the fingers; 0: none
-    echo_s: float = 0.0  # from a command's arrival until it counts
+    object_mm: float = 0.0  # width of a rigid object between the fingers; 0 for no object
+    echo_s: float = 0.0  # delay from a command's arrival until it takes effect
     activated: bool = False
-    gflt: int = NO_FAULT  # a fault it begins with; a minor one it keeps
+    gflt: int = NO_FAULT  # the fault at the start; a minor one is permanent
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any], **bench: Any) -> Setup:
@@ -60,7 +60,7 @@ class Setup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Gripper:
-    """Time passes between calls, on the clock it is given; it never waits."""
+    """The gripper. Time passes between calls, on the given clock. It never waits."""
 
     def __init__(self, setup: Setup, now_s: Callable[[], float] = time.monotonic) -> None:
         self._setup = setup
@@ -69,7 +69,7 @@ class Gripper:
         self._born_s = self._heard_s = self._then_s
         self._position = float(setup.open)  # counts
         self.led_to: float | None = None
-        """Where a simulation leads the fingers, in counts: until a command moves them."""
+        """Goal of a simulation for the fingers, in counts, until a command moves them."""
         self._command = RESET
         self._coming: tuple[float, Command] | None = None
         self._activation = Activation.RESET
@@ -77,24 +77,24 @@ class Gripper:
         self._contact = Contact.ARRIVED
         self._fault = setup.gflt
         self._lasting_fault = setup.gflt if setup.gflt < MAJOR else NO_FAULT
-        self._silence = False  # told once, after a silence
+        self._silence = False  # reported once after a silence
         self.stuck = False
         if setup.activated:
             self._command, self._activation = Command(position=setup.open), Activation.ACTIVE
 
     @property
     def asked_to_be_active(self) -> bool:
-        """rACT as it was last written."""
+        """The last written rACT."""
         return (self._command if self._coming is None else self._coming[1]).activate
 
     @property
     def driven(self) -> bool:
-        """Whether its fingers follow what was written: they have a goal, or are being activated."""
+        """Whether the fingers follow the registers: they have a goal, or an activation is running."""
         command = self._command if self._coming is None else self._coming[1]
         return command.activate and (command.go_to or self._activation != Activation.ACTIVE)
 
     def hear(self) -> None:
-        """A request has come."""
+        """Note that a request has arrived."""
         now_s = self._now_s()
         self._silence = self._activation == Activation.ACTIVE and now_s - self._heard_s > SILENCE_S
         self._heard_s = now_s
@@ -122,26 +122,26 @@ class Gripper:
 
     @property
     def position(self) -> float:
-        """Counts."""
+        """The position in counts."""
         return self._position
 
     @property
     def time_s(self) -> float:
-        """Since it was made."""
+        """The time since the gripper was made."""
         return self._then_s - self._born_s
 
     def hurry(self, seconds: float) -> None:
-        """Be led for so long at once, which no clock has seen."""
+        """Follow a simulation's goal for this time at once. The clock does not advance."""
         self._born_s -= seconds
         if self.led_to is not None and not (self.stuck or self.driven):
             self._lead(self.led_to, seconds)
 
     def open_up(self) -> None:
-        """At once, and led by nobody."""
+        """Open the fingers at once, and end a simulation's lead."""
         self._position, self.led_to = float(self._setup.open), None
 
     def power_cycle(self) -> None:
-        """Its registers are new; its fingers stay where they are."""
+        """Reset the registers. The fingers stay where they are."""
         self._command, self._coming = RESET, None
         self._activation, self._contact = Activation.RESET, Contact.ARRIVED
         self._fault = self._lasting_fault
@@ -162,7 +162,7 @@ class Gripper:
         elif command.go_to and self._activation != Activation.ACTIVE:
             self._fault = _TOO_EARLY
         elif command.go_to and command != before:
-            self._contact = Contact.MOVING  # also when it has not far to go: the first reading says so
+            self._contact = Contact.MOVING  # Even for a short way: the first reading must show MOVING.
 
     def pass_time(self) -> None:
         now_s = self._now_s()
@@ -186,7 +186,7 @@ class Gripper:
             self._go(slowest + (fastest - slowest) * self._command.speed / TOP, step_s)
 
     def _activate(self, step_s: float) -> None:
-        """The whole stroke, there and back."""
+        """Move through the whole stroke and back."""
         setup = self._setup
         done = (self._now_s() - self._activated_s) / max(setup.activation_s, 1e-9)
         speed = 2.2 * setup.stroke_mm / max(setup.activation_s, 1e-9)
@@ -209,7 +209,7 @@ class Gripper:
         self._move(min(max(goal, setup.open), setup.closed), setup.speed_mm_s[1], step_s)
 
     def _move(self, goal: float, speed_mm_s: float, step_s: float) -> bool:
-        """Towards ``goal``, as far as an object lets it; whether it has come to its end."""
+        """Move towards ``goal`` as far as an object permits. Return whether the motion has ended."""
         if self._object is not None and self._position <= self._object:
             goal = min(goal, self._object)
         reach = speed_mm_s / self._setup.stroke_mm * TOP * step_s
@@ -219,6 +219,6 @@ class Gripper:
 
     @property
     def _object(self) -> float | None:
-        """The count at which the fingers touch it."""
+        """The position in counts at which the fingers touch the object; None without an object."""
         width_mm, stroke_mm = self._setup.object_mm, self._setup.stroke_mm
         return TOP * (1.0 - width_mm / stroke_mm) if width_mm > 0 else None

@@ -1,8 +1,7 @@
-"""The registers of a Robotiq 2F gripper: what is written to it, what it says, and what that means.
+"""Encode and decode the registers of a Robotiq 2F gripper: commands, status, and what a status means.
 
-Pure: values in and out of 16 bit registers, whatever carries them. Layout: instruction manual of
-the 2F-85, "Control" and "Modbus RTU communication". What the manual leaves open is marked
-[assumed].
+Pure: values in and out of 16 bit registers, for any transport. The layout is from the instruction manual of the
+2F-85, "Control" and "Modbus RTU communication". Facts that the manual leaves open are marked [assumed].
 """
 
 from __future__ import annotations
@@ -15,16 +14,16 @@ import msgspec
 OUTPUT = 0x03E8
 INPUT = 0x07D0
 REGISTERS = 3
-"""Both blocks: host to gripper from ``OUTPUT`` (FC 16), gripper to host from ``INPUT`` (FC 04)."""
+"""Size of both blocks: host to gripper from ``OUTPUT`` (FC 16), gripper to host from ``INPUT`` (FC 04)."""
 
 TOP = 255
-"""Position 0 is open, 255 closed; 255 is full speed and full force."""
+"""Largest value. Position 0 is open and 255 closed; 255 is full speed and full force."""
 
 CURRENT_A = 0.01
-"""One count of the current."""
+"""Amperes per count of the current."""
 
 ACTIVATION_S = 10.0
-"""Longest time an activation may take; 2 to 5 s are usual [assumed]."""
+"""Longest time of an activation; 2 to 5 s are usual [assumed]."""
 
 _ACTIVATE = 0x01
 _GO_TO = 0x08
@@ -32,12 +31,12 @@ _RELEASE = 0x10
 
 
 def counts_of(fraction: float) -> int:
-    """Return a fraction as a register has it."""
+    """Return a fraction in counts of a register."""
     return round(TOP * fraction)
 
 
 class Activation(enum.IntEnum):
-    """gSTA."""
+    """State of the activation, gSTA."""
 
     RESET = 0
     ACTIVATING = 1
@@ -45,12 +44,15 @@ class Activation(enum.IntEnum):
 
 
 class Contact(enum.IntEnum):
-    """gOBJ. Right after a command it still tells of the one before: believed only with its echo."""
+    """Result of the motion, gOBJ.
+
+    Right after a command it is still that of the previous command. It is valid only with the echo of the new one.
+    """
 
     MOVING = 0
     OPENING = 1  # stopped by an object while opening
-    CLOSING = 2
-    ARRIVED = 3  # at the requested position; nothing was met, or it was lost
+    CLOSING = 2  # stopped by an object while closing
+    ARRIVED = 3  # at the requested position; no object was met, or it was lost
 
 
 FAULTS = {
@@ -69,12 +71,12 @@ FAULTS = {
 NO_FAULT = 0x00
 OVER_TEMPERATURE = 0x08
 SILENCE = 0x09
-"""A status only: it keeps its grip, and the next question clears it [assumed]."""
+"""A status only. The gripper keeps its grip, and the next request clears it [assumed]."""
 RELEASING = 0x0B
 RELEASED = 0x0F
 
 MAJOR = 0x0A
-"""From here on only a new activation helps."""
+"""From this fault on only a new activation helps."""
 
 
 def fault_words(fault: int) -> str:
@@ -82,14 +84,14 @@ def fault_words(fault: int) -> str:
 
 
 class Command(msgspec.Struct, frozen=True):
-    """The output block."""
+    """The output block, which a host writes."""
 
-    activate: bool = True  # rACT. Its rising edge moves the fingers through their whole stroke
+    activate: bool = True  # rACT; its rising edge moves the fingers through their whole stroke
     go_to: bool = False  # rGTO; without it the fingers stop where they are
     position: int = 0
     speed: int = TOP
     force: int = TOP
-    release: bool = False  # rATR: opens the fingers slowly, whatever they hold
+    release: bool = False  # rATR; opens the fingers slowly, and drops any object
 
     def registers(self) -> list[int]:
         action = self.activate * _ACTIVATE | self.go_to * _GO_TO | self.release * _RELEASE
@@ -115,7 +117,7 @@ ACTIVATE = Command(speed=0, force=0)
 
 
 class Status(msgspec.Struct, frozen=True):
-    """The input block."""
+    """The input block, which a host reads."""
 
     activated: bool = False  # gACT, the echo of rACT
     going: bool = False  # gGTO, the echo of rGTO
@@ -138,7 +140,7 @@ class Status(msgspec.Struct, frozen=True):
             bool(state & _GO_TO),
             state >> 4 & 0x03,
             state >> 6,
-            registers[1] >> 8 & 0x0F,  # the high half is the controller's, not the gripper's
+            registers[1] >> 8 & 0x0F,  # The high half belongs to the controller, not to the gripper.
             registers[1] & 0xFF,
             registers[2] >> 8,
             registers[2] & 0xFF,
@@ -154,19 +156,25 @@ class Status(msgspec.Struct, frozen=True):
 
 
 def safe_command(status: Status) -> Command:
-    """Return what makes a gripper in this state keep still, and what it holds held. One that is not
-    active must not be told to be: it would begin its activation stroke."""
+    """Return the command that stops a gripper in this state and keeps its grip.
+
+    A gripper that is not active must not get rACT: it would begin its activation stroke.
+    """
     if not status.activated or status.activation == Activation.ACTIVATING:
         return RESET
-    # Without rGTO a position moves nothing. It is one that the gripper does not repeat already, so
-    # that its echo tells whether this command was taken up.
-    beside = 1 if status.position < TOP else -1
-    return Command(position=status.position + beside * (status.position == status.request))
+    # Without rGTO a position moves nothing. The command has another position than the gripper repeats now, so
+    # that a later echo shows whether it was taken.
+    offset = 1 if status.position < TOP else -1
+    return Command(position=status.position + offset * (status.position == status.request))
 
 
 def unsafe_words(status: Status, command: Command) -> str:
-    """Say why a gripper that was given this safe command, and then said this, is not known to be
-    safe; return nothing when it is."""
+    """Return why a gripper is not known to be safe; empty if it is.
+
+    Args:
+        status: The status after the command.
+        command: The safe command that was written.
+    """
     if status.fault == RELEASING:
         return "automatic release is running: the fingers open"
     if status.activation == Activation.ACTIVATING:
@@ -178,13 +186,13 @@ def unsafe_words(status: Status, command: Command) -> str:
     if status.going:
         return "still going to its position"
     if status.request != command.position:
-        # rGTO may be 0 from before a setpoint that is still on its way: only the echo tells.
+        # rGTO may still be 0 from before a setpoint that is on its way. Only the echo of the position confirms.
         return f"has not taken the hold up: told {command.position}, it repeats {status.request}"
     return ""
 
 
 def classify(command: Command, active: bool) -> str:
-    """A write in the words of the wire log. ``active``: rACT was set before."""
+    """Return the kind of a write, in the terms of the wire log. ``active`` is true if rACT was set before."""
     if command.go_to or command.release:
         return "setpoint"
     return "enable" if command.activate and not active else "safe"

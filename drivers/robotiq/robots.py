@@ -1,4 +1,4 @@
-"""The robots of this wire, as data: ``robots.toml``."""
+"""Read the robots of this wire from ``robots.toml``."""
 
 from __future__ import annotations
 
@@ -7,4 +7,4 @@ from strands_actors.drivers.common.robot_tables import RobotTables
 TABLES = RobotTables(__package__, "Robotiq")
 
 UNIT = 9
-"""Modbus unit of a gripper as delivered [instruction manual]."""
+"""Modbus unit of a gripper on delivery [instruction manual]."""

@@ -1,8 +1,8 @@
-"""A gripper on Modbus RTU, over a serial line: RS-485, which both ends share.
+"""Access a gripper by Modbus RTU, on a serial line (RS-485) that both ends share.
 
-One question at a time, since a reply has no number; what is written waits for the answer that is on
-its way, as on every half-duplex bus. A write is answered, too: who asks next hears that out, and is
-told when the gripper refused it.
+There is one request at a time, because a reply has no number. A write waits for an answer that is on its way, as on
+every half-duplex bus. A write is answered, too. The next request first receives that answer, and raises an error
+if the gripper refused the write.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from .config import RobotiqConfig
 from .protocol import Command, Status
 
 ANSWER_BYTES = 1 + 2 * protocol.REGISTERS
-"""Parameters of the answer to a question: how many bytes, and these."""
+"""Parameter bytes of the answer to a read: a byte count, and the registers."""
 WRITTEN_BYTES = 4
-"""Of the answer to a write: where, and how many."""
+"""Parameter bytes of the answer to a write: the address and the count."""
 
 QUIET_S = 0.03
-"""After a missing answer: longer than the gripper may be late [assumed: it answers within 10 ms]."""
+"""Pause after a missing answer. It is longer than the gripper may be late [assumed: it answers within 10 ms]."""
 AGAIN_S = 0.005
 
 
@@ -49,7 +49,7 @@ class SerialGripper(GripperClient):
         )
         request = ReadInputRegistersRequest(address=protocol.INPUT, count=protocol.REGISTERS, dev_id=self._unit)
         self._question = modbus_rtu.encode(request)
-        self._waiting_since_ns: int | None = None  # since when it has been asked and said nothing
+        self._waiting_since_ns: int | None = None  # time of the first request without an answer
         self._hears_part = False
         self.descriptors = (port.fileno(),)
 
@@ -74,11 +74,11 @@ class SerialGripper(GripperClient):
         return None
 
     async def soonest(self, number: int | None, within_s: float) -> Status | None:
-        """One question at a time: what is still owed is heard out first."""
+        """Request the status. An open answer arrives first, since the line has one request at a time."""
         return await self.status(within_s)
 
     def ask(self) -> int:
-        return 0  # a question that is not awaited would be in the way of whatever comes next
+        return 0  # Nothing is sent yet: an answer that no caller awaits would block the line.
 
     async def answer(self, number: int, within_s: float) -> Status | None:
         status = None
@@ -94,7 +94,7 @@ class SerialGripper(GripperClient):
         return status
 
     def forget(self, number: int) -> None:
-        """Nothing is asked before it is awaited."""
+        """Do nothing: a request is sent only when its answer is awaited."""
 
     @property
     def hears_part(self) -> bool:
@@ -102,18 +102,18 @@ class SerialGripper(GripperClient):
 
     @property
     def sent(self) -> int:
-        """Return how many frames the port has taken."""
+        """The number of frames that the port has taken."""
         return self._bus.sent
 
     async def hung_up(self) -> None:
-        """Return once the adapter is gone."""
+        """Wait until the adapter is gone."""
         await self._port.hung_up()
 
     def close(self) -> None:
         self._port.close()
 
     async def _asked(self) -> Status | None:
-        """Ask once. None: no answer, or it is too early to ask again."""
+        """Send one request. Return None if no answer came, or if it is too early to ask again."""
         bus = self._bus
         await bus.hear_out()
         self._tell(bus.refusals.get(self._unit))

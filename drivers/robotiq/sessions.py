@@ -1,4 +1,4 @@
-"""What hears one client of the twin: Modbus TCP, Modbus RTU, or the text port of Robotiq's URCap."""
+"""Serve one client of the twin: Modbus TCP, Modbus RTU, or the text port of Robotiq's URCap (``urcap``)."""
 
 from __future__ import annotations
 
@@ -31,23 +31,23 @@ from .unit import RobotiqTwin
 
 
 class _Wish(NamedTuple):
-    """What a request wants: some output registers written, then some registers read."""
+    """The accesses of a request: first a write of some output registers, then a read of some registers."""
 
-    write_at: int = 0  # an address
+    write_at: int = 0  # register address
     values: tuple[int, ...] = ()
     read_at: int = 0
     size: int = 0
 
 
 def _wish_of(request: ModbusPDU) -> _Wish | None:
-    """None: a function that a gripper does not have."""
+    """Return the accesses of a request; None for a function that a gripper does not have."""
     match request:
         case WriteMultipleRegistersRequest() | WriteSingleRegisterRequest():
             return _Wish(request.address, tuple(request.registers))
         case ReadWriteMultipleRegistersRequest():
             values = tuple(request.write_registers)
             return _Wish(request.write_address, values, request.read_address, request.read_count)
-        case ReadHoldingRegistersRequest():  # and its kind for input registers
+        case ReadHoldingRegistersRequest():  # and its subclass for input registers
             return _Wish(read_at=request.address, size=request.count)
     return None
 
@@ -57,7 +57,7 @@ def _fits(first: int, count: int) -> bool:
 
 
 class ModbusSession(ABC):
-    """One master. Functions 3, 4, 6, 16 and 23, as the manual has them."""
+    """One master. It may use functions 3, 4, 6, 16 and 23, as in the manual."""
 
     def __init__(self, twin: RobotiqTwin) -> None:
         self._twin = twin
@@ -73,7 +73,7 @@ class ModbusSession(ABC):
         return Exchange(kind, frame, self._replies(request, kind), "hold" if kind == "safe" else None)
 
     def _kind(self, request: ModbusPDU) -> str:
-        """A request in the words of the wire log."""
+        """Return the kind of a request, in the terms of the wire log."""
         wish = _wish_of(request)
         if wish is None or request.dev_id != self._twin.unit:
             return "read" if wish is not None and not wish.values else "other"
@@ -104,7 +104,7 @@ class ModbusSession(ABC):
             return ExceptionResponse(request.function_code, ExcCodes.ILLEGAL_ADDRESS)
         if wish.values:
             twin.write(first, wish.values)
-            read = self._read(wish) or []  # of after the write
+            read = self._read(wish) or []  # the registers after the write
         match request:
             case WriteMultipleRegistersRequest():
                 return WriteMultipleRegistersResponse(address=request.address, count=len(wish.values))
@@ -112,12 +112,12 @@ class ModbusSession(ABC):
                 return WriteSingleRegisterResponse(address=request.address, registers=list(wish.values))
             case ReadWriteMultipleRegistersRequest():
                 return ReadWriteMultipleRegistersResponse(registers=read)
-            case ReadInputRegistersRequest():  # a kind of the next one to pymodbus
+            case ReadInputRegistersRequest():  # pymodbus makes it a subclass of the next one
                 return ReadInputRegistersResponse(registers=read)
         return ReadHoldingRegistersResponse(registers=read)
 
     def _read(self, wish: _Wish) -> list[int] | None:
-        """None: there are no such registers."""
+        """Return the requested registers; None if they do not exist."""
         twin = self._twin
         for base, block in ((p.INPUT, twin.status().registers()), (p.OUTPUT, twin.output())):
             first = wish.read_at - base
@@ -136,7 +136,7 @@ class TcpSession(ModbusSession):
             for request, frame in self._decoder.feed(data):
                 yield self.exchange(request, frame)
         except MalformedFrame:
-            raise ClientGone from None  # as a server does with what it cannot follow
+            raise ClientGone from None  # A server closes the connection when it cannot decode it.
 
     def encoded(self, response: ModbusPDU) -> bytes:
         return modbus.encode(response)
@@ -148,18 +148,18 @@ class TcpSession(ModbusSession):
 
 
 PAUSE_S = 0.05
-"""So long a silence ends a frame that was begun. The norm has 3.5 characters; what comes through an
-adapter comes in pieces that are further apart."""
+"""A silence of this length ends an incomplete frame. The norm has 3.5 characters, but an adapter delivers a frame
+in pieces that are further apart."""
 
 
 class RtuSession(ModbusSession):
-    """Of a serial line, or of a gateway that hands its bytes through. What is not for it, or not at
-    its speed, is not answered."""
+    """One master on a serial line, or behind a gateway that forwards its bytes. Requests for another unit, or at
+    another speed, are not answered."""
 
     def __init__(
         self, twin: RobotiqTwin, baud: int | None = None, now_s: Callable[[], float] = time.monotonic
     ) -> None:
-        """``baud``: what it listens at; None: a wire without a speed."""
+        """Take the speed of the line as ``baud``; None for a transport without a speed."""
         super().__init__(twin)
         self._baud = baud
         self._now_s = now_s

@@ -1,4 +1,4 @@
-"""The root's way to a gripper: the wire's own serial port, or a connection made for the stop."""
+"""The root's stop channel to a gripper: the wire's serial port, or a connection that is made for the stop."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ class RobotiqStopChannel(DuplicateDescriptor[RobotiqConfig, GripperClient]):
         if report.written:
             return (report,)
         if isinstance(port, SerialGripper):
-            # A serial port that took a question is kept: while the standby has a duplicate of it, it
-            # cannot be opened anew.
+            # Keep a serial port that took a request. It cannot be opened again while the standby has a duplicate
+            # of it.
             if port.sent == sent:
                 raise WireDown(report.detail)
             return (report,)
@@ -65,7 +65,7 @@ class RobotiqStopChannel(DuplicateDescriptor[RobotiqConfig, GripperClient]):
             return await super().make_safe(safe_state)
         finally:
             if not self.config.serial:
-                self.close()  # many a gateway takes one client, and the next is the wire
+                self.close()  # Many gateways accept one client, and the next one must be the wire.
 
     def failed(self, why: str) -> tuple[MotorReport, ...]:
         return (self.config.report(False, False, why),)

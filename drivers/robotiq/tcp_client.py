@@ -1,4 +1,4 @@
-"""A gripper on Modbus TCP."""
+"""Access a gripper by Modbus TCP."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ class TcpGripper(GripperClient):
         self._client = client
 
     async def clear_way(self) -> None:
-        """Nothing: questions may overlap."""
+        """Do nothing: requests may overlap."""
 
     def write(self, command: Command) -> None:
         self._client.write_registers(protocol.OUTPUT, command.registers())
 
     async def status(self, within_s: float, permit: Permit | None = None) -> Status | None:
-        """Every ``ASK_AGAIN_S``."""
+        """Request the status every ``ASK_AGAIN_S`` until an answer arrives."""
         end_s = trio.current_time() + within_s
         while (left_s := end_s - trio.current_time()) > 0:
             if permit is not None:
@@ -38,7 +38,7 @@ class TcpGripper(GripperClient):
         return None
 
     async def soonest(self, number: int | None, within_s: float) -> Status | None:
-        """Ask beside the question that is open: one that was lost holds nothing up."""
+        """Send a request in addition to the open one, so that a lost request delays nothing."""
         numbers = [self.ask()] if number is None else [self.ask(), number]
         try:
             registers = await self._client.first_answer(numbers, within_s)

@@ -1,5 +1,5 @@
-"""The robot's end of the wire: a Modbus server with a gripper behind it, on TCP (as a gateway, and as
-the URCap of a UR) or on a serial port."""
+"""Simulate the robot's end of the wire: a Modbus server with a gripper behind it, on TCP (as a gateway, and as the
+URCap of a UR) or on a serial port."""
 
 from __future__ import annotations
 
@@ -56,14 +56,14 @@ class RobotiqTwinOptions(NetworkOptions, frozen=True):
 
 
 def twin_of(robot: str, now_s: Callable[[], float] = time.monotonic, **options: Any) -> RobotiqTwin:
-    """The twin of a robot of ``robots.toml``; ``options`` without host and port."""
+    """Return the twin of a robot of ``robots.toml``. ``options`` are those of the twin, without host and port."""
     table = TABLES.table(robot)
     unit = int(options.pop("unit_id", UNIT))
     return RobotiqTwin(Setup.from_table(table, **options), unit, table, now_s)
 
 
 class SerialRobot:
-    """A gripper on a line that it has for itself."""
+    """A gripper alone on a serial line."""
 
     def __init__(self, twin: RobotiqTwin, baud: int) -> None:
         self._twin = twin

@@ -1,4 +1,4 @@
-"""The twin's gripper and its registers: what all who talk to it share."""
+"""The twin's gripper and its registers, which all clients share."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .mechanism import Gripper, Setup
 
 
 class RobotiqTwin:
-    """One gripper, for all clients."""
+    """One gripper that all clients share."""
 
     def __init__(
         self,
@@ -25,7 +25,7 @@ class RobotiqTwin:
         table: Mapping[str, Any],
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        """``table``: of ``robots.toml``, for its looks."""
+        """Take a robot of ``robots.toml`` as ``table``, for its appearance."""
         self.gripper = Gripper(setup, now_s)
         self.unit = unit
         self.body = GripperBody(self.gripper, table)
@@ -38,7 +38,7 @@ class RobotiqTwin:
         return self.faults.of(None)
 
     def set_fault(self, fault: Fault, unit: int | None = None) -> None:
-        """``unit``: of no meaning here, there is one speaker."""
+        """Set a fault. ``unit`` has no meaning here, because there is only one gripper."""
         if Fault.OFF in (fault, self.fault):
             self.power_cycle()
         self.gripper.hear()
@@ -51,7 +51,7 @@ class RobotiqTwin:
         self._output = p.RESET.registers()
 
     def status(self) -> p.Status:
-        """What is said, which with a fault is not what is."""
+        """Return the status for the wire. With a fault it is repeated or wrong."""
         if self.fault is Fault.STUCK:
             return self._felt
         status = self.gripper.status()
@@ -63,12 +63,12 @@ class RobotiqTwin:
         return list(self._output)
 
     def write(self, first: int, registers: Sequence[int]) -> None:
-        """Some of the output registers, from the ``first``-th on."""
+        """Write some output registers, from the ``first``-th on."""
         self._output[first : first + len(registers)] = registers
         self.gripper.write(p.Command.from_registers(self._output))
 
     def kind_of(self, first: int, registers: Sequence[int]) -> str:
-        """What a write is in the words of the wire log."""
+        """Return the kind of a write, in the terms of the wire log."""
         output = self.output()
         output[first : first + len(registers)] = registers
         return p.classify(p.Command.from_registers(output), self.gripper.asked_to_be_active)

@@ -1,9 +1,9 @@
-"""The text port of Robotiq's URCap on a UR controller, TCP 63352, of the twin: ``GET POS``,
-``SET POS 255 SPE 100 GTO 1``.
+"""Simulate the text port of Robotiq's URCap on a UR controller, TCP 63352.
 
-It is the controller's, which speaks to the gripper's registers; so are the names, which are those of
-the registers' fields. Answers have no line end. What it does not understand it answers with ``?``
-[assumed].
+Its requests are lines as ``GET POS`` and ``SET POS 255 SPE 100 GTO 1``.
+
+The port belongs to the UR controller, which accesses the gripper's registers. The names in it are those of the
+registers' fields. Answers have no line end. The answer to anything else is ``?`` [assumed].
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from .unit import RobotiqTwin
 
 PORT = 63352
 LONGEST = 1024
-"""A line that has no end by then is none."""
+"""Most bytes of a line. The rest of a longer one is dropped."""
 
 _WRITTEN: Mapping[str, tuple[str, int]] = {
     "ACT": ("activate", 1),
@@ -28,7 +28,7 @@ _WRITTEN: Mapping[str, tuple[str, int]] = {
     "SPE": ("speed", p.TOP),
     "FOR": ("force", p.TOP),
 }
-"""Field of ``Command`` and its highest value."""
+"""The field of ``Command`` for each name, and its highest value."""
 
 _READ: Mapping[str, Callable[[Status, Command], int]] = {
     "ACT": lambda status, command: status.activated,
@@ -46,7 +46,7 @@ _READ: Mapping[str, Callable[[Status, Command], int]] = {
 
 
 class UrcapSession:
-    """One client."""
+    """The port's side of one client."""
 
     def __init__(self, twin: RobotiqTwin) -> None:
         self._twin = twin
@@ -84,13 +84,14 @@ class UrcapSession:
 
 
 def _changed(words: list[str], command: Command) -> Command | None:
-    """The output after a ``SET NAME VALUE ...``; None for what is none, or not as a whole."""
+    """Return the output block after a ``SET NAME VALUE ...``. None for any other line, or if a part of it is
+    invalid."""
     if len(words) < 3 or words[0] != "SET" or len(words) % 2 == 0:
         return None
-    told: dict[str, int | bool] = {}
+    fields: dict[str, int | bool] = {}
     for name, value in zip(words[1::2], words[2::2], strict=True):
         field, top = _WRITTEN.get(name, ("", 0))
         if not field or not value.isdecimal() or not 0 <= int(value) <= top:
             return None
-        told[field] = bool(int(value)) if top == 1 else int(value)
-    return Command(**{**{name: getattr(command, name) for name in command.__struct_fields__}, **told})
+        fields[field] = bool(int(value)) if top == 1 else int(value)
+    return Command(**{**{name: getattr(command, name) for name in command.__struct_fields__}, **fields})

@@ -1,4 +1,4 @@
-"""The gripper's registers in the wire process."""
+"""Connect the wire process to the gripper's registers."""
 
 from __future__ import annotations
 
@@ -27,20 +27,21 @@ from .protocol import Activation, Command, Contact, Status
 from .tcp_client import ASK_AGAIN_S
 
 READ_S = 0.03
-"""How long one reading waits for its answer; the next one goes on waiting. The watchdog wants to
-hear of us."""
+"""How long one reading waits for its answer. The next reading continues the wait, so that the watchdog does not
+miss the wire."""
 
 FRESH_S = 2 * READ_S
-"""So old, two readings without an answer, a status says nothing any more of whether the gripper is
-activated: its supply may have dipped, and whatever has rACT set would then activate it. What
-remains: one that was away and is back within this time."""
+"""Longest age of a status, two readings without an answer, at which the gripper still counts as activated. With
+an older one its supply may have dipped, and any command with rACT set would activate it. A dip that is shorter
+than this remains undetected."""
 
 SOON_S = 0.02
-"""How long an answer is waited for where the status is too old. On a serial line, which has to be
-heard out, twice that and some: a stop is on the wire within ``Driver.bound_s`` all the same."""
+"""How long to wait for an answer if the status is too old. A serial line, on which an open answer must arrive
+first, needs a little more than twice as long. Both keep a stop within ``Driver.bound_s``."""
 
 HANDSHAKE_S = 0.6
-"""More than a peer may be silent: what opens and does not speak is told as such."""
+"""Timeout of the first answer. It is longer than a peer may be silent, so that one that accepts the connection
+but never answers is reported as such."""
 
 RESET_S = 1.0
 
@@ -48,16 +49,16 @@ _NAN = math.nan
 
 
 class RobotiqSession:
-    """What exists between ``open`` and ``close``."""
+    """The state that exists between ``open`` and ``close``."""
 
     def __init__(self, gripper: GripperClient, status: Status, now_ns: int) -> None:
         self.gripper = gripper
         self.status = status
         self.heard_ns = now_ns
-        self.asked: int | None = None  # the reading that has not been answered
+        self.asked: int | None = None  # number of the reading without an answer
         self.asked_ns = 0
-        self.told: int | None = None  # where the last setpoint says to go
-        self.misses = 0  # readings in a row that repeat something else
+        self.told: int | None = None  # position in the last setpoint
+        self.misses = 0  # consecutive readings that repeat another position
 
 
 class RobotiqWire(SessionWire[RobotiqSession]):
@@ -73,7 +74,7 @@ class RobotiqWire(SessionWire[RobotiqSession]):
         self._config = config
         self._clock = clock
         self._open = partial(open_gripper, config, clock, open_stream, open_port)
-        self._last: Status | None = None  # of the session before, once it is closed
+        self._last: Status | None = None  # from the previous session, once it is closed
 
     async def open(self) -> dict[str, Any]:
         self.close()
@@ -134,7 +135,7 @@ class RobotiqWire(SessionWire[RobotiqSession]):
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
         session = self.session
-        if not session.status.active:  # being told to go would activate it
+        if not session.status.active:  # A setpoint would activate it.
             raise WireDown("write: the gripper is not activated. Activate it first")
         if not self._fresh(session):
             status = await self._soonest(session)
@@ -150,9 +151,12 @@ class RobotiqWire(SessionWire[RobotiqSession]):
             session.told, session.misses = position, 0
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """Ask first where the status is too old: a hold has rACT set, and would activate a gripper
-        that was reset since. One that does not answer may be that, or be heard no more and moving:
-        it is reset, which stops the one and leaves the other alone."""
+        """Hold the gripper. If the status is too old, ask first.
+
+        A hold has rACT set, and would activate a gripper that was reset meanwhile. A gripper without an answer may
+        have been reset, or may still move. It is reset, which stops it in the second case and does nothing in the
+        first.
+        """
         session = self.session_or_none
         if session is None:
             return (self._config.report(False, False, "not connected"),)
@@ -160,23 +164,32 @@ class RobotiqWire(SessionWire[RobotiqSession]):
         known: Status | None = session.status
         if not self._fresh(session):
             known = None
-            with contextlib.suppress(WireDown):  # whether it can be written to is for the hold to find out
+            with contextlib.suppress(WireDown):  # ``hold`` finds out whether it can be written to.
                 known = await self._soonest(session)
         return (await hold(session.gripper, known or Status(), self._config),)
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """The gripper is asked first: one that has lost its power meanwhile would be activated, and
-        moves then. One whose answers are nonsense has power, and keeps still by what was last
-        understood of it. One that says nothing is reset, as in ``make_safe``."""
-        self.close()  # what was sent on that connection and not taken yet is thrown away with it
+        """Hold the gripper on a new connection, and ask first: a gripper that has lost its power would be activated
+        and move.
+
+        A gripper with unreadable answers has power. It gets the safe command for its last valid status. A gripper
+        without answers is reset, as in ``make_safe``.
+        """
+        self.close()  # This discards bytes that were sent on the old connection but not taken yet.
         if self._last is None:
             return ()
         report = await self._hold_anew(self._last)
         return (report or await self._hold_anew(None) or self._config.report(False, False, "silent"),)
 
     async def _hold_anew(self, known: Status | None) -> MotorReport | None:
-        """Hold on a connection made for it. ``known``: the last that was understood; None: reset it
-        without asking. Return None when it was lost before it answered."""
+        """Hold on a new connection.
+
+        Args:
+            known: The last valid status; None to reset the gripper without asking.
+
+        Returns:
+            The report; None if the connection was lost before the gripper answered.
+        """
         try:
             gripper = await self._open()
         except WireDown as error:
@@ -229,18 +242,18 @@ class RobotiqWire(SessionWire[RobotiqSession]):
             raise WireDown(f"arm: activated, but {protocol.fault_words(status.fault)}. Check supply and fingers")
         return status
 
-    async def _poll(self, permit: Permit, within_s: float, wanted: Activation) -> Status | None:
-        """The first status with that gSTA, or None."""
+    async def _poll(self, permit: Permit, within_s: float, activation: Activation) -> Status | None:
+        """Return the first status with this gSTA; None after the timeout."""
         with trio.move_on_after(within_s):
             while True:
                 status = await self._ask(permit)
-                if status.activation == wanted:
+                if status.activation == activation:
                     return status
                 await trio.sleep(POLL_S)
         return None
 
     async def _ask(self, permit: Permit) -> Status:
-        """A status before anything else happens. Raise ``WireDown``."""
+        """Wait for a status. Raise ``WireDown``."""
         session = self.session
         status = await session.gripper.status(HANDSHAKE_S, permit)
         if status is None:
@@ -249,18 +262,18 @@ class RobotiqWire(SessionWire[RobotiqSession]):
         return status
 
     def _fresh(self, session: RobotiqSession) -> bool:
-        """Return whether what is known of the gripper is new enough to tell it to be active."""
+        """Return whether the status is new enough to rely on the gripper being active."""
         return self._clock.now_ns() - session.heard_ns <= FRESH_S * NS
 
     async def _soonest(self, session: RobotiqSession) -> Status | None:
-        """Ask, where the status is too old. None: no answer within ``SOON_S``. Raise
+        """Ask for a status because the last one is too old. Return None without an answer within ``SOON_S``. Raise
         ``WireDown``."""
         owed, session.asked = session.asked, None
         return await session.gripper.soonest(owed, SOON_S)
 
     def _take_unless_reset(self, session: RobotiqSession, status: Status, when: str) -> None:
-        """Raise ``WireDown`` when it was activated and is no more: whatever was decided was decided
-        about another state."""
+        """Take a status. Raise ``WireDown`` if the gripper is no longer active: earlier decisions were made for
+        another state."""
         was_active = session.status.active
         self._take(session, status)
         if was_active and not status.active:
@@ -276,7 +289,7 @@ class RobotiqWire(SessionWire[RobotiqSession]):
 
     def _observation(self, session: RobotiqSession) -> Observation:
         status = session.status
-        # without rGTO gOBJ means nothing; before the echo it is about the command before
+        # Without rGTO gOBJ has no meaning. Before the echo it belongs to the previous command.
         believed = status.active and status.going and session.told in (None, status.request)
         closed = status.position / protocol.TOP
         faults = [protocol.fault_words(status.fault)] if status.fault else []
@@ -299,4 +312,5 @@ class RobotiqWire(SessionWire[RobotiqSession]):
 
 
 _CONTACT = {Contact.MOVING: _NAN, Contact.OPENING: -1.0, Contact.CLOSING: 1.0, Contact.ARRIVED: 0.0}
-"""Met while opening, met while closing, nothing there; while it moves it is not known."""
+"""Values of the sensor ``contact``: met while opening, met while closing, no object. It is unknown while the
+fingers move."""

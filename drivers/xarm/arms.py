@@ -1,4 +1,4 @@
-"""The arms of this wire, as data: a table of ``robots.toml``, the type of one arm, and the model of
+"""Read the arms of this wire from ``robots.toml``: a robot's table, the type of one arm, and the model of
 its twin."""
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from .protocol import JOINTS, Version
 TABLES = RobotTables(__package__, "xArm")
 
 AXES = tuple(f"joint{number}" for number in range(1, JOINTS + 1))
-"""In the order of the wire."""
+"""Keys of the joints, in the order of the wire."""
 
 Range = tuple[float, float]
 
@@ -25,7 +25,7 @@ ANY_SERIAL = (0, 9999)
 
 
 class ArmType(msgspec.Struct, frozen=True):
-    """What differs between arms of one name."""
+    """The properties in which arms of the same name differ."""
 
     number: int
     range_rad: tuple[Range, Range, Range, Range, Range, Range, Range]
@@ -39,7 +39,7 @@ class ArmType(msgspec.Struct, frozen=True):
 
 
 class Arm(msgspec.Struct, frozen=True):
-    """One table."""
+    """One robot's table."""
 
     speed_rad_s: float
     effort_nm: tuple[float, ...]
@@ -48,11 +48,11 @@ class Arm(msgspec.Struct, frozen=True):
 
     @property
     def usual(self) -> ArmType:
-        """Return the type of which most arms are."""
+        """The type of most arms."""
         return next(kind for kind in self.types if not kind.mirrored and kind.serials == ANY_SERIAL)
 
     def type_at(self, version: Version) -> int | None:
-        """Return where in ``types`` an arm's type stands (the first that fits), else None."""
+        """Return the index in ``types`` of an arm's type, the first that fits; None if no type fits."""
         if version.axes != JOINTS:
             return None
         return next((at for at, kind in enumerate(self.types) if kind.fits(version)), None)
@@ -60,7 +60,7 @@ class Arm(msgspec.Struct, frozen=True):
 
 @cache
 def arm_of(robot: str) -> Arm:
-    """Return a robot's table. Raise ``ValueError`` for a robot that is not of this wire."""
+    """Return a robot's table. Raise ``ValueError`` if the robot does not belong to this wire."""
     return msgspec.convert(TABLES.table(robot), Arm)
 
 
@@ -74,7 +74,7 @@ def axes_of(arm: Arm) -> tuple[Axis, ...]:
 
 
 def model_table(robot: str, kind: ArmType) -> Mapping[str, Any]:
-    """Return the arm as ``drivers/common/model_rows`` takes it, of this type."""
+    """Return the arm of this type in the form that ``drivers/common/model_rows`` takes."""
     table, arm = TABLES.table(robot), arm_of(robot)
     rows = []
     for at, row in enumerate(table["model_rows"].strip().splitlines()):
@@ -92,6 +92,5 @@ def model_table(robot: str, kind: ArmType) -> Mapping[str, Any]:
 
 
 def mirrored(kind: ArmType, rad: Sequence[float]) -> tuple[float, ...]:
-    """Return the pose of an arm of this type that looks as ``rad`` does on one without mirrored
-    joints."""
+    """Convert a pose of an arm without mirrored joints to the same shape of an arm of this type."""
     return tuple(-value if at + 1 in kind.mirrored else value for at, value in enumerate(rad))

@@ -1,4 +1,4 @@
-"""What the wire and the stop channel of an xArm know of it."""
+"""The frozen settings that the wire and the stop channel share."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from .arms import Arm, ArmType
 from .protocol import CONTROL_PORT, JOINTS, Version
 
 LATE_S = 0.3
-"""A request of a client that was killed may wait so long in the controller's queue [assumed: a controller
-that takes longer counts as lost, see ``silent_s``]. A stop on another connection overtakes it."""
+"""A request of a killed client may wait this long in the controller's queue [assumed: a controller that
+takes longer counts as lost, see ``silent_s``]. A stop on another connection overtakes it."""
 
 
 class XArmConfig(msgspec.Struct, frozen=True):
@@ -20,10 +20,10 @@ class XArmConfig(msgspec.Struct, frozen=True):
     port: str
     arm: Arm
     silent_s: float = 0.3
-    """Without a report, or a reply that is owed, for so long the link counts as lost."""
+    """The link counts as lost after this long without a report, or without an outstanding reply."""
 
     def address(self) -> tuple[str, int]:
-        """Return host and control port. Raise ``ValueError`` for a ``port`` that is no address."""
+        """Return host and control port. Raise ``ValueError`` if ``port`` is not an address."""
         return parse_address(self.port, CONTROL_PORT)
 
     @property
@@ -31,12 +31,12 @@ class XArmConfig(msgspec.Struct, frozen=True):
         return self.address()[0]
 
     def kind_of(self, version: Version) -> ArmType:
-        """Return an arm's type. Raise ``WireDown`` for an arm that is another than it should be."""
-        at = self.arm.type_at(version)
-        if at is None:
-            known = ", ".join(str(number) for number in sorted({kind.number for kind in self.arm.types}))
+        """Return the arm's type. Raise ``WireDown`` if it is not a type of this robot."""
+        index = self.arm.type_at(version)
+        if index is None:
+            numbers = ", ".join(str(number) for number in sorted({kind.number for kind in self.arm.types}))
             raise WireDown(
                 f"open: the arm at {self.port} has {version.axes} joints and is of type {version.arm_type}. "
-                f"{self.robot} has {JOINTS}, of type {known}"
+                f"{self.robot} has {JOINTS}, of type {numbers}"
             )
-        return self.arm.types[at]
+        return self.arm.types[index]

@@ -1,5 +1,5 @@
-"""One connection to a controller's control port, and the stop that goes over it. Shared by the wire
-and by the root's stop channel."""
+"""One connection to a controller's control port, and the stop that is sent over it. The wire and the root's
+stop channel share this code."""
 
 from __future__ import annotations
 
@@ -21,17 +21,18 @@ from .protocol import Register, State
 
 ATTEMPTS = 3
 ACKNOWLEDGE_S, CONFIRM_S = 0.1, 0.2
-"""Of each attempt: three, and a connection, fit into what a stop may take."""
+"""Timeouts of the two requests of an attempt. Three attempts and a connection fit into the time limit of a
+stop."""
 
 LOOK_S = 0.02
-"""How often a permit is checked while a reply is awaited."""
+"""How often a permit is checked during the wait for a reply."""
 
 FORGET_S = 1.0
-"""A reply that has not come by then never comes."""
+"""A request without a reply is forgotten after this time."""
 
 
 class Stream(ByteStream, Protocol):
-    """What is needed of a connection."""
+    """The methods of a connection that this module uses."""
 
     def read_waiting(self) -> bytes | None: ...
 
@@ -42,7 +43,7 @@ OpenStream = Callable[[str, int], Awaitable[Stream]]
 
 
 class Control:
-    """Requests leave at once; replies are known by their number. Everything raises ``WireDown``."""
+    """Send requests at once and match replies by number. Every method may raise ``WireDown``."""
 
     def __init__(self, stream: Stream, name: str, clock: Clock) -> None:
         self._stream = stream
@@ -51,27 +52,27 @@ class Control:
         self._budget = ReceiveBudget(name)
         self._decoder = p.Decoder()
         self._number = 0
-        self._open: dict[int, tuple[int, int]] = {}  # register and when it was sent, of what has not been answered
+        self._open: dict[int, tuple[int, int]] = {}  # unanswered requests: number -> register, time sent
         self._awaited: dict[int, p.Reply | None] = {}
         self._heard_ns = 0
-        self.errors: tuple[int, int] = (0, 0)  # error and warning, when it was last asked
-        self.error_pending = False  # by the last reply to anything
-        self.state_set = 0  # number of the last request for a state that was answered
+        self.errors: tuple[int, int] = (0, 0)  # error and warning, from the last reply to ``ERRORS``
+        self.error_pending = False  # from the state byte of the last reply
+        self.state_set = 0  # number of the last answered ``SET_STATE``
 
     @property
     def idle(self) -> bool:
-        """Return whether every command was answered."""
+        """Whether every request was answered."""
         return not self._open
 
     def silent_s(self, now_ns: int) -> float:
-        """Return how long it has owed a reply and said nothing."""
+        """Return how long a reply has been outstanding while nothing arrived."""
         if not self._open:
             return 0.0
         first_ns = next(iter(self._open.values()))[1]
         return (now_ns - max(first_ns, self._heard_ns)) / NS
 
     def send(self, register: int, data: bytes = b"") -> int:
-        """Send a request now; return its number."""
+        """Send a request now. Return its number."""
         self._number = self._number % p.LAST_NUMBER + 1
         self._stream.write(p.request(self._number, register, data))
         self._open[self._number] = register, self._clock.now_ns()
@@ -80,8 +81,15 @@ class Control:
     async def ask(
         self, register: int, data: bytes = b"", *, within_s: float, permit: Permit | None = None
     ) -> p.Reply | None:
-        """Send a request and wait for its reply; None: none came in time. ``permit`` is checked
-        meanwhile."""
+        """Send a request and wait for its reply.
+
+        Args:
+            within_s: The timeout.
+            permit: Checked during the wait; None for no check.
+
+        Returns:
+            The reply; None if it did not arrive in time.
+        """
         number = self.send(register, data)
         self._awaited[number] = None
         end_s = trio.current_time() + within_s
@@ -96,7 +104,7 @@ class Control:
             del self._awaited[number]
 
     def take_waiting(self) -> None:
-        """Take in what has arrived, as much as one turn may take. Never waits."""
+        """Process the data that has arrived, as much as one turn allows. Never waits."""
         for data in self._budget.turn(self._stream.read_waiting):
             self._take(data)
 
@@ -104,15 +112,14 @@ class Control:
         self._stream.close()
 
     def close_in_order(self) -> None:
-        """Close, and let what was sent be delivered: a stop that a frozen controller has not read
-        yet."""
+        """Close after the sent bytes are delivered, for a stop that a frozen controller has not read yet."""
         self._stream.close_in_order()
 
     def _take(self, data: bytes) -> None:
         now_ns = self._clock.now_ns()
         try:
-            for heard in self._decoder.feed(data):
-                self._take_reply(p.reply_of(heard))
+            for received in self._decoder.feed(data):
+                self._take_reply(p.reply_of(received))
         except MalformedFrame as malformed:
             raise WireDown(f"{self._name}: cannot be understood ({malformed}). Reconnect") from None
         self._heard_ns = now_ns
@@ -123,7 +130,7 @@ class Control:
     def _take_reply(self, reply: p.Reply) -> None:
         asked = self._open.pop(reply.number, None)
         if asked is None:
-            return  # later than anybody waits
+            return  # The request was forgotten.
         if asked[0] != reply.register:
             raise MalformedFrame(f"register {reply.register} for {asked[0]}")
         self.error_pending = bool(reply.state & p.ERROR)
@@ -145,7 +152,7 @@ async def open_control(config: XArmConfig, clock: Clock, open_stream: OpenStream
 
 
 async def stop(control: Control) -> Outcome:
-    """Bring the arm to state 4, and read that it is. Never raises."""
+    """Set the arm to state 4, and read the state back. Never raises."""
     written = acknowledged = False
     detail = "silent"
     try:
@@ -153,8 +160,8 @@ async def stop(control: Control) -> Outcome:
             reply = await control.ask(Register.SET_STATE, bytes((State.STOPPED,)), within_s=ACKNOWLEDGE_S)
             written = True
             acknowledged = acknowledged or (reply is not None and not reply.state & p.INVALID)
-            said = await control.ask(Register.GET_STATE, within_s=CONFIRM_S)
-            detail = "silent" if said is None else unsafe_words(said)
+            reading = await control.ask(Register.GET_STATE, within_s=CONFIRM_S)
+            detail = "silent" if reading is None else unsafe_words(reading)
             if not detail:
                 break
     except WireDown as down:
@@ -163,7 +170,7 @@ async def stop(control: Control) -> Outcome:
 
 
 def unsafe_words(said: p.Reply) -> str:
-    """Return why a controller that answers this is not stopped; empty when it is."""
+    """Return why the reply to ``GET_STATE`` does not show a stopped arm; empty if it does."""
     data = said.data
     if said.state & p.INVALID:
         return "its controller does not take the question for its state"

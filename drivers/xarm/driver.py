@@ -1,9 +1,9 @@
-"""UFACTORY xArm 7, on the controller's own TCP protocol: no SDK.
+"""Drive a UFACTORY xArm 7 through the controller's own TCP protocol. No SDK.
 
-Safe, for a late writer, is to hold: the arm is told its last target once more and stays in servo
-mode. For everything else it is stopped: state 4, in which the controller holds the arm, drops what
-it was told and takes nothing more. It stays so until ``resume()``, which is where servo mode is set
-up again. Brakes and power are left as they are.
+The safe state for a late writer is to hold: the arm gets its last target once more and stays in servo
+mode. For every other reason the arm is stopped with state 4. In that state the controller holds the arm,
+drops its targets and accepts no new ones until ``resume()``, which sets up servo mode again. Brakes and
+power do not change.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class XArm(Driver):
         self.declare(Part(PartKind.ARM, axes_of(self.arm)))
         self.timing = Timing(
             control_hz=hz,
-            keepalive_s=0.1,  # nothing needs it: it heals a target that the controller did not take
+            keepalive_s=0.1,  # not required; it repeats a target that the controller did not take
             stream_ttl_s=0.1,
             oneshot_ttl_s=None,
             state_ttl_s=0.1,

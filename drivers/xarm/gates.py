@@ -1,5 +1,7 @@
-"""What is refused before it reaches the controller. Every gate is a pure function of the candidate
-and the state; nothing is ever clipped."""
+"""Conditions and gates that refuse a setpoint before it reaches the controller.
+
+Every gate is a pure function of the candidate and the state. Nothing is ever clipped.
+"""
 
 from __future__ import annotations
 
@@ -19,9 +21,8 @@ from .arms import Arm
 from .protocol import Mode, State, error_words
 
 LEAD_S = 0.1
-"""A target may be ahead of where its joint was measured by what the joint turns meanwhile: servo
-mode drives to it at full speed, also when the arm was kept from following [assumed: no arm lags so
-far behind]."""
+"""A target may lead the measured position by as far as the joint turns in this time. Servo mode drives to
+it at full speed, also after the arm was kept from following [assumed: no arm lags further behind]."""
 
 
 _AGAIN = "see to its cause, then call resume()"
@@ -30,11 +31,11 @@ Axes = Sequence[Axis]
 
 
 def all_gates(arm: Arm, axes: Axes, period_s: float, state_ttl_s: float) -> tuple[GateCheck, ...]:
-    """Return the gates in the order in which they are asked: the first that refuses answers."""
+    """Return the gates in the order of their checks. The first that refuses gives the answer."""
     return stale(axes, state_ttl_s), past_own_range(arm, axes), too_fast(arm, axes, period_s), runs_ahead(arm, axes)
 
 
-# -- what must be true for a motion to begin, and to go on
+# -- conditions for a motion to begin and to continue
 
 
 def error_free(observation: Observation, now_ns: int) -> Refused | None:
@@ -46,8 +47,7 @@ def error_free(observation: Observation, now_ns: int) -> Refused | None:
 
 
 def running(observation: Observation, now_ns: int) -> Refused | None:
-    """Refuse to move an arm that somebody paused or stopped, by whatever client: it never goes on
-    by itself."""
+    """Refuse to move an arm that any client paused or stopped. It does not continue by itself."""
     state = _sensor(observation, "state")
     if state in (State.MOVING, State.READY):
         return None
@@ -69,27 +69,26 @@ CONDITIONS = (
 )
 
 
-# -- of one setpoint
+# -- gates of one setpoint
 
 
 def past_own_range(arm: Arm, axes: Axes) -> GateCheck:
-    """Refuse what is past the range of the arm's own type, which the wire puts beside its
-    positions; without that, what is past the range of any."""
+    """Refuse a target outside the range of the arm's own type, which the wire observes with the
+    positions. If the type is unknown, refuse a target outside the range of any type."""
     joints = zip(*(kind.range_rad for kind in arm.types), strict=True)
     of_all = past_ranges(axes, [(max(low for low, _ in ends), min(high for _, high in ends)) for ends in joints])
     return past_told_range(axes, "range_low_rad", "range_high_rad", untold=of_all)
 
 
 def speed_limit(arm: Arm, state: GateState) -> float:
-    """Return the controller's own joint speed limit, rad/s, at most the table's; that one when it
-    is unknown."""
-    told = state.observation.sensors.get("speed_limit_rad_s", (math.nan,))[0]
-    return min(told, arm.speed_rad_s) if told > 0.0 else arm.speed_rad_s
+    """Return the joint speed limit in rad/s: the controller's own if it is known, and at most the table's."""
+    reported = state.observation.sensors.get("speed_limit_rad_s", (math.nan,))[0]
+    return min(reported, arm.speed_rad_s) if reported > 0.0 else arm.speed_rad_s
 
 
 def too_fast(arm: Arm, axes: Axes, period_s: float) -> GateCheck:
-    """Refuse a step from the last *commanded* target that is more than a joint turns in one period
-    of the control loop. Servo mode has no speed: it goes to each target at once, however rarely one
+    """Refuse a step from the last *commanded* target that is larger than a joint can turn in one period of
+    the control loop. Servo mode has no speed: the arm goes to each target at once, however rarely one
     comes."""
 
     def too_fast(candidate: Candidate, state: GateState) -> Refused | None:
@@ -99,8 +98,7 @@ def too_fast(arm: Arm, axes: Axes, period_s: float) -> GateCheck:
 
 
 def runs_ahead(arm: Arm, axes: Axes) -> GateCheck:
-    """Refuse small steps that come quicker than the arm follows, or while something holds it
-    back."""
+    """Refuse small steps that come faster than the arm follows, or while something holds it back."""
 
     def runs_ahead(candidate: Candidate, state: GateState) -> Refused | None:
         return refuse_lead(axes, candidate, state, [speed_limit(arm, state)] * len(axes), LEAD_S)

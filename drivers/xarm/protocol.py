@@ -1,12 +1,13 @@
-"""What goes over an xArm controller's control port, 502: requests and replies. Pure: no I/O, no
-clock.
+"""Encode and decode requests and replies on an xArm controller's control port, 502.
+
+Pure: no I/O, no clock.
 
     request  u16 number | u16 protocol | u16 length | u8 register | data
     reply    u16 number | u16 protocol | u16 length | u8 register | u8 state | data
 
-Headers and integers are big-endian, floats little-endian; ``length`` counts from the register on. A
-TCP stream has no start marks: once a header cannot be, only a new connection helps. Source: what
-the vendor's Python SDK 1.18.4 sends and reads; what nobody has seen on a controller is marked
+Headers and integers are big-endian, floats little-endian. ``length`` counts from the register on. A TCP
+stream has no start marks, so after an impossible header only a new connection helps. The source is the
+traffic of the vendor's Python SDK 1.18.4. Facts that were never seen on a controller are marked
 [assumed].
 """
 
@@ -47,7 +48,7 @@ class Register(enum.IntEnum):
 
 
 class State(enum.IntEnum):
-    """``SET_STATE`` takes 0, 3 and 4; the controller answers with the others."""
+    """State of the arm. ``SET_STATE`` takes 0, 3 and 4; the controller reports the others."""
 
     GO = 0
     MOVING = 1
@@ -64,10 +65,10 @@ class Mode(enum.IntEnum):
 
 
 ALL_JOINTS = 8
-"""Of ``MOTION_ENABLE``."""
+"""Selects all joints in ``MOTION_ENABLE``."""
 
 ERROR, WARNING, NOT_READY, INVALID = 0x40, 0x20, 0x10, 0x08
-"""Bits of a reply's state."""
+"""Bits of the state byte in a reply."""
 
 ERRORS = {
     1: "emergency stop button",
@@ -96,7 +97,7 @@ ERRORS = {
     40: "joint trajectory",
     60: "linear speed exceeds limit in servo mode",
 }
-"""The controller's error codes, as the vendor's SDK lists them."""
+"""Error codes of the controller, from the vendor's SDK."""
 
 
 def error_words(code: int) -> str:
@@ -107,8 +108,7 @@ def error_words(code: int) -> str:
 
 
 class Frame(NamedTuple):
-    """One frame of either direction. ``body``: register and data, in a reply the state between
-    them."""
+    """One frame, in either direction. ``body`` is register and data; in a reply the state is between them."""
 
     number: int
     protocol: int
@@ -123,26 +123,26 @@ class Reply(NamedTuple):
 
 
 PROTOCOL = 2
-"""Of every request. The SDK changes to 3 once it has read a firmware from 1.8.6 on; 2 is what every
-firmware hears first."""
+"""Protocol of every request. The SDK changes to 3 after it has read a firmware version from 1.8.6 on. 2 is
+the first protocol that every firmware receives."""
 HEARTBEAT_PROTOCOL = 1
 _PROTOCOLS = (HEARTBEAT_PROTOCOL, PROTOCOL, 3)
 
 LAST_NUMBER = 0xFFFF
 LONGEST = 1024
-"""Bytes of a frame's body. The longest there is has 320."""
+"""Most bytes of a frame's body. The longest that exists has 320."""
 
 _HEADER = struct.Struct(">HHH")
 
 
 class Decoder:
-    """A stream of bytes in any pieces to frames."""
+    """Decode a stream of bytes, in pieces of any size, into frames."""
 
     def __init__(self) -> None:
         self._pending = bytearray()
 
     def feed(self, data: bytes) -> Iterator[Frame]:
-        """Return the frames that are whole. Raise ``MalformedFrame`` at a header that cannot be."""
+        """Yield the complete frames. Raise ``MalformedFrame`` at an impossible header."""
         self._pending += data
         while len(self._pending) >= _HEADER.size:
             number, protocol, length = _HEADER.unpack_from(self._pending)
@@ -176,16 +176,15 @@ def floats(values: Sequence[float]) -> bytes:
 
 
 def unpack_floats(data: bytes, count: int, at: int = 0) -> tuple[float, ...]:
-    """Return ``count`` floats from ``at`` on. Raise ``MalformedFrame`` when there are not so
-    many."""
+    """Return ``count`` floats from offset ``at`` on. Raise ``MalformedFrame`` if there are fewer."""
     if len(data) < at + 4 * count:
         raise MalformedFrame(f"{len(data)} bytes hold no {count} floats from {at} on")
     return struct.unpack_from(f"<{count}f", data, at)
 
 
 SETPOINT_SPEED_RAD_S, SETPOINT_ACC_RAD_S2 = math.pi, 20.0
-"""What a setpoint says in fields that the controller reserves. A hold says 0: so the two can be
-told apart on the wire, and a firmware that reads the fields does what they say."""
+"""Values of a setpoint in fields that the controller reserves. A hold has 0 there. So the two can be
+distinguished on the wire, and both are correct for a firmware that reads the fields."""
 
 
 def servo_data(target_rad: Sequence[float], *, hold: bool = False) -> bytes:
@@ -202,8 +201,8 @@ def errors_of(data: bytes) -> tuple[int, int]:
 
 
 def classify(body: bytes) -> tuple[str, str | None]:
-    """Return a request in the words of the wire log, and the safe state that it alone brings the
-    arm to."""
+    """Return the kind of a request, in the terms of the wire log, and the safe state that this request
+    alone brings the arm to; None if it does not."""
     register, data = body[0], body[1:]
     match register:
         case Register.SET_STATE if data[:1] == bytes((State.STOPPED,)):
@@ -244,12 +243,13 @@ TEXT_SIZE = 40
 
 def parse_version(data: bytes) -> Version:
     """Read ``7,7,XF1300012345,AC1300012345,v1.12.10``: axes, type, arm, control box, firmware.
-    Raise ``MalformedFrame`` for anything else; firmware that says less is older than 1.0
-    [assumed]."""
+
+    Raise ``MalformedFrame`` for any other text. Firmware before 1.0 has a shorter one [assumed].
+    """
     text = data.partition(b"\0")[0].decode("ascii", "replace")
-    found = _VERSION.match(text)
-    if found is None:
+    parts = _VERSION.match(text)
+    if parts is None:
         raise MalformedFrame(f"version {text!r} names no type and firmware")
-    axes, arm_type, serial, _, *firmware = found.groups()
+    axes, arm_type, serial, _, *firmware = parts.groups()
     major, minor, revision = (int(part) for part in firmware)
     return Version(int(axes), int(arm_type), serial.strip(), (major, minor, revision))

@@ -1,9 +1,8 @@
-"""What an xArm controller pushes: reports, each with its size in front. Pure: no I/O, no clock.
+"""Encode and decode the reports that an xArm controller sends. Pure: no I/O, no clock.
 
     u32 size | u8 state | mode << 4 | u16 queue | 7 f32 joints | 6 f32 pose | 7 f32 torques | ...
 
-Size and queue are big-endian, floats little-endian. Source: what the vendor's Python SDK 1.18.4
-reads.
+Size and queue are big-endian, floats little-endian. The source is the vendor's Python SDK 1.18.4.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ _BASE_AT = 7
 
 
 class Report(NamedTuple):
-    """What every report begins with."""
+    """The fields with which every report begins."""
 
     state: int
     mode: int
@@ -40,13 +39,13 @@ class Report(NamedTuple):
 
 
 class ReportDecoder:
-    """A stream of bytes in any pieces to reports, each with its size in front."""
+    """Decode a stream of bytes, in pieces of any size, into reports. Each has its size in front."""
 
     def __init__(self) -> None:
         self._pending = bytearray()
 
     def feed(self, data: bytes) -> Iterator[bytes]:
-        """Return the reports that are whole. Raise ``MalformedFrame`` at a size that cannot be."""
+        """Yield the complete reports. Raise ``MalformedFrame`` at an impossible size."""
         self._pending += data
         while len(self._pending) >= 4:
             (size,) = struct.unpack_from(">I", self._pending)
@@ -60,8 +59,8 @@ class ReportDecoder:
 
 
 def parse_report(data: bytes) -> Report:
-    """Read what every report has. Raise ``MalformedFrame`` for one too short, or whose joints are
-    nowhere."""
+    """Read the fields that every report has. Raise ``MalformedFrame`` if it is too short, or if a joint
+    position is not finite."""
     if len(data) < _SMALLEST:
         raise MalformedFrame(f"a report of {len(data)} bytes")
     state_and_mode, queue = data[4], int.from_bytes(data[5:7], "big")
@@ -73,8 +72,8 @@ def parse_report(data: bytes) -> Report:
 
 
 def speed_limit_of(rich: bytes) -> float | None:
-    """Return the controller's joint speed limit in a rich report, rad/s; None when it says none
-    that could be."""
+    """Return the controller's joint speed limit from a rich report, in rad/s; None if it is missing or
+    impossible."""
     if len(rich) < _SPEED_LIMIT_AT + 4:
         return None
     (limit,) = unpack_floats(rich, 1, _SPEED_LIMIT_AT)
@@ -82,7 +81,7 @@ def speed_limit_of(rich: bytes) -> float | None:
 
 
 def pack_report(size: int, report: Report) -> bytearray:
-    """Make a report of ``size`` bytes; what is not in ``Report`` is zero."""
+    """Make a report of ``size`` bytes. Fields outside ``Report`` are zero."""
     data = bytearray(size)
     struct.pack_into(">IBH", data, 0, size, report.state | report.mode << 4, report.queue)
     _BASE.pack_into(data, _BASE_AT, *report.position_rad, *report.pose_mm_rad, *report.torque_nm)
@@ -90,15 +89,15 @@ def pack_report(size: int, report: Report) -> bytearray:
 
 
 class Details(NamedTuple):
-    """What the normal and the rich report add."""
+    """The fields that the normal and the rich report add."""
 
-    enabled: int  # a bit a joint
+    enabled: int  # one bit per joint
     error: int
     warning: int
 
 
 def pack_details(data: bytearray, details: Details) -> None:
-    """Put them into a normal or rich report."""
+    """Write the details into a normal or rich report."""
     data[87:89] = details.enabled, details.enabled  # brakes released, motors on
     data[_CODES_AT : _CODES_AT + 2] = details.error, details.warning
     data[131:133] = 3, 3  # collision and teaching sensitivity
@@ -106,7 +105,7 @@ def pack_details(data: bytearray, details: Details) -> None:
 
 
 def pack_rich(data: bytearray, version: Version, text: str, speed_limit_rad_s: float, celsius: int) -> None:
-    """Put them into a rich report. Limits but the joint speed's are the SDK's defaults."""
+    """Write the fields of a rich report. Limits other than the joint speed are the SDK's defaults."""
     data[145:151] = version.arm_type, version.axes, 1, 1, 0, 0
     data[151:181] = text.encode()[:30].ljust(30, b"\0")
     struct.pack_into("<5f", data, 181, 1000.0, 1.0, 50000.0, 0.1, 1000.0)

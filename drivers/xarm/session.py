@@ -1,5 +1,4 @@
-"""One controller while it is connected: its two connections, what came over them, and how they are
-opened."""
+"""One connection to a controller: opening it, its two streams, and the newest data from them."""
 
 from __future__ import annotations
 
@@ -21,46 +20,46 @@ from .control import Control, OpenStream, Stream, open_control
 from .protocol import Mode, Register, State
 
 HANDSHAKE_S = 0.6
-"""More than a controller may be silent: one that opens and does not speak is told as such."""
+"""Timeout of a first reply or report. It is longer than a controller may be silent, so that one that
+accepts the connection but never sends is reported as such."""
 
 LIMIT_S = 0.5
-"""For the first rich report; they come five times a second."""
+"""Timeout for the first rich report. They come five times per second."""
 
 HELD_RAD = 0.01
-"""An arm this near to its target holds it [assumed]."""
+"""An arm this near to its target counts as holding it [assumed]."""
 PAST_RAD = 0.02
-"""A joint may rest so far past its range, where it was braked at its limit, and still be armed: its
-first target is then the end of its range, one step of a stream away [assumed]."""
+"""A joint that was braked at its limit may rest this far outside its range and still be armed. Its first
+target is then the end of its range, one step of a stream away [assumed]."""
 
 _MOVABLE = (State.MOVING, State.READY)
 
 
 class XArmSession:
-    """One controller while it is connected."""
+    """The state that exists between ``open`` and ``close``."""
 
     def __init__(self, control: Control, kind: ArmType, limit_rad_s: float, reports: Stream, name: str) -> None:
         self.control = control
         self.kind = kind
         self.limit_rad_s = limit_rad_s
-        self.target: tuple[float, ...] = ()  # the last that was written, since it was armed
-        self.stops: set[int] = set()  # requests to stop, sent since the link was lost
+        self.target: tuple[float, ...] = ()  # the last written target since the arm was armed
+        self.stops: set[int] = set()  # numbers of the stop requests since the link was lost
         self.report: r.Report
-        self.stamp_ns = 0  # when the report came
-        self.asked_ns = 0  # when the errors were asked for
+        self.stamp_ns = 0  # when the report arrived
+        self.asked_ns = 0  # when the errors were requested
         self._reports = reports
         self._name = name
         self._decoder = r.ReportDecoder()
         self._budget = ReceiveBudget(name)
 
     def take_waiting(self, now_ns: int) -> None:
-        """Take in what has arrived on both connections. Raise ``WireDown``."""
+        """Process the data that has arrived on both connections. Raise ``WireDown``."""
         self.control.take_waiting()
         for data in self._budget.turn(self._reports.read_waiting):
             self._take(data, now_ns)
 
     async def next_report(self, clock: Clock, within_s: float) -> bool:
-        """Wait for a report that has not come yet; return whether one came in time. Raise
-        ``WireDown``."""
+        """Wait for a new report. Return whether one arrived in time. Raise ``WireDown``."""
         before_ns = self.stamp_ns
         with trio.move_on_after(within_s):
             while self.stamp_ns == before_ns:
@@ -68,8 +67,7 @@ class XArmSession:
         return self.stamp_ns != before_ns
 
     def silent_s(self, now_ns: int) -> float:
-        """Return how long there has been no report, or no reply that is owed: whichever is
-        longer."""
+        """Return the time without a report or without an outstanding reply, whichever is longer."""
         return max((now_ns - self.stamp_ns) / NS, self.control.silent_s(now_ns))
 
     def close(self) -> None:
@@ -77,27 +75,30 @@ class XArmSession:
         self._reports.close()
 
     def within_range(self, values: Sequence[float]) -> tuple[float, ...]:
-        """Return a target that the controller takes. It ends motion with an error for one that is past
-        a range by 0.001 rad, also when the joint rests there already, which the gates let pass."""
+        """Return the target, limited to the arm's range.
+
+        For a target that is outside by 0.001 rad or more the controller ends the motion with an error. The gates
+        let such a target pass if the joint already rests there.
+        """
         ranges = zip(values, self.kind.range_rad, strict=True)
         return tuple(min(high, max(low, rad)) for rad, (low, high) in ranges)
 
     def past_range(self) -> str:
-        """Return which joint rests too far past its range to be armed there; empty: none does."""
-        told = zip(AXES, self.report.position_rad, self.within_range(self.report.position_rad), strict=True)
+        """Return which joint rests too far outside its range to be armed; empty if all are near enough."""
+        rows = zip(AXES, self.report.position_rad, self.within_range(self.report.position_rad), strict=True)
         return next(
-            (f"{axis} is {abs(rad - end):.3f} rad" for axis, rad, end in told if abs(rad - end) > PAST_RAD), ""
+            (f"{axis} is {abs(rad - end):.3f} rad" for axis, rad, end in rows if abs(rad - end) > PAST_RAD), ""
         )
 
     @property
     def movable(self) -> bool:
-        """Return whether the arm would follow a target."""
+        """Whether the arm would follow a target."""
         return self.report.mode == Mode.SERVO and self.report.state in _MOVABLE
 
     def held_at(self, target: tuple[float, ...]) -> bool:
-        """Return whether the arm is where ``target`` says."""
+        """Return whether the arm is at ``target``."""
         pairs = zip(self.report.position_rad, target, strict=True)
-        return all(abs(rad - wanted) <= HELD_RAD for rad, wanted in pairs)
+        return all(abs(rad - goal) <= HELD_RAD for rad, goal in pairs)
 
     def _take(self, data: bytes, now_ns: int) -> None:
         try:
@@ -110,16 +111,22 @@ class XArmSession:
 async def open_session(
     config: XArmConfig, clock: Clock, open_stream: OpenStream
 ) -> tuple[XArmSession, dict[str, Any]]:
-    """Connect, ask who it is, hear its first report; return the session and facts for ``status``.
-    Nothing is written. Raise ``WireDown``."""
+    """Connect, read version, errors and speed limit, and wait for the first report. Only read requests are sent.
+
+    Returns:
+        The session, and facts for ``status``.
+
+    Raises:
+        WireDown: The controller does not answer, or the arm is of another type.
+    """
     control = await open_control(config, clock, open_stream)
     try:
         version = await _ask_version(config, control)
         kind = config.kind_of(version)
         if await control.ask(Register.ERRORS, within_s=HANDSHAKE_S) is None:
             raise WireDown(f"{config.robot} at {config.port}: does not say its errors. Restart the controller")
-        told = await _read_speed_limit(config, open_stream)
-        limit_rad_s = told or config.arm.speed_rad_s
+        reported = await _read_speed_limit(config, open_stream)
+        limit_rad_s = reported or config.arm.speed_rad_s
         stream = await open_stream(config.host, r.REAL_PORT)
     except BaseException:
         control.close()
@@ -138,7 +145,7 @@ async def open_session(
         "arm_type": version.arm_type,
         "serial": version.serial,
         "speed_limit_rad_s": round(limit_rad_s, 4),
-        "speed_limit": "the controller's" if told else "not told by the controller: assumed",
+        "speed_limit": "the controller's" if reported else "not told by the controller: assumed",
     }
 
 
@@ -154,7 +161,7 @@ async def _ask_version(config: XArmConfig, control: Control) -> p.Version:
 
 
 async def _read_speed_limit(config: XArmConfig, open_stream: OpenStream) -> float | None:
-    """Return the controller's own, from its rich report; None when it does not tell."""
+    """Return the controller's own limit from its rich report, in rad/s; None if the report has no limit."""
     decoder = r.ReportDecoder()
     with trio.move_on_after(LIMIT_S):
         try:
@@ -166,5 +173,5 @@ async def _read_speed_limit(config: XArmConfig, open_stream: OpenStream) -> floa
             finally:
                 stream.close()
         except (WireDown, MalformedFrame):
-            pass  # the table's limit counts then, and status says so
+            pass  # The table's limit is used then, and status shows that.
     return None

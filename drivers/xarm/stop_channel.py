@@ -1,4 +1,4 @@
-"""The root's way to an xArm's controller: a connection made for the stop."""
+"""The root's stop channel to an xArm's controller. It connects when a stop is needed."""
 
 from __future__ import annotations
 
@@ -37,4 +37,5 @@ class XArmStopChannel(ConnectWhenNeeded[XArmConfig, Control]):
         return Outcome(False, False, why).reports(AXES)
 
     def release(self, port: Control) -> None:
-        port.close_in_order()  # a frozen controller finds the stop when it goes on
+        # In order, so that a frozen controller still receives the stop when it continues.
+        port.close_in_order()

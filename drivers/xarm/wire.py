@@ -1,7 +1,7 @@
-"""An xArm's controller in the wire process.
+"""Connect the wire process to an xArm's controller.
 
-Two connections: requests and replies on one, a hundred reports a second on the other. Reading is
-taking in what has arrived; only ``open``, ``arm`` and ``make_safe`` wait, each wait with a
+There are two connections: requests and replies on one, a hundred reports per second on the other.
+``read`` only processes received data. Only ``open``, ``arm`` and ``make_safe`` wait, each with a
 deadline.
 """
 
@@ -28,18 +28,17 @@ from .session import XArmSession, open_session
 from .stop_channel import XArmStopChannel
 
 ENABLE_S = 5.0
-"""The vendor's SDK waits so long for motors to be enabled."""
+"""Timeout of the request that enables the motors, as in the vendor's SDK."""
 SETTING_S = 1.0
 READY_S = 2.0
 
 ERRORS_EVERY_S = 0.05
 
 QUIET_S = 0.05
-"""No setpoint is written to a controller that has been silent for so long: it would be taken up
-late."""
+"""No setpoint is written after this long without a message of the controller, which would act on it late."""
 
 HOLD_S = 0.25
-"""An arm that is told to hold is there within this time, or it is stopped."""
+"""An arm that is ordered to hold must reach its target within this time, or it is stopped."""
 
 _REFUSED = p.ERROR | p.NOT_READY | p.INVALID
 
@@ -65,7 +64,7 @@ class XArmWire(SessionWire[XArmSession]):
         if past:
             raise WireDown(f"enable: {past} past its range. Bring it back in the vendor's software, then resume()")
         settings = (
-            # first: an arm that was paused keeps its targets, and would jump to the newest as it goes on
+            # Stop first: a paused arm keeps its targets and would jump to the newest when it continues.
             (Register.SET_STATE, bytes((State.STOPPED,)), SETTING_S),
             (Register.MOTION_ENABLE, bytes((p.ALL_JOINTS, 1)), ENABLE_S),
             (Register.SET_MODE, bytes((Mode.SERVO,)), SETTING_S),
@@ -97,8 +96,8 @@ class XArmWire(SessionWire[XArmSession]):
         control = session.control
         since_s = (now_ns - session.asked_ns) / NS
         news = control.error_pending != bool(control.errors[0])
-        # rather alone: who answers one request a reading is asked one at a time. But a reply may
-        # never come
+        # Prefer to send this request while no other is open. A controller that answers one request per
+        # reading then gets one at a time. A missing reply delays it by one more period only.
         if since_s >= (ERRORS_EVERY_S if control.idle else 2 * ERRORS_EVERY_S) or (news and control.idle):
             control.send(Register.ERRORS)
             session.asked_ns = now_ns
@@ -128,26 +127,28 @@ class XArmWire(SessionWire[XArmSession]):
             self.hold_failed = self._why_not_movable(session) or outcome.detail
         session.target = ()
         outcome = await stop(session.control)
-        if not outcome.written:  # its connection is gone: the arm need not be
+        if not outcome.written:  # This connection is lost, but the arm may still be reachable.
             return await self.reach(safe_state)
         return outcome.reports(AXES)
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """On the connection that was lost, if it still takes anything, and on one of its own. Where
-        the way back alone is cut, no other can be made."""
+        """Stop the arm on the lost connection, if it still takes bytes, and on a new one.
+
+        If only the direction from the controller is cut, no new connection can be made.
+        """
         self._close_if_answered()
-        told = self._tell_to_stop()
+        sent = self._tell_to_stop()
         channel = XArmStopChannel(self._config, (), self._clock, self._open_stream)
         try:
             reports = await channel.make_safe(safe_state)
         finally:
             self._close_if_answered()
-        if told and not any(report.written for report in reports):
+        if sent and not any(report.written for report in reports):
             return Outcome(True, False, reports[0].detail).reports(AXES)
         return reports
 
     def _tell_to_stop(self) -> bool:
-        """Return whether the connection takes it. Its answer is not awaited."""
+        """Send a stop without waiting for its reply. Return whether the connection took it."""
         session = self.session_or_none
         if session is None:
             return False
@@ -159,8 +160,11 @@ class XArmWire(SessionWire[XArmSession]):
         return True
 
     def _close_if_answered(self) -> None:
-        """Close the old connection once the stop was taken there: a controller may serve one client,
-        and would refuse every other as long as it stays. Until then it may be the only way there is."""
+        """Close the old connection once a reply shows that the stop was taken there.
+
+        A controller that serves one client would refuse every other until then. But the old connection
+        may also be the only way to the controller, so it stays open without that reply.
+        """
         session = self.session_or_none
         if session is None:
             return
@@ -195,7 +199,7 @@ class XArmWire(SessionWire[XArmSession]):
             )
 
     async def _until_movable(self, session: XArmSession, permit: Permit) -> None:
-        """Wait for a report that shows servo mode and a state that moves. Raise ``WireDown``."""
+        """Wait for a report with servo mode and a state in which the arm moves. Raise ``WireDown``."""
         session.take_waiting(self._clock.now_ns())
         with trio.move_on_after(READY_S):
             while await session.next_report(self._clock, READY_S):
@@ -211,7 +215,7 @@ class XArmWire(SessionWire[XArmSession]):
     # -- holding
 
     async def _hold(self, session: XArmSession) -> Outcome:
-        """Tell it its last target once more, and see it there. Never raises."""
+        """Send the last target once more, and check that the arm reaches it. Never raises."""
         acknowledged = False
         try:
             data = p.servo_data(session.target, hold=True)
@@ -229,7 +233,7 @@ class XArmWire(SessionWire[XArmSession]):
         return Outcome(True, acknowledged, "it is not where it is to hold")
 
     def _why_not_movable(self, session: XArmSession) -> str:
-        """Return what the newest report says of it; empty: nothing."""
+        """Return why the arm cannot move, by the newest report; empty if it can."""
         observation, now_ns = self._observation(session), self._clock.now_ns()
         refusals = (condition.check(observation, now_ns) for condition in CONDITIONS)
         return next((refusal.reason for refusal in refusals if refusal is not None), "")

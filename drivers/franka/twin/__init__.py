@@ -1,4 +1,4 @@
-"""The robot's end of a Franka arm's wire: FCI 5 or 10 on TCP and UDP, MuJoCo behind it.
+"""Simulate the robot's end of a Franka arm's wire: FCI 5 or 10 on TCP and UDP, with MuJoCo behind it.
 
 Besides the control lines of every twin it takes ``reflex ERROR`` and ``mode MODE``, with the names
 of ``protocol.ERRORS`` and ``protocol.RobotMode``, and ``success-rate NUMBER|measured``.
@@ -39,7 +39,7 @@ def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpac
     if fci not in DIALECTS:
         raise ValueError(f"fci is {fci}. There are {', '.join(map(str, DIALECTS))}")
     gc.collect()
-    gc.freeze()  # a full collection would be a pause of many cycles
+    gc.freeze()  # A full collection would be a pause of many cycles.
 
     def build(wire_log: WireLog) -> FrankaServer:
         return FrankaServer(robot, fci, wire_log, given.host, given.tick_wait_ms / 1e3)

@@ -1,4 +1,4 @@
-"""The arm as a simulation: as long as no motion runs on its controller, targets come through the
+"""Move the twin's arm as a simulation while no motion runs on its controller. Targets then come through the
 simulation control."""
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from .controller import TICK_S, Controller
 
 class FrankaBody(ControlledBody):
     def __init__(self, controller: Controller) -> None:
-        super().__init__(controller.plant, lambda: None)  # the controller's own ticks
+        super().__init__(controller.plant, lambda: None)  # The controller's ticks advance the time.
         self._controller = controller
 
     @property

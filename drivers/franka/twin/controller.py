@@ -1,7 +1,6 @@
-"""The controller of the twin: robot mode, the running motion, its guards, the arm. It knows no
-sockets.
+"""Simulate the controller of the twin: robot mode, the running motion, its guards and the arm. No sockets.
 
-Time passes in ticks of a millisecond, when it is told so.
+Time passes in ticks of a millisecond, one per call of ``tick``.
 """
 
 from __future__ import annotations
@@ -19,36 +18,35 @@ from strands_actors.drivers.franka.arms import JOINTS, Arm, model_table
 
 TICK_S = 1.0 / p.STATE_HZ
 START_RAD = 1e-3
-"""The first command of a motion by positions may differ so far from where the arm is told to be
-[assumed]."""
+"""Largest difference between the first command of a motion by positions and the commanded position [assumed]."""
 SLACK = 1.001
-"""On the limits: commands are sums of floats."""
+"""Tolerance on the limits, since commands are sums of floats."""
 BRAKING_S = 0.04
-"""A servo of the twin lags so far behind its target: where it halts from any speed without turning
+"""A servo of the twin lags its target by this time, so this is where it halts from any speed without turning
 back."""
 WRONG_BY_RAD = 0.5
 RATE_OVER = 100
-"""Commands of which the success rate speaks."""
+"""Number of commands over which the success rate is computed."""
 
 JOINT_GENERATORS = (p.Generator.JOINT_POSITION, p.Generator.JOINT_VELOCITY)
 SEVEN = range(JOINTS)
 
 
 class Motion(msgspec.Struct):
-    """A Move that runs."""
+    """A running Move."""
 
     id: int
     controller: int
     generator: int
-    command: p.Command | None = None  # that came since the last tick
-    begun: bool = False  # by a first command
-    missed: int = 0  # ticks in a row without a command
+    command: p.Command | None = None  # received since the last tick
+    begun: bool = False  # whether a first command was received
+    missed: int = 0  # consecutive ticks without a command
     speed: tuple[float, ...] = (0.0,) * JOINTS
     acceleration: tuple[float, ...] = (0.0,) * JOINTS
 
 
 class Controller:
-    """``on_event`` hears what the controller does by itself."""
+    """The controller. ``on_event`` receives the events that no client caused."""
 
     def __init__(self, arm: Arm, fci: int, on_event: Callable[[str], None] = lambda kind: None) -> None:
         self.arm = arm
@@ -60,13 +58,13 @@ class Controller:
         self.reset()
 
     def reset(self) -> None:
-        """As after a boot, with the arm where it is: unlocked in Desk, the interface activated."""
+        """Reset to the state after a boot: unlocked in Desk, the interface activated, the arm where it is."""
         self.mode = p.RobotMode.IDLE
         self.motion: Motion | None = None
         self.led = False  # whether a simulation moves the arm
         self._booted = self.ticks
         self.reasons: set[str] = set()
-        self.success_rate: float | None = None  # given by an order, instead of what is
+        self.success_rate: float | None = None  # set by an order; None for the computed one
         self._answered: deque[bool] = deque(maxlen=RATE_OVER)
         self._tau = (0.0,) * JOINTS
         self._shown = b""
@@ -76,10 +74,10 @@ class Controller:
             self.dialect.put(self._data, name, *identity)
         self._halt()
 
-    # -- what a client asks for
+    # -- requests of a client
 
     def start(self, request_id: int, controller: int, generator: int) -> str:
-        """Begin a motion; the status to answer with."""
+        """Begin a motion. Return the status of the reply."""
         kind = generator + 1
         torque = controller == p.Controller.EXTERNAL
         if not (kind in JOINT_GENERATORS or (torque and kind == p.Generator.NONE)):
@@ -97,14 +95,14 @@ class Controller:
         return "motion_started"
 
     def take(self, command: p.Command) -> bool:
-        """Take a command; whether a motion runs that it could be of."""
+        """Take a command. Return whether a motion runs to which it may belong."""
         if self.motion is None:
             return False
         self.motion.command = command
         return True
 
     def stop(self, status: str, mode: p.RobotMode = p.RobotMode.IDLE) -> tuple[int, str] | None:
-        """End the motion that runs; the request it began with and the status to answer it with."""
+        """End the running motion. Return the number of its request and the status to reply; None without one."""
         motion, self.motion = self.motion, None
         if motion is None:
             return None
@@ -118,7 +116,7 @@ class Controller:
             self.reasons.clear()
         return self.mode == p.RobotMode.IDLE
 
-    # -- what happens to it
+    # -- events
 
     def reflex(self, reason: str) -> tuple[int, str] | None:
         ended = self.stop("reflex_aborted")
@@ -134,7 +132,7 @@ class Controller:
         return ended
 
     def _halt(self, goal: tuple[float, ...] | None = None) -> None:
-        """Come to a stand and hold the arm: at ``goal``, or as soon as it can."""
+        """Halt and hold the arm: at ``goal``, or as soon as possible."""
         pairs = zip(self.plant.position_rad, self.plant.velocity_rad_s, strict=True)
         self._goal = goal or tuple(
             min(high, max(low, rad + rad_s * BRAKING_S))
@@ -147,20 +145,20 @@ class Controller:
             self.plant.set_target(joint, self._goal[joint])
 
     def lead(self, goal: Sequence[float]) -> None:
-        """Follow a simulation."""
+        """Follow a simulation's target."""
         self._goal = tuple(goal)
         for joint in SEVEN:
             self.plant.set_target(joint, self._goal[joint])
 
     @property
     def q_d(self) -> tuple[float, ...]:
-        """Where the arm is told to be."""
+        """The commanded position."""
         return self._goal
 
     # -- time
 
     def tick(self) -> tuple[int, str] | None:
-        """Let a millisecond pass. The end of the motion that ran, if it ends here."""
+        """Advance by a millisecond. If the motion ends here, return its end as ``stop`` does."""
         self.ticks += 1
         ended = None
         if self.motion is not None:
@@ -196,8 +194,8 @@ class Controller:
         return self.stop("success") if command.finished else None
 
     def _go_on(self, motion: Motion) -> None:
-        """For a command that is missing: a constant acceleration (libfranka's rate_limiting.h), as
-        far as the arm's range allows."""
+        """Continue in place of a missing command: at constant acceleration (libfranka's rate_limiting.h), within
+        the arm's range."""
         if motion.controller == p.Controller.EXTERNAL:
             return
         speed = [v + a * TICK_S for v, a in zip(motion.speed, motion.acceleration, strict=True)]
@@ -210,7 +208,7 @@ class Controller:
         self._lead_to(goal)
 
     def _follow(self, motion: Motion, command: p.Command, first: bool) -> str:
-        """Go to what a command says; empty, or which guard it breaks."""
+        """Follow a command. Return the error of the guard that it violates; empty for no error."""
         arm = self.arm
         if motion.generator == p.Generator.JOINT_VELOCITY:
             goal = tuple(rad + rad_s * TICK_S for rad, rad_s in zip(self._goal, command.dq, strict=True))
@@ -244,11 +242,11 @@ class Controller:
 
     @property
     def message_id(self) -> int:
-        """Of the state of this tick."""
+        """The id of the state of this tick."""
         return self.ticks - self._booted
 
     def state(self) -> bytes:
-        """The state of this tick, as it is sent: with a fault that is not what is."""
+        """Return the state of this tick for the wire. With a fault it is repeated or wrong."""
         if self.fault is Fault.STUCK and self._shown:
             return self._shown
         put, data, motion = self.dialect.put, self._data, self.motion
@@ -272,7 +270,7 @@ class Controller:
         flags = [name in self.reasons for name in p.ERRORS]
         put(data, "errors", *(flags if self.mode == p.RobotMode.REFLEX else [False] * len(flags)))
         put(data, "reflex_reason", *flags)
-        if self.ticks % 10 == 0:  # kinematics cost as much as all the rest
+        if self.ticks % 10 == 0:  # The kinematics cost as much as all the rest.
             pose = self.pose()
             for name in ("O_T_EE", "O_T_EE_d", "O_T_EE_c"):
                 put(data, name, *pose)
@@ -280,7 +278,7 @@ class Controller:
         return self._shown
 
     def pose(self) -> tuple[float, ...]:
-        """O_T_EE: the flange in the base, column-major."""
+        """Return O_T_EE: the pose of the flange in the base, column-major."""
         return self.plant.pose_of("link7", (0.0, 0.0, 0.107))
 
     def _rate(self) -> float:

@@ -1,4 +1,4 @@
-"""What a controller says of its arm: a URDF text (FCI 10)."""
+"""Build the description of an arm that a controller sends: a URDF (FCI 10)."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from strands_actors.drivers.franka.arms import FLANGE_M, JOINTS, LINKS, Arm
 
 
 def urdf(arm: Arm) -> str:
-    """Return the arm as a URDF whose joints carry the limits that libfranka looks for; it wants the
-    names of links and joints to end in these numbers."""
+    """Return the arm as a URDF. Its joints have the limits that libfranka reads, and the names of links and joints
+    end in the numbers that it requires."""
     parts = [f'<robot name="{arm.joints.removesuffix("joint").strip("_") or "fer"}">', '<link name="link0"/>']
     for at, key in enumerate(arm.keys):
         place, degrees = LINKS[at]

@@ -1,10 +1,8 @@
-"""What a controller of FCI 5 gives its clients: a shared library with the arm's model, which they
-load.
+"""Build the shared library with the arm's model that clients load from a controller of FCI 5.
 
-A controller compiles nothing, and neither does this: the library is put together here, for Linux on
-x86-64. Its thirty functions answer zeros: no gravity, no Coriolis forces and no inertia beyond what
-the twin itself compensates, and Jacobians and frames that are of no use. Clients that control by
-joints need no more.
+A controller compiles nothing, and neither does this module. It assembles the library for Linux on x86-64. The
+thirty functions return zeros: no gravity, no Coriolis forces, no inertia beyond what the twin itself compensates,
+and Jacobians and frames without use. Clients that control by joints need no more.
 """
 
 from __future__ import annotations
@@ -13,13 +11,13 @@ import struct
 from functools import cache
 
 X86_64_LINUX = bytes((0, 0))
-"""Architecture and system, as a client asks for the library."""
+"""Architecture and system in a client's request for the library."""
 
 _BASE = 0x1000
-"""Where code begins: a page of its own."""
+"""Offset of the code, on a separate page."""
 
-# Where the last argument of a function is, which is its result (System V ABI), as "mov rdi,
-# register".
+# The result of a function is its last argument. This is the code "mov rdi, register" for the register of that
+# argument (System V ABI).
 _FROM = {
     "rdi": b"",
     "rsi": b"\x48\x89\xf7",
@@ -31,10 +29,10 @@ _JOINTS = range(1, 10)
 
 
 def _functions() -> dict[str, tuple[str, int]]:
-    """Return each function with the register of its result and how many numbers that has."""
+    """Return each function with the register of its result and the number of doubles in that."""
     functions = {"M_NE": ("rcx", 49), "c_NE": ("r8", 7), "g_NE": ("rcx", 7)}
     for joint in _JOINTS:
-        # the first Jacobian depends on nothing; those of the end effector get its frame, too
+        # The first Jacobian depends on nothing. Those of the end effector get its frame, too.
         jacobian = "rdi" if joint == 1 else "rsi"
         functions[f"O_J_J{joint}"] = functions[f"Ji_J_J{joint}"] = (jacobian if joint < 9 else "rdx", 42)
         functions[f"O_T_J{joint}"] = ("rsi" if joint < 9 else "rdx", 16)
@@ -42,8 +40,8 @@ def _functions() -> dict[str, tuple[str, int]]:
 
 
 def _code(register: str, count: int) -> bytes:
-    """Fill ``count`` doubles with zero: mov rdi, register; mov ecx, count; xor eax, eax; rep stosq;
-    ret."""
+    """Return code that fills ``count`` doubles with zero: mov rdi, register; mov ecx, count; xor eax, eax; rep
+    stosq; ret."""
     return _FROM[register] + b"\xb9" + struct.pack("<I", count) + b"\x31\xc0\xf3\x48\xab\xc3"
 
 
@@ -58,7 +56,7 @@ def model_library() -> bytes:
         code += body
     total = len(names) + 1
     chain = struct.pack(f"<{total}I", 0, *((at + 1) % total for at in range(1, total)))
-    table = struct.pack("<III", 1, total, 1) + chain  # one bucket: every name in one chain
+    table = struct.pack("<III", 1, total, 1) + chain  # one bucket, with every name in one chain
     symbols_at = 64 + 3 * 56
     strings_at = symbols_at + len(symbols)
     table_at = -(-(strings_at + len(strings)) // 8) * 8
@@ -68,7 +66,7 @@ def model_library() -> bytes:
     read_only = dynamic_at + len(dynamic)
     head = struct.pack("<16sHHIQQQIHHHHHH", _IDENT, 3, 62, 1, 0, 64, 0, 0, 64, 56, 3, 64, 0, 0)
     segments = (
-        _segment(1, 6, 0, read_only),  # data; writable, since the loader notes where it put the dynamic section
+        _segment(1, 6, 0, read_only),  # data; writable, since the loader notes there where the dynamic section is
         _segment(1, 5, _BASE, len(code)),
         _segment(2, 6, dynamic_at, len(dynamic)),
     )

@@ -1,9 +1,8 @@
-"""The robot's end of FCI: commands on TCP, a state each millisecond on UDP, and the clock of both.
+"""Simulate the robot's end of FCI: requests on TCP, a state each millisecond on UDP, and the clock of both.
 
-A real controller keeps its time whatever its client does. This one shares the machine with it, so
-while a motion runs it gives each millisecond up to ``tick_wait_s`` for the command to come, and
-then counts it as missed. Without a motion it wakes up every few milliseconds only, and sends the
-states of the meantime together.
+A real controller keeps its time whatever its client does. This one shares the machine with its client. While a
+motion runs, it waits up to ``tick_wait_s`` in each millisecond for the command, and then counts it as missed.
+Without a motion it wakes up every few milliseconds only, and sends the states of that time together.
 """
 
 from __future__ import annotations
@@ -28,26 +27,31 @@ from .description import urdf
 from .model_library import X86_64_LINUX, model_library
 
 IDLE_TICKS = 4
-"""Milliseconds between two wake-ups while no motion runs."""
+"""Milliseconds between two wake-ups without a motion."""
 ALONE_S = 0.02
-"""The same without a client."""
+"""The same time in seconds without a client."""
 LONGEST_TICKS = 20
-"""Of a longer pause of this process the rest is dropped."""
+"""Most milliseconds to catch up after a pause of this process. The rest is dropped."""
 LOGGED_BYTES = 64
-"""Of a command: its number and q. The log grows by so much a millisecond."""
+"""Bytes of a command to log: its number and q. The log grows by this much per millisecond."""
 
 KINDS = {"move": "enable", "stop": "safe", "recover": "enable"}
 
 
 class Machine:
-    """What may happen to the robot."""
+    """The faults and events of the simulated robot."""
 
     def __init__(self, controller: Controller) -> None:
         self.controller = controller
         self.faults = Faults()
 
     def set_fault(self, fault: Fault, unit: int | None) -> None:
-        """``unit`` 1 to 7: a joint, which can only get stuck. None: what the controller sends."""
+        """Set a fault.
+
+        Args:
+            fault: The fault.
+            unit: 1 to 7 for a joint, which can only get stuck. None for all that the controller sends.
+        """
         if unit is None:
             self.faults.set(fault)
             self.controller.fault = fault
@@ -61,7 +65,7 @@ class Machine:
 
 
 class FrankaServer(TcpServer):
-    """Serves one controller, and makes its time pass."""
+    """Serve one controller and advance its time."""
 
     def __init__(self, robot: str, fci: int, log: WireLog, host: str | None, tick_wait_s: float) -> None:
         def on_event(kind: str) -> None:
@@ -91,7 +95,7 @@ class FrankaServer(TcpServer):
     def _dialect(self) -> p.Dialect:
         return self.controller.dialect
 
-    # -- what may happen
+    # -- events
 
     def set_fault(self, text: str) -> None:
         super().set_fault(text)
@@ -100,7 +104,7 @@ class FrankaServer(TcpServer):
             self.unplug()
 
     def power_cycle(self) -> None:
-        """Every connection ends; the controller comes back ready."""
+        """End every connection. The controller comes back ready."""
         super().power_cycle()
         self.unplug()
         self.plug()
@@ -130,13 +134,13 @@ class FrankaServer(TcpServer):
         try:
             while True:
                 t_ns, data = await connection.receive()
-                self._take_commands()  # what left before this is read before this
+                self._take_commands()  # Read commands first that left before this request.
                 for message in decoder.feed(data):
                     name = self._dialect.name_of(message.code)
                     connection.heard(t_ns, KINDS.get(name, "config" if name != "?" else "other"), message.raw)
                     self._obey(connection, name, message)
         except MalformedFrame:
-            raise ClientGone from None  # as a server does with what it cannot follow
+            raise ClientGone from None  # A server closes the connection when it cannot decode it.
         finally:
             self._listeners_of_state.pop(connection, None)
             if self._mover is connection:
@@ -177,7 +181,7 @@ class FrankaServer(TcpServer):
         connection.say("read", p.Message(message.code, message.id, answer).raw)
 
     def _end(self, ended: tuple[int, str] | None) -> None:
-        """Answer the request that a motion began with."""
+        """Reply to the request that began the motion."""
         if ended is None:
             return
         mover, self._mover = self._mover, None
@@ -209,14 +213,13 @@ class FrankaServer(TcpServer):
             self._take_commands()
 
     async def _tick_with_client(self) -> None:
-        """One millisecond of a motion: a state, the command that answers it, and what is left of
-        the time. It blocks the process for as long: half the price of two turns of the event
-        loop."""
+        """Run one millisecond of a motion: send a state, wait for its command, and wait for the end of the
+        millisecond. This blocks the process, which costs half as much as two turns of the event loop."""
         began_s = time.monotonic()
         self._tick()
         while self.controller.motion is not None:
             over = time.monotonic() - began_s >= self._wait_s
-            if self._take_commands() or over:  # what came while this process stood still has come in time
+            if self._take_commands() or over:  # A command that arrived while this process was paused is in time.
                 break
             self._readable.poll(1)
             await trio.lowlevel.checkpoint()
@@ -236,11 +239,11 @@ class FrankaServer(TcpServer):
         while self._late and self._late[0][0] <= now_s:
             _, data = self._late.popleft()
             for address in self._listeners_of_state.values():
-                with contextlib.suppress(OSError):  # its buffer is full, or it is gone: TCP tells
+                with contextlib.suppress(OSError):  # Its buffer is full, or it is gone, which TCP reports.
                     self._udp.sendto(data, address)
 
     def _take_commands(self) -> bool:
-        """Take what has come; whether that was a command of the motion."""
+        """Take the received commands. Return whether one of them was a command of the motion."""
         taken = False
         while True:
             try:
@@ -248,13 +251,13 @@ class FrankaServer(TcpServer):
             except BlockingIOError:
                 return taken
             except OSError:
-                return taken  # an earlier state met a closed port
+                return taken  # An earlier state met a closed port.
             try:
                 command = self._dialect.command(data)
             except MalformedFrame:
                 of_motion = late = False
             else:
-                late = command.message_id < self.controller.message_id  # its millisecond is over
+                late = command.message_id < self.controller.message_id  # Its millisecond is over.
                 of_motion = self.controller.motion is not None if late else self.controller.take(command)
             # Without a motion a command has no effect: the controller ignores it.
             kind = "setpoint" if of_motion else "other"

@@ -1,11 +1,10 @@
-"""The controller's end of FRI: a message every sample time from its UDP port, whether or not
-anybody answers.
+"""Simulate the controller's end of FRI: its UDP port sends a message every sample time, with or without
+answers.
 
-It is bound at an address of its own in 127.0.0.0/8, with the port number of the client's end, and
-speaks to that port at ``client``. The log has every answer: ``setpoint`` when its positions differ
-from those of the one before, ``safe`` (``hold``) when they repeat it or when it has none,
-``garbled`` when it is no command message. Of the controller's side it has ``session``: each state
-and why. Monitoring messages are not in it.
+It binds an address in 127.0.0.0/8, with the port number of the client's end, and sends to that port at
+``client``. The log has every answer: ``setpoint`` if its positions differ from those of the previous answer,
+``safe`` (``hold``) if they repeat it or are missing, ``garbled`` if it is no command message. From the
+controller the log has ``session`` with each state and its reason, but no monitoring messages.
 
 Besides the control lines of every twin it takes ``motion start|stop`` (the pendant), ``safety
 LEVEL``, ``drive JOINT NUMBER``, ``client_mode``, ``control_mode`` and ``overlay`` with the numbers
@@ -65,14 +64,14 @@ class KukaTwinOptions(TwinOptions, frozen=True):
 
 
 LAST_PORT = 32767
-"""Above it ports are the system's to give away."""
+"""Ports above this one are assigned by the system."""
 ATTEMPTS = 64
 WRONG_RAD = 1.0
 MODES = ("safety", "client_mode", "control_mode", "overlay")
 
 
 class KukaServer:
-    """Serves one controller. Its methods are what may happen to it while it runs."""
+    """Serve one controller. Its methods are the events that may happen to it."""
 
     def __init__(self, arm: Arm, log: WireLog, options: KukaTwinOptions) -> None:
         self._log = log
@@ -95,7 +94,7 @@ class KukaServer:
         self._place = host, port if options.from_port is None else options.from_port
         self._peer = self._client, port
         self._answers = Answers(self.controller)
-        self._readings: Mapping[str, tuple[float, ...]] = {}  # of one that is stuck
+        self._readings: Mapping[str, tuple[float, ...]] = {}  # repeated while it is stuck
         self._late: deque[tuple[int, bytes]] = deque()
 
     @property
@@ -124,7 +123,7 @@ class KukaServer:
             self._plugged.set()
 
     def unplug(self) -> None:
-        """Pull the cable. The controller itself notices that answers are missing."""
+        """Pull the cable. The controller notices by itself that answers are missing."""
         if self._sock is not None:
             self._plugged = trio.Event()
             trio.lowlevel.notify_closing(self._sock)
@@ -137,7 +136,7 @@ class KukaServer:
             self._sock = None
 
     async def serve(self) -> None:
-        """Until cancelled."""
+        """Serve until cancelled."""
         async with trio.open_nursery() as nursery:
             nursery.start_soon(self._hear)
             nursery.start_soon(self._tick)
@@ -146,7 +145,7 @@ class KukaServer:
         while True:
             await self._plugged.wait()
             sock = self._sock
-            if sock is None:  # pulled again before we got to run
+            if sock is None:  # The cable was pulled again before this task ran.
                 continue
             with suppress(BlockingIOError, ConnectionRefusedError, trio.ClosedResourceError):
                 await trio.lowlevel.wait_readable(sock)
@@ -159,24 +158,24 @@ class KukaServer:
         async with aclosing(self._clock.ticks(self.controller.sample_ms / 1e3)) as ticks:
             async for now_ns in ticks:
                 await self._frost.thawed()
-                await trio.lowlevel.checkpoint()  # what has come by now is read first
+                await trio.lowlevel.checkpoint()  # Read the received data first.
                 self._say(now_ns)
 
-    # -- what it hears and says
+    # -- receiving and sending
 
     def _take(self, t_ns: int, data: bytes) -> None:
         kind = self._answers.take(data)
         self._log.write(t_ns, "host", [(kind, data)], "hold" if kind == "safe" else None)
 
     def _say(self, now_ns: int) -> None:
-        said = self.controller.cycle()
+        message = self.controller.cycle()
         match self._faults.of(None):
             case Fault.WRONG:
-                said = replace(said, position=tuple(rad + WRONG_RAD for rad in said.position))
+                message = replace(message, position=tuple(rad + WRONG_RAD for rad in message.position))
             case Fault.STUCK:
-                self._readings = self._readings or {"position": said.position, "torque": said.torque}
-                said = replace(said, **self._readings)
-        reply = self._faults.apply(Reply(0.0, encode_monitoring(said, self._packed, self._checksum)))
+                self._readings = self._readings or {"position": message.position, "torque": message.torque}
+                message = replace(message, **self._readings)
+        reply = self._faults.apply(Reply(0.0, encode_monitoring(message, self._packed, self._checksum)))
         if reply is not None:
             self._late.append((now_ns + round((reply.delay_s + reply.late_s) * NS), reply.data))
         while self._late and self._late[0][0] <= now_ns:
@@ -188,10 +187,10 @@ class KukaServer:
     def _note(self, text: str) -> None:
         self._log.write(time.monotonic_ns(), "robot", [("session", text.encode())])
 
-    # -- what may happen to it
+    # -- events
 
     def set_fault(self, text: str) -> None:
-        """Set ``WORD``, or ``WORD:joint``, 1 to 7, of a joint that gets stuck. Raise
+        """Set the fault ``WORD``, or ``WORD:joint`` (1 to 7) for a joint that gets stuck. Raise
         ``ValueError``."""
         fault, joint = parse_fault(text)
         if joint is None:
@@ -209,7 +208,7 @@ class KukaServer:
         self.controller.wake_up()
 
     def freeze(self, seconds: float) -> None:
-        """The controller neither reads nor speaks for so long; then it takes up what waited."""
+        """Neither read nor send for this long. Afterwards process the data received meanwhile."""
         self._frost.freeze(seconds)
 
     def order(self, words: Sequence[str]) -> bool:

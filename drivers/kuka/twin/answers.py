@@ -1,4 +1,4 @@
-"""Hand the client's answers to the controller, and name each in the words of the wire log."""
+"""Pass the client's answers to the controller, and return the kind of each for the wire log."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from .controller import Controller
 
 
 class Answers:
-    """The answers of one client, in order."""
+    """The answers of one client."""
 
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
-        self._last: tuple[float, ...] = ()  # positions of the answer before
+        self._last: tuple[float, ...] = ()  # positions of the previous answer
 
     def take(self, data: bytes) -> str:
-        """Hand a datagram to the controller.
+        """Pass a datagram to the controller.
 
         Returns:
-            ``setpoint`` when its positions differ from those of the answer before, ``safe`` when
-            they repeat them or when it has none, ``garbled`` when it is no command message.
+            ``setpoint`` if its positions differ from those of the previous answer, ``safe`` if they
+            repeat them or are missing, ``garbled`` if it is no command message.
         """
         try:
             command = decode_command(data)

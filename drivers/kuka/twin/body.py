@@ -1,4 +1,4 @@
-"""The arm behind the twin as a simulation, while no client commands it."""
+"""Move the twin's arm as a simulation while no client commands it."""
 
 from __future__ import annotations
 

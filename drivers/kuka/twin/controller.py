@@ -1,6 +1,6 @@
-"""The controller of the twin: its FRI session, what its pendant does, the arm. It knows no sockets.
+"""Simulate the controller of the twin: its FRI session, its pendant and its arm. No sockets.
 
-Time passes in cycles. Every threshold of the session is assumed [?]: the vendor does not publish
+Time passes in cycles. Every threshold of the session is assumed [?], because the vendor does not publish
 them.
 """
 
@@ -27,12 +27,11 @@ from strands_actors.drivers.kuka.robots import Arm
 from .model import model_table
 
 FAIR_AFTER, GOOD_AFTER, EXCELLENT_AFTER = 5, 20, 100
-"""Answers in a row."""
+"""Consecutive answers after which the quality has this level."""
 POOR_AFTER, LOST_AFTER = 3, 10
-"""Answers that were missed in a row: more, and the quality is poor, or the session drops to
-monitoring."""
+"""Consecutive missed answers. With more, the quality becomes poor, or the session drops to monitoring."""
 MIRRORED = 20
-"""Answers in a row that repeat the interpolated position, before the client may command."""
+"""Consecutive answers that must repeat the interpolated position before the client may command."""
 MIRROR_RAD = 1e-6
 STEP_TOLERANCE = 1.001
 AUTOMATIC = 2
@@ -48,7 +47,7 @@ class Controller:
         now_s: Callable[[], float] = time.monotonic,
         note: Callable[[str], None] = lambda text: None,
     ) -> None:
-        """``note`` hears each state of the session, and why."""
+        """Take an arm. ``note`` receives each new state of the session, with its reason."""
         self.plant = Plant.from_table(model_table(arm))
         self.sample_ms = sample_ms
         self.multiplier = multiplier
@@ -59,9 +58,9 @@ class Controller:
         self.wake_up()
 
     def wake_up(self) -> None:
-        """Begin as after a boot, the arm where it is, a robot program that starts its motion by
+        """Reset to the state after a boot. The arm stays where it is, and a robot program starts its motion by
         itself."""
-        self.motion = True  # the robot program wants to be commanded by the client
+        self.motion = True  # the robot program lets the client command
         self.safety = 0
         self.drives = [int(Drive.ACTIVE)] * JOINTS
         self.control_mode = int(ControlMode.POSITION)
@@ -83,7 +82,7 @@ class Controller:
 
     @property
     def is_commanded(self) -> bool:
-        """Whether a client's positions are, or are about to be, what the arm does."""
+        """Whether a client's positions control the arm, or are about to."""
         return self.state >= State.COMMANDING_WAIT
 
     def stand(self) -> None:
@@ -98,11 +97,11 @@ class Controller:
     # -- one cycle
 
     def hear(self, command: Command) -> None:
-        """Take an answer: of several in one cycle the last counts."""
+        """Take an answer. The last one in a cycle counts."""
         self._answer = command
 
     def cycle(self) -> Monitoring:
-        """Judge the answer to the message before, and say the next one."""
+        """Evaluate the answer to the previous message. Return the next message."""
         answer, self._answer = self._answer, None
         answered = answer is not None and (self._sequence - answer.reflected) & COUNTER < self.multiplier
         if answer is not None and answered:
@@ -119,8 +118,8 @@ class Controller:
         return self._said()
 
     def _judge(self, answered: bool) -> None:
-        """Count, and derive the quality of the connection. Only every so many cycles an answer is
-        due."""
+        """Count answers and derive the quality of the connection. An answer is due every ``multiplier``
+        cycles."""
         self._waited = 0 if answered else self._waited + 1
         if answered:
             self._good, self._missed = self._good + 1, 0
@@ -173,19 +172,17 @@ class Controller:
         self.aim(answer.position)
 
     def _off(self, position: Sequence[float], wanted: Sequence[float]) -> float:
-        """Return the largest difference of two positions; infinite when there is none to
-        compare."""
+        """Return the largest difference of two positions; infinite if ``position`` is empty."""
         if not position:
             return float("inf")
         return max(abs(rad - other) for rad, other in zip(position, wanted, strict=True))
 
     def mirrors(self, command: Command) -> bool:
-        """Tell whether a command only repeats the interpolated position while the controller waits
-        for that."""
+        """Return whether a command repeats the interpolated position while the controller waits for that."""
         return self.state == State.COMMANDING_WAIT and self._off(command.position, self.commanded) <= MIRROR_RAD
 
     def _abort(self, why: str) -> None:
-        """End the robot program's motion: only the pendant starts it again."""
+        """End the robot program's motion. Only the pendant can start it again."""
         self.motion = False
         self._leave(State.MONITORING_READY, f"aborted, {why}")
 

@@ -1,4 +1,4 @@
-"""The model of the arm behind the twin."""
+"""Build the model of the twin's arm."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from strands_actors.drivers.kuka.robots import TABLES, Arm
 
 
 def model_table(arm: Arm) -> Mapping[str, Any]:
-    """Return the arm as ``drivers/common/model_rows`` takes it: range, effort and speed come from
+    """Return the arm in the form that ``drivers/common/model_rows`` takes. Ranges, efforts and speeds come from
     the joints."""
     table = TABLES.table(arm.name)
     joints = {joint.key: joint for joint in arm.joints}

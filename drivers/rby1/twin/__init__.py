@@ -1,4 +1,4 @@
-"""The robot's end of an RB-Y1's wire: its gRPC server, MuJoCo behind it.
+"""Simulate the robot's end of an RB-Y1's wire: its gRPC server, with MuJoCo behind it.
 
 Besides the control lines of every twin it takes ``emergency-stop pressed``, ``emergency-stop
 released``, ``manager MINOR_FAULT``, ``manager MAJOR_FAULT`` and ``manager ok``.
@@ -38,14 +38,18 @@ TICK_S = 0.004
 
 
 class Machine:
-    """What may happen to the robot."""
+    """The faults and events of the simulated robot."""
 
     def __init__(self, service: RBY1Service) -> None:
         self._service = service
 
     def set_fault(self, fault: Fault, unit: int | None) -> None:
-        """Set a fault. ``unit`` 2 to 23: a joint, which can only get stuck. None: what the server
-        sends."""
+        """Set a fault.
+
+        Args:
+            fault: The fault.
+            unit: 2 to 23 for a joint, which can only get stuck. None for all that the server sends.
+        """
         plant = self._service.controller.plant
         if unit is None:
             self._service.faults.set(fault)
@@ -59,7 +63,7 @@ class Machine:
 
 
 class RBY1Server(TcpServer):
-    """Serves one robot, and makes its time pass."""
+    """Serve one robot and advance its time."""
 
     def __init__(self, controller: Controller, log: WireLog, host: str | None, port: int) -> None:
         self._service = RBY1Service(controller)
@@ -82,7 +86,7 @@ class RBY1Server(TcpServer):
             self.plug()
 
     def power_cycle(self) -> None:
-        """End every connection; the robot comes back without power on its motors."""
+        """End every connection. The robot comes back without power on its motors."""
         super().power_cycle()
         self.unplug()
         self.plug()

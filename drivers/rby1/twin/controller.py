@@ -1,6 +1,6 @@
-"""The robot of the twin: its supplies, servos, control manager and commands. It knows no sockets.
+"""Simulate the robot of the twin: supplies, servos, control manager and commands. No sockets.
 
-Time passes in ticks, on the clock it is given. What nobody has seen on a real robot is marked
+Time passes in ticks, on the given clock. Behaviour that was never seen on a real robot is marked
 [assumed].
 """
 
@@ -34,29 +34,29 @@ SUPPLIES = ("5v", "12v", "24v", MOTOR_SUPPLY)
 ROOM_C, BATTERY_PCT, BATTERY_V = 30.0, 80.0, 50.0
 
 BRAKING_S = 0.02
-"""A servo of the twin lags so far behind its target: where it halts from any speed without turning
-back."""
+"""A servo of the twin lags its target by this time, so this is where it halts from any speed without
+turning back."""
 
 LONGEST_S = 0.1
-"""A stall of the twin itself is dropped beyond this, not made up for."""
+"""Longest time to catch up after a stall of the twin itself. The rest of a longer one is dropped."""
 
 _ROUNDING = 1e-6
 
 
 class Owner(Protocol):
-    """Whoever sent a command, and is told what becomes of it."""
+    """The sender of a command, which receives the command's result."""
 
     def finished(self, why: Finish) -> None: ...
 
 
 class Motion(msgspec.Struct, frozen=True):
-    """One part on its way."""
+    """The motion of one part."""
 
     begin: tuple[float, ...]
     goal: tuple[float, ...]
     begin_s: float
     arrive_s: float
-    until_s: float  # then nobody holds on to the goal any more
+    until_s: float  # end of the hold time; the goal is dropped then
 
     def at(self, now_s: float) -> list[float]:
         span_s = self.arrive_s - self.begin_s
@@ -66,7 +66,7 @@ class Motion(msgspec.Struct, frozen=True):
 
 class Controller:
     def __init__(self, table: Mapping[str, Any], now_s: Callable[[], float] = time.monotonic) -> None:
-        """``table``: of ``robots.toml``."""
+        """Take a robot of ``robots.toml`` as ``table``."""
         joints = table["joints"]
         self.plant = Plant.from_table(table)
         self.now_s = now_s
@@ -93,24 +93,25 @@ class Controller:
         self.wake_up()
 
     def wake_up(self) -> None:
-        """Begin as when switched on: the arms stay where they are, the brakes hold."""
+        """Reset to the state after switch-on: the arms stay where they are, the brakes hold."""
         self.supplies = dict.fromkeys(SUPPLIES, False)
         self.servos = [False] * len(self.info.joints)
         self.manager: int = Manager.IDLE
         self.pressed = False
-        self.driven = False  # by whoever is on the wire, since it was enabled and not cancelled
-        self.led = False  # whether a simulation moves it meanwhile
+        # A client on the wire drives the joints: true from an enable or a command until a cancel.
+        self.driven = False
+        self.led = False  # a simulation moves it meanwhile
         self.time_scale = 1.0
         self._motions: dict[str, Motion] = {}
         self._owner: Owner | None = None
         self._priority = 0
-        self._rested = True  # nothing was energised yet: brakes hold the arms, too [assumed]
+        self._rested = True  # nothing was energised yet, and brakes hold the arms, too [assumed]
         self._ticked_s = self.now_s()
         self._set_brakes()
         self._halt()
         self.plant.catch_up(self._ticked_s)
 
-    # -- what it is
+    # -- observation
 
     @property
     def control(self) -> Control:
@@ -118,7 +119,7 @@ class Controller:
 
     @property
     def runs(self) -> bool:
-        """Return whether all servos of the driven joints are on."""
+        """Whether the servos of all driven joints are on."""
         return all(self.servos[FIRST_JOINT:])
 
     @property
@@ -145,55 +146,55 @@ class Controller:
             time_ns=time.time_ns(),
         )
 
-    # -- what may happen to it
+    # -- events
 
     def press(self, pressed: bool) -> None:
-        """Press or release the emergency stop button: it takes the power of the motors away."""
+        """Press or release the emergency stop button. A pressed button removes the power of the motors."""
         self.pressed = pressed
         if pressed:
             self.power(MOTOR_SUPPLY, False)
 
     def fail(self, fault: Manager) -> None:
-        """Put the control manager into a fault; what runs is ended."""
+        """Put the control manager into a fault, which ends any motion."""
         self._end(Finish.CONTROL_MANAGER_FAULT)
         self.driven, self.manager = False, fault
 
     # -- orders
 
     def power(self, names: str, on: bool) -> bool:
-        """Switch the supplies that match. Return whether it is done."""
-        found = _matching(names, SUPPLIES)
-        if found is None or (on and self.pressed):
+        """Switch the matching supplies. Return whether that succeeded."""
+        indices = _matching(names, SUPPLIES)
+        if indices is None or (on and self.pressed):
             return False
-        for at in found:
-            self.supplies[SUPPLIES[at]] = on
+        for index in indices:
+            self.supplies[SUPPLIES[index]] = on
         if not self.supplies[MOTOR_SUPPLY]:
             self._servos_off(range(len(self.servos)))
         return True
 
     def servo(self, names: str, order: int) -> bool:
-        """Switch the servos that match. Return whether it is done."""
-        found = _matching(names, self.info.joints)
-        if found is None:
+        """Switch the matching servos. Return whether that succeeded."""
+        indices = _matching(names, self.info.joints)
+        if indices is None:
             return False
         if order == JointOrder.SERVO_ON:
             if not self.supplies[MOTOR_SUPPLY]:
                 return False
             if not self.runs:
                 self._halt()
-            for at in found:
-                self.servos[at] = True
+            for index in indices:
+                self.servos[index] = True
             self._rested = False
             self._set_brakes()
         elif order == JointOrder.BRAKE_ENGAGE:
-            self._servos_off(found)
+            self._servos_off(indices)
         return True
 
     def servo_off(self, names: str) -> bool:
-        found = _matching(names, self.info.joints)
-        if found is not None:
-            self._servos_off(found)
-        return found is not None
+        indices = _matching(names, self.info.joints)
+        if indices is not None:
+            self._servos_off(indices)
+        return indices is not None
 
     def order_manager(self, order: int) -> None:
         match order:
@@ -212,8 +213,11 @@ class Controller:
         self.driven = False
 
     def command(self, owner: Owner, command: Command) -> Finish | None:
-        """Take a command. Return why it is not done, else None: it runs, and takes the place of
-        whatever ran with no higher priority [assumed]."""
+        """Start a command. It replaces a running one of the same or a lower priority [assumed].
+
+        Returns:
+            Why the command has already ended; None if it runs.
+        """
         self.tick()
         if self.manager != Manager.ENABLED:
             faulty = self.manager in (Manager.MINOR_FAULT, Manager.MAJOR_FAULT)
@@ -234,7 +238,7 @@ class Controller:
         return None
 
     def leave(self, owner: Owner) -> None:
-        """A stream has ended, and its command with it."""
+        """End the command of a stream that has ended."""
         if self._owner is owner:
             self._owner = None
             self._end(Finish.CANCELED)
@@ -244,7 +248,7 @@ class Controller:
         return all(low - _ROUNDING <= rad <= high + _ROUNDING for rad, (low, high) in rows)
 
     def _motion(self, name: str, part: JointPosition) -> Motion:
-        """In the time it is given, but no quicker than its joints turn."""
+        """Plan a motion in the commanded time, but no faster than the joints turn."""
         now_s, joints = self.now_s(), self._slices[name]
         begin = tuple(self._target[joints])
         rows = zip(begin, part.position, self._speeds[joints], strict=True)
@@ -269,13 +273,13 @@ class Controller:
         self._set_brakes()
 
     def _drive(self) -> None:
-        """Whoever is on the wire has the joints, from where they are."""
+        """Give the joints to the client on the wire, beginning at their present positions."""
         if self.led:
             self._halt()
         self.driven, self.led = True, False
 
     def _end(self, why: Finish) -> None:
-        """End what runs; the robot holds where it is."""
+        """End any motion. The robot holds its position."""
         owner, self._owner = self._owner, None
         if self._motions:
             self._motions.clear()
@@ -288,16 +292,16 @@ class Controller:
         self._target = [rad + rad_s * BRAKING_S for rad, rad_s in columns]
 
     def _servos_off(self, joints: Sequence[int]) -> None:
-        for at in joints:
-            self.servos[at] = False
+        for joint in joints:
+            self.servos[joint] = False
         if not self.runs and self.manager == Manager.ENABLED:
             self._end(Finish.UNEXPECTED_STATE)
             self.driven, self.manager = False, Manager.IDLE
         self._set_brakes()
 
     def _set_brakes(self) -> None:
-        """The torso has brakes. Arms and head drop without power, once they were energised
-        [assumed]."""
+        """Set brakes and torque. The torso has brakes. Arms and head drop without power, once they
+        were energised [assumed]."""
         torso = self._slices["torso"].stop
         for at in range(len(self.plant.joints)):
             on = self.led or self.servos[FIRST_JOINT + at]
@@ -313,7 +317,7 @@ class Controller:
         self.plant.catch_up(now_s)
 
     def advance(self, elapsed_s: float) -> None:
-        """Set the joints' targets for now; end commands that nobody holds on to."""
+        """Set the joints' targets for now, and end commands after their hold time."""
         now_s = self.now_s()
         for name, motion in self._motions.items():
             self._target[self._slices[name]] = motion.at(now_s)
@@ -327,7 +331,10 @@ class Controller:
 
 
 def _matching(pattern: str, names: Sequence[str]) -> list[int] | None:
-    """Return which names a regular expression matches as a whole; None: it is none, or too long."""
+    """Return the indices of the names that a regular expression matches as a whole.
+
+    None if the expression is invalid or too long.
+    """
     if len(pattern) > 64:
         return None
     try:

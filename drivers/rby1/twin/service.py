@@ -1,4 +1,4 @@
-"""The gRPC services of the twin, over its ``Controller``."""
+"""Serve the gRPC calls of the twin from its ``Controller``."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ WRONG_BY_RAD = 0.5
 
 
 class StateStream:
-    """A client that is told states."""
+    """A client that receives states."""
 
     def __init__(self, call: ServerCall, hz: float, now_s: float) -> None:
         self.call = call
@@ -27,7 +27,7 @@ class StateStream:
 
 
 class CommandCall:
-    """A client that commands: a stream, or one question."""
+    """A client that sends commands, on a stream or in one call."""
 
     def __init__(self, call: ServerCall) -> None:
         self.call = call
@@ -63,7 +63,7 @@ class RBY1Service:
         elif method is Method.STATE_STREAM:
             self._states[call] = StateStream(call, p.decode_rate(message), self.controller.now_s())
         elif self.faults.of(None) is Fault.STUCK and kind_of(method, message) not in ("read", "keepalive"):
-            call.answer(p.headed(p.encode_done(Done.SUCCESS)))  # it answers, and does nothing
+            call.answer(p.headed(p.encode_done(Done.SUCCESS)))  # Stuck: it answers, and does nothing.
         else:
             call.answer(p.headed(self._obey(method, message)))
 
@@ -77,7 +77,7 @@ class RBY1Service:
             self._states.pop(call, None)
 
     def tick(self) -> None:
-        """Tell states that are due. A client that has not taken the last one misses this one."""
+        """Send the states that are due. A client that has not taken the last one misses this one."""
         self.controller.tick()
         now_s = self.controller.now_s()
         due = [stream for stream in self._states.values() if now_s >= stream.due_s]
@@ -100,7 +100,7 @@ class RBY1Service:
             caller.call.send(Feedback(Status.RUNNING).encode())
 
     def _obey(self, method: Method, message: bytes) -> bytes:
-        """Do what a question says; return the answer. Raise ``MalformedFrame``."""
+        """Carry out a request and return the answer. Raise ``MalformedFrame``."""
         controller = self.controller
         match method:
             case Method.GET_ROBOT_INFO:
@@ -141,7 +141,7 @@ class RBY1Service:
 
 
 def kind_of(method: Method, message: bytes) -> str:
-    """Return what a message is, in the words of the wire log. Raise ``MalformedFrame``."""
+    """Return the kind of a message, in the terms of the wire log. Raise ``MalformedFrame``."""
     match method:
         case Method.CANCEL | Method.SERVO_OFF:
             return "safe"

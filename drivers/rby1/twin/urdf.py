@@ -1,4 +1,4 @@
-"""The model that the twin tells of itself: a URDF of the links in ``robots.toml``."""
+"""Build the URDF that the twin sends, from the links in ``robots.toml``."""
 
 from __future__ import annotations
 

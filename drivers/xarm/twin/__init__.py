@@ -1,7 +1,7 @@
-"""The robot's end of an xArm's wire: control port, three ports of reports; MuJoCo behind them.
+"""Simulate the robot's end of an xArm's wire: the control port and three report ports, with MuJoCo behind.
 
-Besides the control lines of every twin it takes ``error CODE`` (0: its cause is gone), ``state N``
-and ``mode N``, as another client on the controller would set them.
+Besides the control lines of every twin it takes ``error CODE`` (0 removes the cause), ``state N`` and
+``mode N``, as another client of the controller would set them.
 """
 
 from __future__ import annotations
@@ -57,15 +57,19 @@ class XArmTwinOptions(HostOption, frozen=True):
 
 
 class Machine:
-    """What may happen to the robot."""
+    """The faults and events of the simulated robot."""
 
     def __init__(self, controller: Controller, faults: Faults) -> None:
         self.controller = controller
         self.faults = faults
 
     def set_fault(self, fault: Fault, unit: int | None) -> None:
-        """Set a fault. ``unit`` 1 to 7: a joint, which can only get stuck. None: what the
-        controller sends."""
+        """Set a fault.
+
+        Args:
+            fault: The fault.
+            unit: 1 to 7 for a joint, which can only get stuck. None for all that the controller sends.
+        """
         if unit is None:
             self.faults.set(fault)
         elif fault in (Fault.OK, Fault.STUCK) and 1 <= unit <= p.JOINTS:
@@ -78,43 +82,43 @@ class Machine:
 
 
 class ControlSession:
-    """What hears one client of the control port."""
+    """The controller's side of one client on the control port."""
 
     def __init__(self, controller: Controller, faults: Faults) -> None:
         self._controller = controller
         self._faults = faults
         self._decoder = p.Decoder()
-        self._felt: dict[int, bytes] = {}  # what each register said last: one that is stuck repeats it
+        self._felt: dict[int, bytes] = {}  # last reply data by register; a stuck controller repeats it
 
     def receive(self, data: bytes, bits_per_s: int | None) -> Iterator[Exchange]:
         try:
-            for heard in self._decoder.feed(data):
-                raw = p.frame(heard.number, heard.body, heard.protocol)
-                if heard.protocol == p.HEARTBEAT_PROTOCOL:
+            for frame in self._decoder.feed(data):
+                raw = p.frame(frame.number, frame.body, frame.protocol)
+                if frame.protocol == p.HEARTBEAT_PROTOCOL:
                     yield Exchange("keepalive", raw, ())
                 else:
-                    kind, brings_to = p.classify(heard.body)
-                    yield Exchange(kind, raw, self._replies(heard, kind), brings_to)
+                    kind, brings_to = p.classify(frame.body)
+                    yield Exchange(kind, raw, self._replies(frame, kind), brings_to)
         except MalformedFrame:
-            raise ClientGone from None  # as a server does with what it cannot follow
+            raise ClientGone from None  # A server closes the connection when it cannot decode it.
 
-    def _replies(self, heard: p.Frame, kind: str) -> Sequence[Reply]:
-        register = heard.body[0]
+    def _replies(self, frame: p.Frame, kind: str) -> Sequence[Reply]:
+        register = frame.body[0]
         stuck = self._faults.of(None) is Fault.STUCK
         if stuck and kind != "read":
-            flags, data = self._controller.flags, b""  # it answers, and does not move
+            flags, data = self._controller.flags, b""  # Stuck: it replies and does not move.
         else:
-            flags, data = self._controller.obey(register, heard.body[1:])
+            flags, data = self._controller.obey(register, frame.body[1:])
             if stuck:
                 data = self._felt.get(register, data)
             self._felt[register] = data
-        answer = p.frame(heard.number, bytes((register, flags)) + data, heard.protocol)
+        answer = p.frame(frame.number, bytes((register, flags)) + data, frame.protocol)
         reply = self._faults.apply(Reply(0.0, answer, None, kind))
         return () if reply is None else (reply,)
 
 
 class XArmServer(TcpServer):
-    """Serves one controller at its ports, and makes its time pass."""
+    """Serve one controller on its ports and advance its time."""
 
     def __init__(self, controller: Controller, log: WireLog, host: str | None, port: int) -> None:
         self.controller = controller
@@ -142,7 +146,7 @@ class XArmServer(TcpServer):
             self.plug()
 
     def power_cycle(self) -> None:
-        """End every connection; the controller comes back with the motors off."""
+        """End every connection. The controller comes back with the motors off."""
         super().power_cycle()
         self.unplug()
         self.plug()
@@ -170,7 +174,7 @@ class XArmServer(TcpServer):
 
 
 def may_bind(port: int) -> bool:
-    """Return whether this user may have the port at all, whoever has it now."""
+    """Return whether this user has the right to bind the port, even if it is in use now."""
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -190,14 +194,14 @@ def controller_of(
     now_s: Callable[[], float] = time.monotonic,
     plant: Plant | None = None,
 ) -> Controller:
-    """Raise ``ValueError`` for a type that is not known."""
+    """Return the controller of a twin. Raise ``ValueError`` for an unknown ``arm_type``."""
     arm = arm_of(robot)
     text = f"{p.JOINTS},{arm_type},{serial},AC1300012345,v{firmware}"
-    at = arm.type_at(p.parse_version(text.encode()))
-    if at is None:
-        known = ", ".join(map(str, sorted({kind.number for kind in arm.types})))
-        raise ValueError(f"arm_type is {arm_type}. Use {known}")
-    return Controller(robot, arm.types[at], text, speed_limit_rad_s=speed_limit_rad_s, now_s=now_s, plant=plant)
+    index = arm.type_at(p.parse_version(text.encode()))
+    if index is None:
+        numbers = ", ".join(map(str, sorted({kind.number for kind in arm.types})))
+        raise ValueError(f"arm_type is {arm_type}. Use {numbers}")
+    return Controller(robot, arm.types[index], text, speed_limit_rad_s=speed_limit_rad_s, now_s=now_s, plant=plant)
 
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:

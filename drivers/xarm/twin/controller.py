@@ -1,7 +1,7 @@
-"""The controller of the twin: its registers, its state, its arm. It knows no sockets.
+"""Simulate the controller of the twin: its registers, its state and its arm. No sockets.
 
-Time passes in ticks, on the clock it is given; between them it only changes what it is told to.
-What nobody has seen on a real controller is marked [assumed].
+Time passes in ticks, on the given clock. Between ticks only requests change the state. Behaviour that was
+never seen on a real controller is marked [assumed].
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ from strands_actors.drivers.xarm.arms import ArmType, arm_of, model_table
 from strands_actors.drivers.xarm.protocol import ERROR, INVALID, NOT_READY, WARNING, Mode, Register, State
 
 TICK_HZ = 250.0
-"""Of these controllers."""
+"""Control rate of these controllers."""
 
 STEP_RAD = 0.5
-"""A servo target further than this from the one before: error 24 [assumed]."""
+"""A servo target that differs from the last one by more than this causes error 24 [assumed]."""
 
 STANDING_RAD_S = 0.01
 ARRIVED_RAD = 2e-3
 
 BRAKING_S = 0.05
-"""A servo of the twin lags so far behind its target: where it halts from any speed without turning
-back."""
+"""A servo of the twin lags its target by this time, so this is where it halts from any speed without
+turning back."""
 
 SLOWEST_RAD_S = 0.01
 SPEED_EXCEEDED, JOINT_PAST_LIMIT = 24, 23
 
 _RUNNING = (State.MOVING, State.READY)
 _ACKNOWLEDGED = frozenset({18, *range(31, 39), 70, 253, 254})
-"""Settings that are taken and change nothing here."""
+"""Registers of settings that the twin accepts without effect."""
 
 
 class Controller:
@@ -51,8 +51,13 @@ class Controller:
         now_s: Callable[[], float] = time.monotonic,
         plant: Plant | None = None,
     ) -> None:
-        """``speed_limit_rad_s``: what it says of itself; its arm turns as the table says.
-        ``plant``: its arm, in place of that of the robot's table."""
+        """
+        Args:
+            version: The controller's version string.
+            speed_limit_rad_s: The limit that the controller reports. The simulated arm turns at the speed
+                of the table.
+            plant: The arm; None for the arm of the robot's table.
+        """
         self.plant = plant or Plant.from_table(model_table(robot, kind))
         self.version_text = version
         self.version = p.parse_version(version.encode())
@@ -63,30 +68,30 @@ class Controller:
         self.wake_up()
 
     def wake_up(self) -> None:
-        """Begin as when switched on; the arm stays where it is, its brakes on."""
+        """Reset to the state after switch-on. The arm stays where it is, with its brakes on."""
         self.state: int = State.STOPPED
         self.mode: int = Mode.POSITION
         self.error = self.warning = 0
-        self.enabled = 0  # a bit a joint
-        self.led = False  # whether a simulation moves the arm: until it is energised on the wire
+        self.enabled = 0  # one bit per joint
+        self.led = False  # whether a simulation moves the arm; ends when the wire energises it
         self._queue: deque[tuple[Sequence[float], float]] = deque()
         self._goal: Sequence[float] | None = None  # of servo mode
-        self._rates: tuple[Sequence[float], float] | None = None  # of velocity mode, and until when
+        self._rates: tuple[Sequence[float], float] | None = None  # of velocity mode, and their end time
         self._ticked_s = self._now_s()
         self._set_brakes()
         self._halt()
         self.plant.catch_up(self._ticked_s)
 
-    # -- what it is
+    # -- observation
 
     @property
     def runs(self) -> bool:
-        """Return whether whoever is on the wire has the arm."""
+        """Whether a client on the wire controls the arm."""
         return bool(self.enabled) and self.state in (*_RUNNING, State.PAUSED)
 
     @property
     def flags(self) -> int:
-        """Return the state byte of any reply."""
+        """The state byte of every reply."""
         ready = self.enabled and self.state in _RUNNING and not self.error
         return ERROR * bool(self.error) | WARNING * bool(self.warning) | NOT_READY * (not ready)
 
@@ -100,11 +105,11 @@ class Controller:
     def details(self) -> r.Details:
         return r.Details(self.enabled, self.error, self.warning)
 
-    # -- what may happen to it
+    # -- events
 
     def fail(self, error: int) -> None:
-        """Stop by itself, motors off until they are enabled again [assumed]. 0: the cause is
-        gone."""
+        """Set an error. The arm stops, and its motors are off until they are enabled again [assumed]. 0
+        removes the cause."""
         self.error = error
         if error:
             self.enabled = 0
@@ -128,7 +133,7 @@ class Controller:
     # -- registers
 
     def obey(self, register: int, data: bytes) -> tuple[int, bytes]:
-        """Do what a request says; return state byte and data of the reply."""
+        """Carry out a request. Return state byte and data of the reply."""
         try:
             invalid, answer = self._obey(register, data)
         except (MalformedFrame, IndexError):
@@ -136,7 +141,7 @@ class Controller:
         return self.flags | INVALID * invalid, answer
 
     def _obey(self, register: int, data: bytes) -> tuple[bool, bytes]:
-        """Return whether the register or its data cannot be, and what it answers."""
+        """Return whether the request is invalid, and the data of the reply."""
         plant = self.plant
         match register:
             case Register.VERSION:
@@ -171,7 +176,7 @@ class Controller:
             case Register.JOINT_TORQUE:
                 return False, p.floats(plant.effort_nm)
             case 45 | 46:
-                return False, b"\0"  # nothing is past a limit
+                return False, b"\0"  # no value outside a limit
             case 233:
                 return False, bytes(8)
             case _:
@@ -188,8 +193,7 @@ class Controller:
         self._set_brakes()
 
     def _move(self, register: int, data: bytes) -> None:
-        """Take a target, each sort in a mode of its own; an arm that is paused keeps it for
-        later."""
+        """Take a target if the mode matches its register. A paused arm keeps the target for later."""
         if not self.runs or self.error:
             return
         numbers = p.unpack_floats(data, p.JOINTS)
@@ -236,7 +240,7 @@ class Controller:
         self._halt()
 
     def lead(self, on: bool) -> None:
-        """Let a simulation move the arm, or take it back."""
+        """Let a simulation move the arm, or end that."""
         self.led = on
         self._halt()
         self._set_brakes()
@@ -259,10 +263,10 @@ class Controller:
             self.state = State.MOVING if self._queue or moves else State.READY
 
     def advance(self, elapsed_s: float) -> None:
-        """Set the joints' targets for the time that has passed."""
+        """Set the joints' targets for the elapsed time."""
         if self.state in _RUNNING and not self.led:
             if self.mode == Mode.SERVO and self._goal is not None:
-                self._target = list(self._goal)  # at full speed, whenever it comes
+                self._target = list(self._goal)  # at full speed, however long ago the last one came
             elif self.mode == Mode.POSITION and self._queue:
                 self._follow_queue(elapsed_s)
             elif self.mode == Mode.VELOCITY and self._rates is not None:
@@ -287,7 +291,7 @@ class Controller:
             self._target = [at + rate * elapsed_s for at, rate in zip(self._target, rates, strict=True)]
 
     def _pose(self) -> tuple[float, ...]:
-        """Return the flange in the base: millimetres, then roll, pitch and yaw."""
+        """Return the pose of the flange in the base: millimetres, then roll, pitch and yaw."""
         flange = self.plant.data.body("link7")
         m = flange.xmat
         roll, pitch = math.atan2(m[7], m[8]), math.asin(max(-1.0, min(1.0, -m[6])))

@@ -1,4 +1,4 @@
-"""What the twin's controller pushes: three ports, each with a report of its own length and rate."""
+"""Send the reports of the twin's controller on three ports, each with its own length and rate."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ ROOM_C = 30
 
 
 class Sender(Protocol):
-    """What is needed of a connection to push reports."""
+    """The method of a connection that sends reports."""
 
     def send(self, data: bytes) -> None: ...
 
 
 class Publisher:
-    """All who listen to one controller. Reports are not logged: a hundred a second would bury the
-    rest."""
+    """All subscribers of one controller. Reports are not logged: at a hundred per second they would hide
+    the rest of the log."""
 
     def __init__(self, controller: Controller, faults: Faults) -> None:
         self._controller = controller
@@ -32,7 +32,7 @@ class Publisher:
         self._stale: r.Report | None = None
 
     def push(self, now_s: float) -> None:
-        """Send what is due after a tick."""
+        """Send the reports that are due after a tick."""
         for listener in self._listeners:
             if now_s >= listener.due_s:
                 listener.due_s = max(listener.due_s + 1 / HZ[listener.port], now_s - 1 / TICK_HZ)
