@@ -141,8 +141,9 @@ class Shared:
 
     def __init__(self) -> None:
         self.clocks = Clocks()
-        self.resumed_epoch = 0  # ``refuse_by_mode``
-        self.audit: Callable[[str, str, str, str], None] = lambda *_: None  # sender, command, decision, way
+        self.resumed_epoch = 0  # in which a hold needs no resume (``refuse_by_mode``)
+        # Called with sender, command, decision, and the route of the command.
+        self.audit: Callable[[str, str, str, str], None] = lambda *_: None
         self.taken = 0  # commands that were received, valid or not
         self.turns = Turns()
         self.sessions = Sessions()  # of callers of other hosts

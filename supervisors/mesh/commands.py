@@ -78,7 +78,7 @@ class Commands(Actor):
         robot: Its name.
         driver: Its driver.
         pubsub: The session on the mesh.
-        answers: The way of answers and events.
+        answers: Sends the answers.
         shared: State that the actors on the mesh share.
         task: Returns the status of the robot's policy process.
     """

@@ -1,4 +1,5 @@
-"""The gateway connects callers on other hosts to the gate. They send the same messages as local callers.
+"""The gateway connects callers on other hosts to the gate. These callers send the same messages as local
+ones.
 
 The gateway makes only the checks that distance requires: the command has a deadline on the robot's clock
 and is in time, its lease belongs to its sender, and the sender is within its rate. The gate decides on
@@ -229,8 +230,8 @@ class Gateway(Actor):
         return refusal or self._commands.refuse(dated.channel, now_ns)
 
     def _refuse_guarded(self, message: Message) -> Refused | None:
-        """Refuse a motion or service that needs an approval. A local caller asks its operator; a caller on
-        another host has no operator here that could be asked."""
+        """Return a refusal for a motion or service that needs an approval and has none. For a caller on
+        another host there is no operator here to ask."""
         verb, service = (message.service, (message.service,)) if isinstance(message, Perform) else ("move", ())
         first = message.first if isinstance(message, Perform) else message
         action = first.action if isinstance(first, Setpoint) else {}

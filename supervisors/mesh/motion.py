@@ -1,9 +1,9 @@
 """Run motions for senders on the mesh: a named policy, a pose, and steps and a reset of a simulation.
 
 The root acquires a lease for the sender and keeps it for the duration of the motion, so the sender need
-not stay connected. A motion passes the same gate as every setpoint. On a real robot it needs an
-operator's approval. It ends by itself after its duration, and every stop ends it. A policy runs in a
-separate process, like a task of a local program.
+not stay connected. A motion passes the same gate as every setpoint. On a real robot the operator must have
+allowed it beforehand, since on the mesh there is no operator to ask. It ends by itself after its duration,
+and every stop ends it. A policy runs in a separate process, like a task of a local program.
 
 How a motion ends, in ``_beat``: when its time is over, or its rollout has reached its duration or number
 of steps, this process holds the robot (``_hold``) and then releases the lease. Such a hold is a regular

@@ -90,7 +90,7 @@ class ResumeOrder(Message, frozen=True):
 
 
 class Safety(Actor):
-    """Stop the robot for every peer, and resume it for a sender that has asked for it in time."""
+    """Stop the robot for every peer, and resume it for operators."""
 
     def __init__(self, robot: str, driver: Driver, pubsub: PubSub, answers: Answers, shared: Shared) -> None:
         self._robot = robot

@@ -28,7 +28,8 @@ EVENT_KEY = f"{PREFIX}/safety/event"
 BROADCAST_KEY = f"{PREFIX}/broadcast"
 
 ESTOP_ANSWER_S = 0.25
-"""Within this time after an e-stop, every reachable robot has reported its result."""
+"""Within this time after an e-stop, every reachable robot has answered: with its result, or that the stop is
+not confirmed yet."""
 
 TELEMETRY = ("presence", "state", "health", *TOPICS_HZ)
 """Topics that a robot may publish below ``strands/<robot>/``."""

@@ -45,8 +45,7 @@ class MeshService:
         driver: Its driver.
         task: Returns the status of the task that the root has started.
         rings: Returns the ring of pictures of each camera. None for a robot without cameras.
-        audit: Called with the sender, the command, the decision, and the way over which the command
-            came.
+        audit: Called with the sender, the command, the decision, and the route of the command.
 
     Attributes:
         problem: Why the robot is not on the mesh; empty if it is. Valid once ``settled`` is set.

@@ -154,8 +154,9 @@ class Telemetry(Actor):
         }
 
     def _available(self, status: Status | None) -> list[str]:
-        """Return the topics. A sensor that only some robots of a kind have is listed once the robot has
-        reported it. ``lidar`` is added for all lidar topics, since strands-robots uses this name."""
+        """Return the topics. A topic with fields that the driver does not know in advance
+        (``Sensor.prefix``) is listed once the robot has reported one. ``lidar`` is added for all lidar
+        topics, since strands-robots uses this name."""
         sensors = {} if status is None or status.observation is None else status.observation.sensors
         topics = [
             rate.topic

@@ -84,68 +84,68 @@ def understood(line: str, tool: str) -> str | Stop | JSONRPCError:
         tool: The name of the robot's tool.
     """
     try:
-        said = json.loads(line.lstrip("\ufeff"))
+        message = json.loads(line.lstrip("\ufeff"))
     except (ValueError, RecursionError) as error:
         if asks_for_stop(line, tool):
             return Stop(None)
         return _refusal(PARSE_ERROR, f"no JSON: {error}. send one JSON-RPC message a line")
-    is_message = isinstance(said, dict) and said.get("jsonrpc") == "2.0"
-    stops = [part for part in (said if isinstance(said, list) else [said]) if _is_stop(part, tool)]
-    if stops and not (is_message and _reaches_tool(said, tool)):
+    is_message = isinstance(message, dict) and message.get("jsonrpc") == "2.0"
+    stops = [part for part in (message if isinstance(message, list) else [message]) if _is_stop(part, tool)]
+    if stops and not (is_message and _reaches_tool(message, tool)):
         return Stop(_id_of(stops[0]))
     if not is_message:
         return _refusal(
-            INVALID_REQUEST, 'no JSON-RPC message. send an object with "jsonrpc": "2.0" a line', _id_of(said)
+            INVALID_REQUEST, 'no JSON-RPC message. send an object with "jsonrpc": "2.0" a line', _id_of(message)
         )
-    if "id" in said and _id_of(said) is None:
+    if "id" in message and _id_of(message) is None:
         return _refusal(INVALID_REQUEST, "the id is neither text nor a whole number. give it as one of these")
-    return _checked(_with_object(said), _id_of(said))
+    return _checked(_with_object(message), _id_of(message))
 
 
-def _reaches_tool(said: dict[str, Any], tool: str) -> bool:
+def _reaches_tool(message: dict[str, Any], tool: str) -> bool:
     """Return True for a call that the SDK passes on to the tool."""
-    given = said.get("params")
-    if said.get("method") != CALL or _id_of(said) is None or not isinstance(given, dict):
+    given = message.get("params")
+    if message.get("method") != CALL or _id_of(message) is None or not isinstance(given, dict):
         return False
     return given.get("name") == tool and isinstance(given.get("_meta"), dict | None)
 
 
-def _is_stop(said: object, tool: str) -> bool:
-    if not isinstance(said, dict):
-        return asks_for_stop(said, tool)
-    method = said.get("method", CALL)
+def _is_stop(message: object, tool: str) -> bool:
+    if not isinstance(message, dict):
+        return asks_for_stop(message, tool)
+    method = message.get("method", CALL)
     if isinstance(method, str) and method.strip().lower() != CALL:
         return asks_for_stop(method, tool)
-    given = said.get("params") if "params" in said else said
+    given = message.get("params") if "params" in message else message
     name = given.get("name") if isinstance(given, dict) else None
     is_of_another = isinstance(name, str) and not asks_for_stop(f"stop {name}", tool)
     return not is_of_another and asks_for_stop(given, tool)
 
 
-def _with_object(said: dict[str, Any]) -> dict[str, Any]:
+def _with_object(message: dict[str, Any]) -> dict[str, Any]:
     """Return a call with its arguments in an object. Arguments may also stand next to the name, or be of
     another type."""
-    given = said.get("params")
-    if said.get("method") != CALL or not isinstance(given, dict) or isinstance(given.get("arguments"), dict):
-        return said
+    given = message.get("params")
+    if message.get("method") != CALL or not isinstance(given, dict) or isinstance(given.get("arguments"), dict):
+        return message
     beside = {key: value for key, value in given.items() if key not in OF_A_CALL}
     sent = beside if given.get("arguments") is None else given["arguments"]
-    return {**said, "params": {**given, "arguments": {"input": sent}}} if sent != {} else said
+    return {**message, "params": {**given, "arguments": {"input": sent}}} if sent != {} else message
 
 
-def _checked(said: dict[str, Any], number: str | int | None) -> str | JSONRPCError:
+def _checked(message: dict[str, Any], number: str | int | None) -> str | JSONRPCError:
     """Return a message as a line, or a refusal if the SDK cannot read it. The SDK itself would not answer
     such a line."""
     try:
-        line = json.dumps(said)
+        line = json.dumps(message)
         jsonrpc_message_adapter.validate_json(line, by_name=False)
     except (ValueError, RecursionError):
         return _refusal(INVALID_REQUEST, "no JSON-RPC request. send a method, and params in an object", number)
     return line
 
 
-def _id_of(said: object) -> str | int | None:
-    id = said.get("id") if isinstance(said, dict) else None
+def _id_of(message: object) -> str | int | None:
+    id = message.get("id") if isinstance(message, dict) else None
     return id if isinstance(id, str | int) and not isinstance(id, bool) else None
 
 

@@ -2,8 +2,8 @@
 
 ``strands.Agent(tools=[robot])`` keeps instances of its ``AgentTool`` and drops everything else. A subclass
 of it would import the package, with all its dependencies, into every script with a robot. Instead
-``RobotTool`` has the members of ``AgentTool``, and registers with it at the first ``isinstance`` check. A
-caller that makes this check has loaded the package.
+``RobotTool`` has the members of ``AgentTool``, and registers with it when ``isinstance`` checks it. A caller
+that makes this check has loaded the package.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ from .reader import CameraReader
 ENTRY = "strands_actors.surfaces.cameras.process:main"
 COLOURS = 3
 UNKNOWN = MAX_SIDE * MAX_SIDE * 3 // 4
-"""Most pixels of a picture without a configured size. Only pages with pictures use memory."""
+"""Most pixels of a picture without a configured size. Memory is used only for pictures that come."""
 
 
 class Cameras:

@@ -48,7 +48,7 @@ NICE = 5
 DEFAULT_FPS = 30.0
 OPEN_S = 15.0
 READ_S = 5.0
-"""Longest time in which a source must open (``OPEN_S``) or give a picture. Then this process ends."""
+"""Longest time that a source may take to give a picture, as ``OPEN_S`` is to open. Then this process ends."""
 AHEAD_S = 0.1
 """Largest time by which a picture may be stamped ahead of now. A stamp of another clock is ahead by years."""
 PAUSES_S = (0.5, 1.0, 2.0, 4.0)

@@ -66,7 +66,7 @@ class Safe(msgspec.Struct):
     safe_state: str
     reason: str
     epoch: int
-    path: str  # wire, or second (the root's stop channel)
+    path: str  # wire, or stop_channel (the connection of the root)
     confirmed: bool
     took_ms: float
     motors: list[Motor]
