@@ -273,7 +273,7 @@ class MeshClient:
         try:
             response = _decode_response(received.payload)
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
-            return
+            return  # No query waits for an answer that cannot be read.
         waiting = self._waiting.get(response.turn_id)
         if waiting is None or response.responder_id != robot:
             return

@@ -136,8 +136,8 @@ def get_peers(*, mesh: Mesh = None) -> list[dict[str, Any]]:
 
 
 def tell(robot: str, instruction: str, *, mesh: Mesh = None, **options: Any) -> dict[str, Any]:
-    """Run a policy on a robot of the mesh, and wait until it has ended. It must be installed on the robot's
-    host.
+    """Run a policy on a robot of the mesh, and wait until it has ended. The policy must be installed on the
+    robot's host.
 
     Args:
         robot: The name of the robot.
