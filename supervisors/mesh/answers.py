@@ -1,4 +1,4 @@
-"""What a robot tells on the mesh: answers to whom asked, and events for all."""
+"""Send a robot's answers to the senders of commands, and its events to all subscribers."""
 
 from __future__ import annotations
 
@@ -17,11 +17,17 @@ from .schemas import EVENT_KEY, PRIVATE, Refusal, Response, encode, response_key
 _RESPONSE = schema("response")
 _EVENT = schema("event")
 _MAX_QUESTIONS = 256
-"""That wait for an answer at once; of more the oldest goes without."""
+"""Queries that may wait for an answer at the same time. Beyond that the oldest gets no answer."""
 
 
 class Answers:
-    """``refused`` counts the refusals, answered or not."""
+    """Send answers and events.
+
+    A command that was put is answered on a public key of its sender. A query is answered in private.
+
+    Attributes:
+        refused: Number of refusals, whether they were sent or not.
+    """
 
     def __init__(self, pubsub: PubSub, robot: str) -> None:
         self._pubsub = pubsub
@@ -29,11 +35,11 @@ class Answers:
         self._events = pubsub.topic(EVENT_KEY, _EVENT)
         self.refused = 0
         self._private: dict[str, tuple[str, Reply]] = {}
-        """By the name that a question's turn has here: the asker's own, and how it is answered."""
+        """The sender's own turn and the way of the answer, by the name of the turn in this process."""
 
     def expect(self, turn: str, reply: Reply) -> str:
-        """Answer a question to who asked it alone. Return what to call its turn here, which nobody
-        else can name."""
+        """Note a query that will be answered in private. Return the name of its turn in this process. The
+        name cannot be guessed, so no other sender can refer to it."""
         if len(self._private) >= _MAX_QUESTIONS:
             self.forget(next(iter(self._private)))
         name = f"{turn}{PRIVATE}{secrets.token_hex(16)}"
@@ -41,14 +47,20 @@ class Answers:
         return name
 
     def forget(self, turn: str) -> None:
-        """It is not answered, or not any more."""
+        """Drop a query that gets no further answer."""
         self._private.pop(turn, None)
 
     def success(self, sender: str, turn: str, result: dict[str, Any], final: bool = True) -> None:
         self._put(sender, turn, Response("response", self._robot, turn, time.time(), result, final=final))
 
     def refuse(self, sender: str, turn: str, refused: Refused) -> None:
-        """Who has asked a question is always told. ``sender``: who else is; empty: nobody."""
+        """Send a refusal. A query is always answered.
+
+        Args:
+            sender: The sender of a command that was put; empty to send no public answer.
+            turn: The turn of the command.
+            refused: The refusal.
+        """
         self.refused += 1
         if sender or PRIVATE in turn:
             refusal = Refusal(**msgspec.structs.asdict(refused))
@@ -66,6 +78,7 @@ class Answers:
         self._pubsub.put(response_key(sender, self._robot, turn), encode(response), _RESPONSE)
 
     def event(self, event: str, **facts: Any) -> None:
+        """Publish an event if there is a subscriber."""
         if self._events.wanted:
             self._events.put(encode({"peer_id": self._robot, "t": time.time(), "event": event, **facts}))
 

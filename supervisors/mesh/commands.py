@@ -1,12 +1,14 @@
-"""Commands from the mesh: read, checked, and handed to the gate, which decides as for every other
-writer.
+"""Receive JSON commands from the mesh, check them, and pass them to the gate.
 
-They wait below the interpreter, in a ring that keeps the newest, and are taken from it at a bounded
-rate: a flood costs the root next to nothing and delays no stop (which has keys of its own). Idle,
-the ring is looked at ten times a second; for a while after each command a hundred times.
+The gate decides on them as on those of every other writer.
 
-Whoever comes over the mesh to a robot that holds must resume it first: a link that was cut and has
-healed moves nothing.
+Commands wait in a ring below the interpreter, which keeps the newest. This actor takes them out at a
+bounded rate. So a flood of commands costs the root almost nothing, and delays no stop, since a stop has
+keys of its own. The ring is polled ten times a second, and a hundred times a second for a while after
+each command.
+
+A robot that holds must be resumed before it gives a lease to a sender on the mesh. So a link that was
+cut and has healed moves nothing.
 """
 
 from __future__ import annotations
@@ -47,28 +49,40 @@ from .stop_rules import Said, read_loosely
 IDLE_S = 0.1
 BUSY_S = 0.01
 BUSY_FOR_S = 2.0
-"""After a command; a sender of a stream sends sooner."""
+"""How long the ring is polled every ``BUSY_S`` after a command. The next command of a stream comes sooner."""
 RING = 64
 TAKEN_AT_ONCE = 16
-"""So a flood costs at most 1600 readings a second."""
+"""Commands per poll. So a flood costs at most 1600 decoded commands a second."""
 
 COMMANDS_PER_S = 20
-"""Of each who asks; of all together who put, since the names that they give prove nothing."""
+"""Limit for each sender of queries. All senders that put share one limit, since their names prove
+nothing."""
 PUT_BY = ""
 MOVES_PER_S = 100
-"""Of the one who holds the lease."""
+"""Limit for the holder of the lease."""
 REFUSALS_PER_S = 20
 MESH = "the mesh"
 ASK_S = 0.1
 
 
 class Poll(Message, frozen=True):
-    """Look at the ring."""
+    """Take commands from the ring."""
 
     lane = "latest"
 
 
 class Commands(Actor):
+    """Serve the JSON commands for one robot.
+
+    Args:
+        robot: Its name.
+        driver: Its driver.
+        pubsub: The session on the mesh.
+        answers: Sends the answers.
+        shared: State that the actors on the mesh share.
+        task: Returns the status of the robot's policy process.
+    """
+
     def __init__(
         self,
         robot: str,
@@ -78,7 +92,6 @@ class Commands(Actor):
         shared: Shared,
         task: Callable[[], TaskStatus],
     ) -> None:
-        """``task``: what the robot's policy process does."""
         self._task = task
         self._stop_s = StopDeadlines.of(driver.timing.safe_s).gate_s
         self._robot = robot
@@ -155,8 +168,8 @@ class Commands(Actor):
             await self._obey(envelope, command)
 
     def _stop(self, said: Said, received: Received) -> None:
-        """It is refused for nothing: neither its form, nor another robot's name in it. Who has
-        reached this robot's own key means this robot, and one stop too many does no harm."""
+        """Stop the robot. A stop is never refused, neither for its form nor for another robot's name in it.
+        A sender that uses this robot's own key means this robot, and one stop too many does no harm."""
         asker = received.asker if received.reply is not None else said.sender
         by = said.by or (asker if mesh_json.is_name(asker) else UNNAMED)
         self._safety.tell(StopOrder(said.locks, by, asker, self._turn(said.turn, received)))
@@ -178,8 +191,8 @@ class Commands(Actor):
         return refuse_stale(self._shared.clocks, sender, command, now_ns)
 
     def _refuse(self, sender: str, turn: str, refused: Refused) -> None:
-        """Counted, and told to the sender as long as that is no flood of its own; of a question, always:
-        that is its own reply, and reaches nobody else."""
+        """Count a refusal and send it. Public answers have a limit, so that they do not become a flood
+        themselves. A query is always answered, since its answer reaches only its sender."""
         admitted = self._refusals.admits(self.context.clock.now_ns())
         if admitted:
             self._shared.audit(plain(sender) or "somebody", self._what, f"refused: {refused.text}", MESH)
@@ -199,13 +212,14 @@ class Commands(Actor):
                 self._shared.audit(plain(sender), command.action, "taken up", MESH)
                 self._begin(sender, turn, command)
                 return
-            case mesh_json.Release():  # beside the commands that come next: a hold takes its time
+            case mesh_json.Release():
+                # The release may hold the robot, which takes time, so the next commands do not wait for it.
                 self.context.start_soon(self._tell, sender, turn, command)
                 return
         await self._tell(sender, turn, command)
 
     async def _tell(self, sender: str, turn: str, command: Command) -> None:
-        """Carry out a command, and tell the sender what came of it."""
+        """Carry out a command and send the result."""
         try:
             answer = await self._answer(sender, command)
         except (AskTimeout, Unreachable) as failure:
@@ -245,25 +259,25 @@ class Commands(Actor):
         return await self._status()
 
     async def _newest(self) -> messages.Status | None:
-        """Return the gate's status; None when it has none to give."""
+        """Return the gate's status; None if the gate gives another answer."""
         answer = await self._gate.ask(messages.GetStatus(), ASK_S)
         return answer if isinstance(answer, messages.Status) else None
 
-    # -- what goes on by itself
+    # -- motions, which continue after their command
 
     def _begin(self, sender: str, turn: str, command: mesh_json.Motion) -> None:
-        """Beside the commands that come next: it may take seconds."""
+        """Start a motion in a task, since it may take seconds."""
         if not self._shared.turns.is_new(sender, plain(turn)):
             why = f"turn {plain(turn)} of {plain(sender)} was done already"
             remedy = "give each command a turn_id of its own"
             self._refuse(sender, turn, Refused(Code.DUPLICATE, why, remedy, verb=command.action))
             return
 
-        def answer(told: dict[str, Any] | Refused, final: bool) -> None:
-            if isinstance(told, Refused):
-                self._refuse(sender, turn, told)
+        def answer(result: dict[str, Any] | Refused, final: bool) -> None:
+            if isinstance(result, Refused):
+                self._refuse(sender, turn, result)
             else:
-                self._answers.success(sender, turn, told, final)
+                self._answers.success(sender, turn, result, final)
 
         own = self._lease if sender == self._holder else None
         self.context.start_soon(self._motion.do, sender, own, command, answer)
@@ -298,8 +312,8 @@ class Commands(Actor):
 
     async def _move(self, move: mesh_json.Move) -> dict[str, Any] | Refused:
         if move.epoch != self._lease.epoch:
-            # The gate compares with the present epoch, which anybody can read in the telemetry: on
-            # the mesh it must also be the one that the lease came with.
+            # The gate compares with the present epoch, which every peer can read in the telemetry. On the
+            # mesh, the epoch must also be the one that came with the lease.
             return Refused(Code.STALE_EPOCH, f"the lease is of epoch {self._lease.epoch}", "acquire it again")
         if names := unapproved(self._driver.GUARDED, self._driver.to_approve(move.targets), self._driver.TOPICS):
             return not_approved(names, NOBODY_TO_ASK, can_ask=False)

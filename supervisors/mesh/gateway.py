@@ -1,13 +1,13 @@
-"""The gateway: by which callers of other hosts reach the gate, with the messages that everybody
-tells it.
+"""The gateway connects callers on other hosts to the gate. These callers send the same messages as local
+ones.
 
-It decides what their being elsewhere calls for, and nothing else: whether a command is dated by the
-robot's clock, in time, under a lease of its own sender, and not one too many. What may be done to
-the robot is for the gate to say, as for every other writer. Who may reach the gateway at all is
-decided by the certificate (``mesh/access.py``), below the interpreter.
+The gateway makes only the checks that distance requires: the command has a deadline on the robot's clock
+and is in time, its lease belongs to its sender, and the sender is within its rate. The gate decides on
+everything else, as for every other writer. The certificate decides, below the interpreter, which peers
+reach the gateway (``mesh/access.py``).
 
-Frames wait in a ring below the interpreter, as JSON commands do (``commands.py``); a stop has a key
-of its own, and waits for nothing.
+Frames wait in a ring below the interpreter, as JSON commands do (``commands.py``). A stop has a separate
+key and waits for nothing.
 """
 
 from __future__ import annotations
@@ -66,23 +66,24 @@ from .lease_rules import refuse_by_mode
 IDLE_S = 0.05
 BUSY_S = 0.004
 BUSY_FOR_S = 2.0
-"""After a frame; who commands sends sooner."""
+"""How long the ring is polled every ``BUSY_S`` after a frame. The next frame of a writer comes sooner."""
 RING = 64
 TAKEN_AT_ONCE = 16
-"""So a flood costs at most 4000 readings a second."""
+"""Frames per poll. So a flood costs at most 4000 decoded frames a second."""
 
 WRITES_PER_S = 1100
-"""Of who holds a lease: a stream at the highest rate a rollout may have, and its heartbeats."""
+"""Limit for the holder of a lease: a stream at the highest rate of a rollout, and its heartbeats."""
 COMMANDS_PER_S = 50
-"""Of each caller, as the readings are: nobody's flood has another's resume refused."""
+"""Limit for each caller, like ``READINGS_PER_S``, so that a flood from one does not get another's resume
+refused."""
 READINGS_PER_S = 500
 ASK_S = 0.3
 TREE_S = 0.5
 
 
 class FromOutside:
-    """The way of frames from other hosts into the root's node, and of answers back. Answers alone:
-    the node tells nobody there anything."""
+    """The channel of frames from other hosts into the root's node. Only answers go back; the node sends
+    no other messages to these hosts."""
 
     def __init__(self, node: Router, pubsub: PubSub, robot: str) -> None:
         at = addresses.of(robot)
@@ -96,7 +97,7 @@ class FromOutside:
             pubsub.declare_token(f"{address}/alive")
 
     def take(self) -> int:
-        """Frames that wait, into the node. How many."""
+        """Pass waiting frames to the node, and return how many."""
         with self._node.dispatch:
             for count in range(TAKEN_AT_ONCE):
                 received = self._ring.take()
@@ -117,11 +118,11 @@ class FromOutside:
         return False
 
     def announce(self, address: str, hosted: bool) -> None:
-        """Nothing to do: there are these two keys."""
+        """Do nothing, since the two keys are fixed."""
 
 
 class _Question:
-    """The way of one frame that was asked, and of its answer: to who asked, and to nobody else."""
+    """The channel of one query. Its answer goes to its sender only."""
 
     def __init__(self, channel: Channel, reply: Reply) -> None:
         self.channel: Channel | None = channel
@@ -134,10 +135,20 @@ class _Question:
         return False
 
     def announce(self, address: str, hosted: bool) -> None:
-        """Nothing to do: it is one frame."""
+        """Do nothing, since the channel carries one frame."""
 
 
 class Gateway(Actor):
+    """Pass readings and commands of callers on other hosts to the gate, and the answers back.
+
+    Args:
+        robot: The name of the robot.
+        kind: The kind of the robot.
+        driver: Its driver.
+        pubsub: The session on the mesh.
+        shared: State that the actors on the mesh share.
+    """
+
     def __init__(self, robot: str, kind: str, driver: Driver, pubsub: PubSub, shared: Shared) -> None:
         self._robot = robot
         self._kind = kind
@@ -199,12 +210,13 @@ class Gateway(Actor):
                 return self._soon(lambda: self._root.ask(message, TREE_S))
         return self._soon(lambda: self._gate.ask(message, ASK_S))
 
-    # -- what their being elsewhere calls for
+    # -- checks that distance requires
 
     def _refuse(self, dated: Dated, now_ns: int) -> Refused | None:
         message, sessions = dated.message, self._shared.sessions
         if isinstance(message, Acquire | Resume) and not self.context.asked:
-            # A lease that nobody hears of would keep all others out for a second.
+            # Without an answer, no caller would learn of the lease, and it would exclude all others for a
+            # second.
             verb = type(message).__name__.lower()
             return Refused(Code.TOLD, "it was told, and nobody waits for the answer", "ask it", verb=verb)
         refusal = sessions.refuse(dated.session, dated.channel, dated.deadline_ns, now_ns)
@@ -218,7 +230,8 @@ class Gateway(Actor):
         return refusal or self._commands.refuse(dated.channel, now_ns)
 
     def _refuse_guarded(self, message: Message) -> Refused | None:
-        """What the robot's own program has to be asked about: from here nobody can ask it."""
+        """Return a refusal for a motion or service that needs an approval and has none. For a caller on
+        another host there is no operator here to ask."""
         verb, service = (message.service, (message.service,)) if isinstance(message, Perform) else ("move", ())
         first = message.first if isinstance(message, Perform) else message
         action = first.action if isinstance(first, Setpoint) else {}
@@ -247,14 +260,14 @@ class Gateway(Actor):
         return self._soon(lambda: self._gate.ask(message, ASK_S))
 
     async def _acquire(self, session: str, who: str, message: Acquire) -> Message | None:
-        """A rollout writes under a lease that its caller has been given here."""
+        """Acquire a lease for a caller. A rollout writes under a lease that its caller acquired here."""
         status = await self._gate.ask(GetStatus(), ASK_S)
         if not isinstance(status, Status):
             return status
         refusal = None if message.over else refuse_by_mode(status, self._shared.resumed_epoch)
         if refusal is not None:
             return refusal.about(ACQUIRE)
-        # One that was not given in this session is no proof of anything.
+        # A lease that was not acquired in this session gives no right to replace it.
         again = 0 if self._shared.sessions.refuse_lease(session, message.again) else message.again
         holder = f"{message.holder} ({who})"
         elsewhere = msgspec.structs.replace(message, holder=holder, pid=0, again=again)
@@ -264,9 +277,11 @@ class Gateway(Actor):
         return lease
 
     async def _release(self, message: Release) -> Message | None:
-        """The hold with which a rollout ends is its writer's own wish: no loss, from which one has
-        to resume. Only a release that has made the hold counts: one of a lease that has lapsed, or
-        of a robot that held already, changes nothing."""
+        """Release a lease, and note a hold that needs no resume.
+
+        A rollout ends with a hold that its writer intends, so the next lease needs no resume. This counts
+        only if the release caused the hold, and not if the lease had lapsed or the robot held already.
+        """
         answer = await self._gate.ask(message, ASK_S)
         if isinstance(answer, Released) and answer.holds and answer.report.reason is Reason.POLICY:
             self._shared.resumed_epoch = answer.report.epoch
@@ -293,8 +308,8 @@ class Gateway(Actor):
 
 
 class GatewayStop(Actor):
-    """Stop the robot for callers of other hosts: for all who reach the gateway, however often, with
-    or without a lease."""
+    """Stop the robot for every caller that reaches the gateway, with or without a lease, and without a
+    limit of the rate."""
 
     def __init__(self, robot: str, deadlines: StopDeadlines) -> None:
         self._at = addresses.of(robot)

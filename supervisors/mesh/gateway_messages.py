@@ -1,9 +1,8 @@
-"""What a caller of another host tells a robot's gateway, and is told: msgpack, as between all
-actors.
+"""Messages between a caller on another host and a robot's gateway, in msgpack as between all actors.
 
-Who commands from afar shares no clock with the robot. It reads the robot's clock first (``Sync``),
-and dates every command by that reading (``Dated``): what comes later than it was meant is refused,
-however long it was on its way.
+A caller on another host shares no clock with the robot. It first reads the robot's clock (``Sync``)
+and gives every command a deadline on that clock (``Dated``). The gateway refuses a command that
+arrives after its deadline, however long the command was under way.
 """
 
 from __future__ import annotations
@@ -12,19 +11,30 @@ from strands_actors.kernel.messages import Message
 from strands_actors.supervisors.gate.messages import Acquire, Beat, Perform, Release, Resume, Setpoint
 
 Datable = Setpoint | Acquire | Beat | Release | Resume | Perform
+"""The messages that may be in a ``Dated``."""
 
 
 class Sync(Message, frozen=True):
-    """Read the robot's clock. ``session``: of an earlier reading, which goes on; empty: there is
-    none yet."""
+    """Read the robot's clock.
+
+    Attributes:
+        session: The session of an earlier reading, to renew it; empty to begin a session.
+        channel: The caller, by the key on which it asks.
+    """
 
     session: str = ""
-    channel: str = ""  # who asks, by the key on which it does
+    channel: str = ""
 
 
 class Synced(Message, frozen=True):
-    """``session``: who may write by a lease of this session is known by it; keep it to yourself.
-    ``robot_ns``: the robot's clock, CLOCK_MONOTONIC of its host, when this was sent."""
+    """The answer to ``Sync``.
+
+    Attributes:
+        session: The caller's session. It is secret: it proves the right to the leases of the session.
+        robot_ns: The robot's clock (CLOCK_MONOTONIC of its host) when this answer was sent.
+        kind: The kind of the robot.
+        axes: Its axes.
+    """
 
     session: str
     robot_ns: int
@@ -33,10 +43,16 @@ class Synced(Message, frozen=True):
 
 
 class Dated(Message, frozen=True):
-    """May not be obeyed later than ``deadline_ns``, a time of the robot's clock. Times within
-    ``message`` are of that clock, too."""
+    """A command with a deadline.
+
+    Attributes:
+        session: The caller's session.
+        deadline_ns: A time of the robot's clock. The command is not carried out later.
+        message: The command. The times in it are of the robot's clock, too.
+        channel: The caller, by the key on which it asks.
+    """
 
     session: str
     deadline_ns: int
     message: Datable
-    channel: str = ""  # who asks, by the key on which it does
+    channel: str = ""

@@ -1,10 +1,14 @@
-"""What somebody on the mesh has the robot do by itself: a named policy, a pose, steps and a reset of
-a simulation.
+"""Run motions for senders on the mesh: a named policy, a pose, and steps and a reset of a simulation.
 
-Each runs under a lease that this process takes for who asked, and keeps for as long as was asked
-for: whoever asked need not stay. It goes through the same gate as everything else, needs the
-operator's word where the robot is real, ends by itself, and is ended by every stop. A policy runs
-in a process of its own, like a task of the robot's own program.
+The root acquires a lease for the sender and keeps it for the duration of the motion, so the sender need
+not stay connected. A motion passes the same gate as every setpoint. On a real robot the operator must have
+allowed it beforehand, since on the mesh there is no operator to ask. It ends by itself after its duration,
+and every stop ends it. A policy runs in a separate process, like a task of a local program.
+
+How a motion ends, in ``_beat``: when its time is over, or its rollout has reached its duration or number
+of steps, this process holds the robot (``_hold``) and then releases the lease. Such a hold is a regular
+end: the next command from the mesh needs no resume. A stop, or another lease in its place, ends the
+motion without a hold by this process.
 """
 
 from __future__ import annotations
@@ -38,21 +42,29 @@ from .policy_choice import choose
 
 ASK_S = 0.1
 START_S = 2.0
-"""For a policy's process to be started."""
+"""How long the start of a policy process may take."""
 BEAT_S = 0.05
-"""Within this time of a stop the robot is free for others, too."""
+"""Period of heartbeats. Within this time after a stop, the robot is also free for other senders."""
 LOOK_S = 0.02
-"""How often it is looked whether a rollout has ended."""
+"""Period of the check if a rollout has ended."""
 _OVER_BY_ITSELF = (Lapse.EXPIRED, Lapse.ROLLOUT_ENDED)
-"""As a pose ends, where that comes before our own stop."""
+"""Lapses by which a motion may end shortly before this process holds the robot."""
 NOBODY_TO_ASK = "on the mesh there is nobody to ask"
 
 Answer = Callable[[dict[str, Any] | Refused, bool], None]
-"""Tells who asked; whether that is the last word."""
+"""Sends a result to the sender. The second argument is True for the final answer."""
 
 
 class Motion:
-    """Of one robot. ``task``: what its policy process does."""
+    """The motions of one robot.
+
+    Args:
+        robot: Its name.
+        driver: Its driver.
+        context: The context of the actor that serves the commands.
+        task: Returns the status of the robot's policy process.
+        shared: State that the actors on the mesh share.
+    """
 
     def __init__(
         self,
@@ -74,49 +86,55 @@ class Motion:
         self._turn = trio.Lock()
         self._kept: messages.Lease | None = None
         self._keeper = ""
-        """Who asked for what the lease is kept for."""
+        """The sender for which ``_kept`` is kept."""
         self._free = trio.Event()
-        """Nothing is kept any more, and what was has been given back."""
+        """Set while no lease is kept and the last one was released."""
         self._free.set()
         self._until_ns = 0
-        """Until when; 0: until the rollout ends."""
+        """When the motion ends; 0: when the rollout ends."""
         self._is_ending = False
-        """What was asked for is being held."""
+        """True while the hold at the end of a motion is carried out."""
 
     async def do(self, sender: str, own: messages.Lease | None, command: mesh_json.Motion, answer: Answer) -> None:
-        """Do what was asked, and answer. ``own``: the lease that the sender has by ``acquire``."""
+        """Carry out a motion and answer.
+
+        Args:
+            sender: The sender.
+            own: The lease that the sender has acquired by ``acquire``; None if it has none.
+            command: The command.
+            answer: Sends the result. ``Execute`` is answered twice: at the start and at the end.
+        """
         try:
             async with self._turn:
-                told = self._refuse(command) or await self._do(sender, own, command)
+                result = self._refuse(command) or await self._do(sender, own, command)
         except (AskTimeout, Unreachable) as failure:
-            told = Refused(
+            result = Refused(
                 Code.UNREACHABLE,
                 busy.explained(f"the wire does not answer: {failure}"),
                 "resume when the robot is back",
             )
-        if isinstance(told, Refused):
-            answer(told.about(command.action), True)
+        if isinstance(result, Refused):
+            answer(result.about(command.action), True)
         elif isinstance(command, mesh_json.Execute):
-            answer({"within_s": command.duration + START_S + self._stop_s, **told}, False)
+            answer({"within_s": command.duration + START_S + self._stop_s, **result}, False)
             answer(await self._ended(), True)
         else:
-            answer(told, True)
+            answer(result, True)
 
     def kept_for(self, sender: str) -> int:
-        """Return the lease that is kept for what it asked for; 0: none is."""
+        """Return the lease that is kept for a motion of this sender; 0 if there is no such lease."""
         return self._kept.id if self._kept is not None and self._keeper == sender else 0
 
     def forget(self, sender: str) -> None:
-        """The sender has another lease in the place of what was kept for it, and keeps that
-        itself."""
+        """Stop keeping the lease of a sender that has replaced it by a lease which it keeps itself."""
         if self._keeper == sender:
             self._kept = None
 
-    # -- may it
+    # -- checks
 
     def _refuse(self, command: mesh_json.Motion) -> Refused | None:
         driver, action = self._driver, command.action
-        # It may have waited for another's turn: what is late by now is not done.
+        # The command may have waited for an earlier motion and be past its deadline now.
         late = refuse_by_deadline(command.deadline_ns, self._context.clock.now_ns())
         if late is not None:
             return late
@@ -159,8 +177,7 @@ class Motion:
     # -- the lease
 
     async def _lease(self, sender: str, own: messages.Lease | None) -> messages.Lease | Refused:
-        """Return the lease to do it under: the sender's, one that is kept for it already, or a new
-        one."""
+        """Return the lease for a motion: the sender's own, one that is already kept for it, or a new one."""
         status = await self._gate.ask(messages.GetStatus(), ASK_S)
         if not isinstance(status, messages.Status):
             return no_answer(status)
@@ -178,8 +195,8 @@ class Motion:
         return answer if isinstance(answer, messages.Lease | Refused) else no_answer(answer)
 
     def _keep(self, lease: messages.Lease, sender: str, own: messages.Lease | None, for_s: float) -> None:
-        """Keep a lease of ours for so long; 0: until the rollout ends. A sender's own is the
-        sender's to keep."""
+        """Keep a lease for ``for_s`` seconds; 0: until the rollout ends. A sender keeps its own lease
+        itself."""
         if lease == own:
             return
         until_ns = self._context.clock.now_ns() + round(for_s * NS) if for_s else 0
@@ -190,7 +207,7 @@ class Motion:
             self._context.start_soon(self._beat, lease)
 
     async def _beat(self, lease: messages.Lease) -> None:
-        """Until its time is over, somebody stops the robot, or another lease has taken its place."""
+        """Keep a lease until its motion is over, the robot is stopped, or another lease has replaced it."""
         due_ns = 0
         while self._kept == lease:
             now_ns = self._context.clock.now_ns()
@@ -209,9 +226,11 @@ class Motion:
             self._free.set()
 
     async def _end(self, lease: messages.Lease) -> bool:
-        """Hold, where that is still to be done. Return False when who had the turn has asked for more
-        under this lease. The next command waits for the hold: it would be refused while one is carried
-        out that needs no resume."""
+        """Hold the robot at the end of a motion, if that is still necessary. Return False if the sender
+        has meanwhile begun another motion under this lease.
+
+        The next command waits until the hold is carried out, since it would be refused during the hold.
+        """
         async with self._turn:
             if self._kept == lease and self._is_wanted() and await self._is_of_now(lease):
                 return False
@@ -222,32 +241,32 @@ class Motion:
             return True
 
     async def until_held(self) -> None:
-        """Wait while what was asked for is being ended."""
+        """Wait while the hold at the end of a motion is carried out."""
         if self._is_ending:
             async with self._turn:
                 pass
 
     async def _hold(self, lease: messages.Lease) -> None:
-        """End what was asked for, when its time is over. Such a hold needs no resume before the
-        next command from the mesh. What others have begun meanwhile is not ended."""
+        """Hold the robot because the time of a motion is over. After such a hold, the next command from
+        the mesh needs no resume. A motion that another writer has begun meanwhile is not ended."""
         by = holder_of(self._keeper)
         try:
             status = await self._status()
             if status is None or status.holder != by or self._kept != lease:
                 return
             if status.epoch == lease.epoch + 1 and status.lapse in _OVER_BY_ITSELF:
-                self._shared.resumed_epoch = status.epoch  # by itself, at the same time
+                self._shared.resumed_epoch = status.epoch  # The motion ended by itself at the same time.
             if status.epoch != lease.epoch:
                 return
             report = await self._gate.ask(messages.Stop(Reason.EXPIRED, by), self._stop_s)
         except (AskTimeout, Unreachable):
-            return  # it expires by itself, and the robot has to be resumed
+            return  # The setpoint expires by itself, and the robot must be resumed.
         if isinstance(report, messages.StopReport) and report.epoch == lease.epoch + 1:
             self._shared.resumed_epoch = report.epoch
 
     async def _is_of_now(self, lease: messages.Lease) -> bool:
-        """Return whether nothing has ended what is done under it, as far as the gate says in
-        time."""
+        """Return False if the gate reports a later epoch, in which the motion under this lease has ended.
+        Without an answer in time, return True."""
         try:
             status = await self._status()
         except (AskTimeout, Unreachable):
@@ -262,12 +281,11 @@ class Motion:
         return self._task().running if not self._until_ns else self._left_s() > 0
 
     def _left_s(self) -> float:
-        """Seconds until the end of what the lease is kept for, as far as that is known."""
+        """Return the seconds until the motion ends; ``LOOK_S`` for a rollout, whose end is not known."""
         return max(0.0, (self._until_ns - self._context.clock.now_ns()) / NS) if self._until_ns else LOOK_S
 
     async def _give_up(self, lease: messages.Lease) -> None:
-        """What was commanded under it expires by itself; the lease, unless it is given up, a second
-        later."""
+        """Release a lease. Otherwise it would lapse only a second after its last setpoint has expired."""
         try:
             await self._gate.ask(messages.Release(lease.id), self._stop_s)
         except (AskTimeout, Unreachable):
@@ -301,7 +319,7 @@ class Motion:
         try:
             status = await self._tasks.ask(StartTask(where, options, rollout, command.deadline_ns), START_S)
         except (AskTimeout, Unreachable) as failure:
-            self._tasks.tell(StopTask())  # what was not answered in time must not begin late
+            self._tasks.tell(StopTask())  # A task that was not confirmed in time must not begin late.
             status = Refused(Code.TIMEOUT, f"{failure}; nothing of it will begin", "try again")
         if not isinstance(status, TaskStatus):
             if lease != own:
@@ -313,7 +331,7 @@ class Motion:
     async def _ended(self) -> dict[str, Any]:
         while self._task().running:  # noqa: ASYNC110  # its process reports to another actor
             await trio.sleep(LOOK_S)
-        await self._free.wait()  # so that whoever hears it may go on at once
+        await self._free.wait()  # After this answer, the receiver may send its next command at once.
         return task_json(self._task())
 
     # -- a pose
@@ -352,7 +370,7 @@ class Motion:
     async def _reset(
         self, lease: messages.Lease, sender: str, own: messages.Lease | None
     ) -> dict[str, Any] | Refused:
-        """Stop, put everything back, energise."""
+        """Stop the robot, reset the simulation, and energise the robot again."""
         by = holder_of(sender)
         report = await self._gate.ask(messages.Stop(Reason.STOP, by), self._stop_s)
         if not isinstance(report, messages.StopReport) or not report.confirmed:
@@ -360,18 +378,18 @@ class Motion:
         anew = await self._gate.ask(messages.Acquire(by, again=lease.id), messages.GRANT_S)
         if not isinstance(anew, messages.Lease):
             return no_answer(anew)
-        told = await self._simulate(anew, sender, None, "reset", {})
-        if isinstance(told, Refused):
-            return told
+        result = await self._simulate(anew, sender, None, "reset", {})
+        if isinstance(result, Refused):
+            return result
         resumed = await self._gate.ask(messages.Resume(by, lift=False), self._driver.timing.arm_s + 2.0)
-        return told if isinstance(resumed, messages.Resumed) else no_answer(resumed)
+        return result if isinstance(resumed, messages.Resumed) else no_answer(resumed)
 
     def _beating(self, lease: messages.Lease) -> _Beating:
         return _Beating(self._gate, lease)
 
 
 class _Beating:
-    """A lease that is kept while something waits."""
+    """Keep a lease within a block that waits."""
 
     def __init__(self, gate: Ref, lease: messages.Lease) -> None:
         self._gate = gate
@@ -396,20 +414,21 @@ _NOT_SAFE = Refused(Code.UNCONFIRMED, "the simulation does not confirm that it s
 
 
 def holder_of(sender: str) -> str:
-    """Return what others read when they ask who has the robot."""
+    """Return the name of the lease's holder that other callers read."""
     return f"{mesh_json.plain(sender)} on the mesh"
 
 
 def no_answer(answer: Message | None) -> Refused:
+    """Return the gate's refusal, or one for an answer of an unexpected type."""
     return (
         answer if isinstance(answer, Refused) else Refused(Code.NO_ANSWER, "the gate gave no answer", "try again")
     )
 
 
 def task_json(status: TaskStatus) -> dict[str, Any]:
-    """Return a rollout's status as ``get_task_status`` has it."""
-    told: dict[str, Any] = msgspec.structs.asdict(status)
-    return {key: value if key in _COUNTED else value or None for key, value in told.items()}
+    """Return a rollout's status in the form of ``get_task_status``."""
+    fields: dict[str, Any] = msgspec.structs.asdict(status)
+    return {key: value if key in _COUNTED else value or None for key, value in fields.items()}
 
 
 _COUNTED = ("running", "steps", "elapsed_s", "hz", "instruction")

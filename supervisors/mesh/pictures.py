@@ -1,8 +1,8 @@
-"""What a robot's cameras see, as JPEG on the mesh, while somebody subscribes.
+"""Publish the pictures of a robot's cameras as JPEG on the mesh, while there is a subscriber.
 
-The camera compresses its pictures when it is asked to, and puts them beside the others; from there
-they go out as they are. So nothing that a camera does is a message to this process, and a picture
-costs it one copy.
+A camera process compresses its pictures on request and puts the JPEGs into shared memory next to the
+raw pictures. This actor publishes those bytes unchanged. So a camera sends no message to this
+process, and a picture costs this process one copy.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from strands_actors.kernel.messages import Message
 from . import schemas as mesh_json
 
 LOOK_S = 1 / 30
-"""No camera is published more often."""
+"""Shortest time between two pictures of one camera."""
 WANT_S = 1.0
-"""For so long a camera goes on compressing when nobody renews it."""
+"""How long a camera continues to compress after the last request."""
 JPEG = "image/jpeg"
 
 
@@ -32,7 +32,13 @@ class Tick(Message, frozen=True):
 
 
 class Pictures(Actor):
-    """``rings``: where each camera's pictures lie, as far as that is known."""
+    """Publish the pictures of one robot.
+
+    Args:
+        robot: Its name.
+        pubsub: The session on the mesh.
+        rings: Returns the ring of pictures of each camera that has one so far.
+    """
 
     def __init__(self, robot: str, pubsub: PubSub, rings: Callable[[], Mapping[str, FrameRing]]) -> None:
         self._robot = robot
@@ -51,7 +57,8 @@ class Pictures(Actor):
                 self._topics[name] = self._pubsub.topic(
                     mesh_json.key(self._robot, topic), mesh_json.schema("camera"), JPEG
                 )
-                self._sent[name] = ring.newest_compressed  # what was compressed before is nobody's news
+                # A picture that was compressed before this topic existed is too old to publish.
+                self._sent[name] = ring.newest_compressed
             if self._topics[name].wanted:
                 ring.want(message.now_ns + round(WANT_S * NS))
                 self._send(name, ring, message.now_ns)

@@ -1,10 +1,9 @@
-"""What the process of a named policy reaches on the mesh: the gate of its robot, which answers it.
-Nothing else.
+"""Access rules for the process of a named policy: it reaches the gate of its robot, and nothing else.
 
-The wire listens for it on a socket of its own, which lets in who knows a secret: the root tells it
-to the policy process that it starts, over its link. So who comes in there is known to be that
-policy, whatever it says of itself, and nobody else hears what it is answered. The rules are
-zenoh's, applied before Python sees a byte.
+The wire listens for policies on a separate socket, which admits only a peer that knows a secret. The
+root sends this secret to the policy process that it starts, over the link between them. So a peer on
+this socket is that policy, under any name that it gives, and only it receives the answers. Zenoh
+applies the rules before Python receives a byte.
 """
 
 from __future__ import annotations
@@ -15,8 +14,8 @@ from strands_actors.kernel.node import PREFIX
 from strands_actors.supervisors import addresses
 
 WRITER = "a policy process"
-"""What the gate knows it as. There is one at a time: the root ends the last one, and has the gate
-end its lease, before it starts the next."""
+"""Its name at the gate. There is one policy process at a time: before the root starts the next, it ends
+the last one and has the gate end its lease."""
 
 
 def node_name(robot: str, pid: int) -> str:
@@ -24,7 +23,7 @@ def node_name(robot: str, pid: int) -> str:
 
 
 def settings(robot: str) -> dict[str, Any]:
-    """Of the wire's session for policies."""
+    """Return the settings of the wire's zenoh session for policies."""
     gate, answers, tokens = addresses.of(robot).gate, f"{PREFIX}/node/{robot}.policy.$*", f"{PREFIX}/**/alive"
     rules = [
         _rule("ask", "put", "ingress", gate),

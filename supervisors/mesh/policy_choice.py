@@ -1,7 +1,8 @@
-"""Which policy somebody on the mesh may have run: one that is installed on the robot's host, by its
-name, and with a server at an address that the host allows.
+"""Decide which policy a sender on the mesh may run.
 
-The packages that bring policies are named to this process and not imported in it.
+It must be a policy that is installed on the robot's host, given by its name. Its server must be at an
+address that the host allows. This process looks up the names of the packages with policies and does not
+import them.
 """
 
 from __future__ import annotations
@@ -21,15 +22,21 @@ from .schemas import Start
 CHOOSE = "strands_actors.policies.registry:choose_provider"
 FACTS = "strands_actors.policies.registry:robot_facts"
 ALLOW_HOSTS = "STRANDS_MESH_POLICY_HOST_ALLOW"
-"""Environment of the robot's host: where else a policy's server may be, separated by commas."""
+"""Environment variable of the robot's host: further hosts of policy servers, separated by commas."""
 OWN_HOST = frozenset({"localhost", "127.0.0.1", "::1"})
 
 
 async def choose(driver: Driver, command: Start, robot: str) -> tuple[str, dict[str, Any]] | Refused:
-    """Return ``module:factory`` of the policy and its options, or why not. ``robot``: the name that
-    it runs by."""
+    """Return ``module:factory`` of the policy and its options, or a refusal.
+
+    Args:
+        driver: The driver of the robot.
+        command: The command.
+        robot: The robot's name.
+    """
     name, host = command.policy_provider, command.policy_host
-    if ":" in name:  # code of the sender's choice
+    # A name with a colon would let the sender choose the code that runs here.
+    if ":" in name:
         why = f"policy_provider is {name[:40]!r}"
         return Refused(
             Code.BAD_POLICY, why, "on the mesh it is the name of a policy that is installed here", name[:40]
@@ -40,7 +47,8 @@ async def choose(driver: Driver, command: Start, robot: str) -> tuple[str, dict[
             Code.BAD_POLICY, why, f"the robot's host allows {', '.join(sorted(OWN_HOST))}, and {ALLOW_HOSTS}"
         )
 
-    def run() -> tuple[str, dict[str, Any]]:  # it looks through what is installed: milliseconds
+    # The search through the installed packages takes milliseconds, so it runs in a thread.
+    def run() -> tuple[str, dict[str, Any]]:
         provider, options = load(CHOOSE)(name, host, command.policy_port, {})
         return provider.where, {**load(FACTS)(provider, driver, robot), **options}
 

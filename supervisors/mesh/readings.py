@@ -1,5 +1,5 @@
-"""What a robot tells of itself when it is asked, and on ``state``: no lease is needed for it. Pure,
-but for the time that it is stamped with."""
+"""Compose what a robot reports on ``state`` and in answers to queries without a lease. Pure, except for
+the time stamp."""
 
 from __future__ import annotations
 
@@ -22,8 +22,12 @@ TELEOP: Mapping[str, Any] = {"inputs": [], "publishers": {}, "receivers": {}}
 
 
 def task_of(task: TaskStatus, status: Status | None) -> TaskStatus:
-    """Return the robot's task. ``task``: of a named policy, which the root started; a script's own
-    policy is known to the gate alone, which it writes to."""
+    """Return the robot's task.
+
+    Args:
+        task: The task of a named policy, which the root has started.
+        status: The gate's status. Only the gate knows the rollout of a script's own policy object.
+    """
     rollout = None if status is None else status.rollout
     if task.running or rollout is None:
         return task
@@ -31,7 +35,7 @@ def task_of(task: TaskStatus, status: Status | None) -> TaskStatus:
 
 
 def state_of(robot: str, driver: Driver, task: TaskStatus, status: Status | None) -> dict[str, Any]:
-    """Return what stands on ``state``. ``task``: as for ``task_of``."""
+    """Return the value of the topic ``state``. ``task`` is as for ``task_of``."""
     task = task_of(task, status)
     state: dict[str, Any] = {
         "peer_id": robot,
@@ -65,7 +69,7 @@ def mode_of(status: Status | None) -> str:
 
 
 def features(driver: Driver) -> dict[str, Any]:
-    """Return which keys an action and an observation have, in which unit and range."""
+    """Return the keys of actions and observations, with unit and range."""
     limits = {axis.key: [axis.low, axis.high] for axis in driver.table}
     return {
         "action_features": dict.fromkeys(driver.axes, "float"),
@@ -79,7 +83,7 @@ def features(driver: Driver) -> dict[str, Any]:
 
 
 def tool_of(robot: str, driver: Driver) -> dict[str, Any]:
-    """Return the tool's spec, and a hash by which a reader sees that it has changed."""
+    """Return the tool's spec, and a hash that changes with it."""
     spec = tool_spec(robot, driver)
     encoded = msgspec.json.encode(spec, order="sorted")
     return {"tool_name": robot, "tool_spec_hash": hashlib.sha256(encoded).hexdigest(), "spec": spec}

@@ -1,12 +1,12 @@
-"""Stop, e-stop and resume from the mesh, and the audit of what became of the robot.
+"""Carry out stop, e-stop and resume from the mesh, and publish the robot's state as events.
 
-Any sample on ``strands/safety/estop`` is an e-stop, readable or not: who may put one there is for
-the mesh's access rules to say. Each one is followed by a stop of its own, at most ``STOPS_PER_S``
-of them, so that a flood of them cannot build up a backlog behind which a resume would wait.
+Any sample on ``strands/safety/estop`` is an e-stop, readable or not. The access rules of the mesh decide
+which peers may put one there. Each order leads to one stop, up to ``STOPS_PER_S`` stops a second; beyond
+that, one stop serves several orders. So a flood of orders cannot build a backlog that delays a resume.
 
-The stop for an e-stop leaves in the very thread on which zenoh brings the order, while this
-process's loop sleeps or does something else; what becomes of it, and all that could not leave so,
-is the loop's.
+The stop for an e-stop is sent from the thread on which zenoh delivers the order, while the loop of this
+process sleeps or works. The loop then waits for the result. It also sends all stops that this thread
+could not send.
 """
 
 from __future__ import annotations
@@ -49,7 +49,8 @@ from .stop_rules import STOPS, read_loosely
 
 STOPS_PER_S = 20
 INTERIM_S = ESTOP_ANSWER_S - 0.07
-"""Then who asked is told that the robot has not confirmed yet; the final answer follows."""
+"""After this time without a result, the sender gets an interim answer that the robot has not confirmed
+yet. The final answer follows."""
 
 UNNAMED = "an unnamed sender on the mesh"
 _WAITING = 64
@@ -63,11 +64,11 @@ class Arrived(Message, frozen=True):
 
     key: str
     payload: bytes
-    sent: Any = None  # ``Sent``: the stop that was asked for when it arrived
+    sent: Any = None  # ``Sent``: the request to the gate, if it was sent on arrival
 
 
 class StopOrder(Message, frozen=True):
-    """``sender`` and ``turn`` are empty when nobody can be told."""
+    """A stop. ``sender`` and ``turn`` are empty if no sender can be answered."""
 
     lane = "urgent"
 
@@ -75,11 +76,11 @@ class StopOrder(Message, frozen=True):
     by: str
     sender: str = ""
     turn: str = ""
-    sent: Any = None  # ``Sent``: the gate has been asked already
+    sent: Any = None  # ``Sent``: the request to the gate, if it was sent already
 
 
 class ResumeOrder(Message, frozen=True):
-    """Already known to be fresh."""
+    """A resume whose deadline was checked."""
 
     lane = "urgent"
 
@@ -89,7 +90,7 @@ class ResumeOrder(Message, frozen=True):
 
 
 class Safety(Actor):
-    """Make the robot safe for everybody, and resume it for operators."""
+    """Stop the robot for every peer, and resume it for operators."""
 
     def __init__(self, robot: str, driver: Driver, pubsub: PubSub, answers: Answers, shared: Shared) -> None:
         self._robot = robot
@@ -111,7 +112,7 @@ class Safety(Actor):
         me, turn = self.context.me, self.context.node.dispatch
 
         def arrived(received: Received) -> None:
-            with turn:  # handled now: a stop waits for no other turn of the loop
+            with turn:  # The message is handled now, so that a stop does not wait for another pass of the loop.
                 me.tell(Arrived(received.key, received.payload, received.done))
 
         self._pubsub.subscribe(ESTOP_KEY, arrived, at_once=self._estop_at_once)
@@ -143,7 +144,8 @@ class Safety(Actor):
     # -- from the mesh
 
     def _estop_at_once(self, received: Received) -> Sent | None:
-        """On zenoh's thread. (That the limit is of two threads may let one stop more through.)"""
+        """Send the stop, on zenoh's thread. Two threads use the limit without a lock, which may let one
+        stop more through."""
         order = _order(received.payload)
         if not self._is_meant(order) or not self._limit.admits(self.context.clock.now_ns()):
             return None
@@ -192,6 +194,7 @@ class Safety(Actor):
         if order.sent is not None:
             self.context.start_soon(self._make_safe, [order])
             return
+        # If the list is full, an order is added only if it locks and no waiting order does.
         if len(self._waiting) < _WAITING or (order.lock and not any(other.lock for other in self._waiting)):
             self._waiting.append(order)
         if self._later_is_due:
@@ -271,7 +274,7 @@ def _by(order: SafetyOrder) -> str:
 
 
 def _whom(order: SafetyOrder) -> tuple[str, str]:
-    """Return sender and turn; empty when nobody can be told."""
+    """Return sender and turn; both empty if either is not a valid name."""
     named = is_name(order.sender_id) and is_name(order.turn_id)
     return (order.sender_id, order.turn_id) if named else ("", "")
 
@@ -281,7 +284,8 @@ def _order(payload: bytes) -> SafetyOrder:
         try:
             return _decode_order(payload)
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
-            pass  # an e-stop is an e-stop, and a resume without its fields is refused
-        if (sender := read_sender(payload)) is not None:  # who can be told is told what became of it
+            pass  # An e-stop needs no fields, and a resume without its fields is refused.
+        # Send the result to the sender, if the sender can be read.
+        if (sender := read_sender(payload)) is not None:
             return SafetyOrder(sender.sender_id, sender.turn_id)
     return SafetyOrder()

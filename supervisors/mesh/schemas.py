@@ -1,8 +1,9 @@
-"""What is said on the mesh: keys, schemas and JSON, for both of its ends.
+"""Keys, schemas and JSON messages of the mesh, for robots and their peers.
 
 Telemetry keeps the keys and the field names of strands-robots (``robot_id``, ``peer_id``, ``t``,
-``joints``), so that a subscriber written for it can read ours. Wall-clock seconds are ``t`` and
-``timestamp``; whatever decides something is CLOCK_MONOTONIC nanoseconds of the robot's host.
+``joints``), so that a subscriber written for strands-robots can read it. ``t`` and ``timestamp`` are
+wall-clock seconds. Times on which a decision depends are CLOCK_MONOTONIC nanoseconds of the robot's
+host.
 """
 
 from __future__ import annotations
@@ -19,8 +20,7 @@ from strands_actors.kernel.node import PREFIX
 MAX_COMMAND_BYTES = 16 * 1024
 MAX_SAFETY_BYTES = 4 * 1024
 MAX_MESSAGE_BYTES = 128 * 1024
-"""Anything larger is dropped before it is put together; up to here a refusal says how large it
-was."""
+"""A larger message is dropped before it is reassembled. Up to this size, a refusal reports the size."""
 
 ESTOP_KEY = f"{PREFIX}/safety/estop"
 RESUME_KEY = f"{PREFIX}/safety/resume"
@@ -28,16 +28,17 @@ EVENT_KEY = f"{PREFIX}/safety/event"
 BROADCAST_KEY = f"{PREFIX}/broadcast"
 
 ESTOP_ANSWER_S = 0.25
-"""Within this time of an e-stop every robot that can be reached has said what became of it."""
+"""Within this time after an e-stop, every reachable robot has answered: with its result, or that the stop is
+not confirmed yet."""
 
 TELEMETRY = ("presence", "state", "health", *TOPICS_HZ)
-"""What a robot may publish below ``strands/<robot>/``."""
+"""Topics that a robot may publish below ``strands/<robot>/``."""
 
 _NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}\Z")
 
 
 def is_name(text: str) -> bool:
-    """Return whether it can be one part of a key: no wildcard, no slash."""
+    """Return True if the text can be one part of a key: no wildcard, no slash."""
     return bool(_NAME.match(text))
 
 
@@ -46,13 +47,13 @@ def key(robot: str, topic: str) -> str:
 
 
 def command_key(robot: str, sender: str) -> str:
-    """Return the key on which a sender asks a robot. Who asks is known by it: access rules let nobody
-    ask in another's name."""
+    """Return the key on which a sender asks a robot. It identifies the sender, since the access rules
+    allow each peer only the keys with its own name."""
     return key(robot, f"cmd/{sender}")
 
 
 def camera_topic(camera: str) -> str:
-    """Its pictures, as JPEG. ``*``: of all cameras."""
+    """Return the topic of a camera's JPEG pictures. ``*`` stands for all cameras."""
     return f"camera/{camera}"
 
 
@@ -61,7 +62,8 @@ def schema(topic: str) -> str:
 
 
 def response_key(sender: str, robot: str, turn: str) -> str:
-    """Return where a sender hears an answer. Of a stop without a turn the last part is ``-``."""
+    """Return the key on which a sender receives an answer. Its last part is ``-`` for a stop without a
+    turn."""
     return f"{PREFIX}/{sender}/response/{robot}/{turn or '-'}"
 
 
@@ -71,24 +73,32 @@ Name = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_.-]{1,64}\Z")]
 MAX_TEXT = 256
 Text = Annotated[str, msgspec.Meta(max_length=MAX_TEXT)]
 PRIVATE = "~"
-"""In the name of a sender that proves who it is, and of a turn that is answered to it alone. No name that
-somebody gives has it."""
+"""Separator within the name of a sender with a proof, and of a turn that is answered in private. A name
+from outside cannot contain it."""
 
 
 def proven(sender: str, proof: str) -> str:
-    """Return whose leases are meant: of programs that ask by one name, each has its own."""
+    """Return the name of a sender with its proof. Programs that ask under the same name differ in it, so
+    that each has its own leases."""
     return f"{sender}{PRIVATE}{hashlib.sha256(proof.encode()).hexdigest()[:16]}"
 
 
 def plain(sender: str) -> str:
-    """Return a sender's name as others know it."""
+    """Return the public part of a sender's name."""
     return sender.partition(PRIVATE)[0]
 
 
 class Envelope(msgspec.Struct, frozen=True):
-    """Around each command. Fields that are not named here are ignored. ``sender_id``: of what is put,
-    under which name it is answered; who asks is known by the key. ``proof``: of a question, a
-    secret of the program that asks."""
+    """The envelope of each command. Unknown fields are ignored.
+
+    Attributes:
+        sender_id: The name under which a command that was put is answered. A query (a zenoh get) is
+            identified by its key instead.
+        turn_id: The sender's name for this command.
+        command: The command.
+        target_id: The robot that is meant; empty for the one that owns the key.
+        proof: For a query, a secret of the program that asks.
+    """
 
     sender_id: Name
     turn_id: Name
@@ -98,7 +108,7 @@ class Envelope(msgspec.Struct, frozen=True):
 
 
 class Sender(msgspec.Struct, frozen=True):
-    """Of an envelope that could not be read: whom to tell."""
+    """The address for a refusal, from an envelope that could not be read as a whole."""
 
     sender_id: Name
     turn_id: Name
@@ -113,9 +123,13 @@ class Command(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field
 
 
 class Dated(Command, frozen=True):
-    """May not be obeyed later than ``deadline_ns``, a time of the robot's clock; ``clock`` is what
-    the robot answered to a ``sync`` of the same sender: without it the sender cannot know that
-    clock."""
+    """A command with a deadline.
+
+    Attributes:
+        clock: The robot's answer to a ``sync`` of the same sender. It proves that the sender knows the
+            robot's clock.
+        deadline_ns: A time of the robot's clock. The command is not carried out later.
+    """
 
     clock: Name
     deadline_ns: int
@@ -138,8 +152,13 @@ class Acquire(Dated, frozen=True):
 
 
 class Beat(Dated, frozen=True):
-    """Keeps the lease, for a second. Not answered. ``answered_ago_s``: when the thread that
-    commands last did anything but compute; negative: not since the last beat."""
+    """Keep the lease for another second. There is no answer.
+
+    Attributes:
+        lease: The lease.
+        answered_ago_s: Seconds since the sender's thread that commands did anything except compute.
+            Negative: it has not since the last beat.
+    """
 
     lease: int
     answered_ago_s: Annotated[float, msgspec.Meta(ge=-1.0, le=60.0)] = 0.0
@@ -150,8 +169,8 @@ class Release(Command, frozen=True):
 
 
 class Move(Dated, frozen=True):
-    """A target by joint. ``latched``: kept for as long as the lease is, otherwise until the
-    deadline."""
+    """Set a target for some joints. It stays in force until the deadline, or until the lease ends if it is
+    ``latched``."""
 
     targets: Annotated[dict[Text, float | bool | Text | None], msgspec.Meta(min_length=1, max_length=64)]
     lease: int
@@ -160,38 +179,38 @@ class Move(Dated, frozen=True):
     latched: bool = False
 
 
-# -- the words of strands-robots for reading
+# -- commands of strands-robots that read
 
 
 class Ping(Command, frozen=True):
-    """Is it there? Nothing is read of the robot, and nobody is refused."""
+    """Ask if the robot is on the mesh. Nothing is read from the robot, and no sender is refused."""
 
 
 class State(Command, frozen=True):
-    """What stands on ``state``, now."""
+    """Ask for the present value of the topic ``state``."""
 
 
 class Features(Command, frozen=True):
-    """Which keys an action and an observation have."""
+    """Ask for the keys of actions and observations."""
 
 
 class DescribeTool(Command, frozen=True, tag="describe_tool"):
-    """The tool's spec, as an agent has it."""
+    """Ask for the spec of the tool that agents use."""
 
 
 class TeleopStatus(Command, frozen=True, tag="teleop_status"):
     pass
 
 
-# -- and for moving: under a lease that the robot takes for the sender
+# -- commands of strands-robots that move, under a lease that the robot acquires for the sender
 
 
 class Motion(Dated, frozen=True):
-    """What moves the robot for longer than the message lives."""
+    """A command that moves the robot beyond the deadline of its message."""
 
 
 class Start(Motion, frozen=True):
-    """Run a policy that is installed on the robot's host. Answered when it has begun."""
+    """Run a policy that is installed on the robot's host. The answer comes when it has begun."""
 
     instruction: Annotated[str, msgspec.Meta(min_length=1, max_length=2000)]
     policy_provider: Annotated[str, msgspec.Meta(min_length=1, max_length=64)]
@@ -203,28 +222,29 @@ class Start(Motion, frozen=True):
 
 
 class Execute(Start, frozen=True):
-    """As ``start``, and answered once more when it has ended."""
+    """As ``start``, with a second answer when the policy has ended."""
 
 
 class SetJoints(Motion, frozen=True, tag="set_joints"):
-    """Go to a pose, and stay there for ``duration`` seconds; then it is held."""
+    """Command a pose for ``duration`` seconds. Then the robot holds."""
 
     target_joints: Annotated[dict[Text, float], msgspec.Meta(min_length=1, max_length=64)]
     duration: Annotated[float, msgspec.Meta(gt=0.0, le=10.0)] = 2.0
 
 
 class Step(Motion, frozen=True):
-    """Let time pass in a simulation."""
+    """Advance a simulation."""
 
     steps: Annotated[int, msgspec.Meta(ge=1, le=1_000_000)] = 1
 
 
 class Reset(Motion, frozen=True):
-    """Put a simulation back to where it began."""
+    """Put a simulation back to its initial state."""
 
 
 class Stop(Command, frozen=True):
-    """As our own programs send it; a robot obeys any form (``stop_rules.py``), of ``Estop`` too."""
+    """The form in which our own programs send a stop. A robot accepts any form of ``Stop`` and ``Estop``
+    (``stop_rules.py``)."""
 
     by: Text = ""
 
@@ -240,22 +260,24 @@ class Resume(Dated, frozen=True):
 Leased = Beat | Release | Move
 
 READING: tuple[type[Command], ...] = (Status, Observe, Ping, State, Features, DescribeTool, TeleopStatus)
-"""Of these nobody needs a lease."""
+"""Commands that need no lease."""
 
 WRITING: tuple[type[Command], ...] = (Acquire, Beat, Release, Move, Start, Execute, SetJoints, Step, Reset)
 ORDERS: tuple[type[Command], ...] = (Stop, Estop, Resume)
 
 PUT: tuple[type[Command], ...] = (*READING, Stop, Estop)
-"""What may be put: who put it is not known, and everybody may hear the answer."""
+"""Commands that a sender may put. The sender of a put is unknown, and every peer may receive the answer."""
 
 _KINDS: tuple[type[Command], ...] = (Sync,) + READING + WRITING + ORDERS  # noqa: RUF005  # typed so
 ACTIONS: dict[str, type[Command]] = {str(kind.__struct_config__.tag): kind for kind in _KINDS}
 
 
 class SafetyOrder(msgspec.Struct, frozen=True):
-    """On ``strands/safety/estop`` and ``resume``. An e-stop needs none of it, and is for all unless
-    it names one robot; a resume is refused to who put it. ``by`` may be anything: who sends what is
-    no name is answered all the same."""
+    """A sample on ``strands/safety/estop`` or ``resume``.
+
+    An e-stop needs no field. It is for all robots unless ``target_id`` names one. A resume that was put
+    is refused. ``by`` may have any type: a sender whose ``by`` is not a name is answered, too.
+    """
 
     sender_id: str = ""
     turn_id: str = ""
@@ -277,7 +299,18 @@ class Refusal(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class Response(msgspec.Struct, frozen=True, omit_defaults=True):
-    """``type``: response or error. ``final``: an e-stop that takes long is answered twice."""
+    """The answer to a command.
+
+    Attributes:
+        type: ``response`` or ``error``.
+        responder_id: The robot.
+        turn_id: The turn of the command.
+        timestamp: Wall-clock seconds.
+        result: The result of a command that was carried out.
+        error: The text of the refusal.
+        refused: The refusal.
+        final: False for an interim answer that another one follows, for example for a slow e-stop.
+    """
 
     type: str
     responder_id: str

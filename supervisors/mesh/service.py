@@ -1,8 +1,7 @@
-"""What the robot is on the mesh of other hosts: telemetry, commands and safety orders, in the root
-process.
+"""Connect a robot to the mesh of other hosts: telemetry, commands and safety orders.
 
-They are supervised by themselves: what breaks here is started again, and if that does not help the
-robot goes on without, under its local caller.
+These actors run in the root process under supervisors of their own. A failed actor is restarted. When
+the restart budget is spent, the robot continues without the mesh, under its local caller.
 """
 
 from __future__ import annotations
@@ -38,7 +37,19 @@ BUDGET = Budget(restarts=3, within_s=5.0, backoff_s=0.05)
 
 
 class MeshService:
-    """``problem``: why the robot is not on the mesh; known once ``settled``."""
+    """All actors of one robot that serve the mesh.
+
+    Args:
+        node: The root's node.
+        robot: The name of the robot.
+        driver: Its driver.
+        task: Returns the status of the task that the root has started.
+        rings: Returns the ring of pictures of each camera. None for a robot without cameras.
+        audit: Called with the sender, the command, the decision, and the route of the command.
+
+    Attributes:
+        problem: Why the robot is not on the mesh; empty if it is. Valid once ``settled`` is set.
+    """
 
     def __init__(
         self,
@@ -49,8 +60,6 @@ class MeshService:
         rings: Callable[[], Mapping[str, FrameRing]] | None = None,
         audit: Callable[[str, str, str, str], None] = lambda *_: None,
     ) -> None:
-        """``rings``: where the pictures of its cameras lie, if it has any. ``audit``: told who has
-        said what, how that was decided, and over what it came."""
         self._rings = rings
         self._audit = audit
         self._node = node
@@ -63,11 +72,18 @@ class MeshService:
         self._pubsub: PubSub | None = None
 
     def tell_state(self, state: StateIs) -> None:
-        """For the audit."""
+        """Publish a change of the robot's state as an event on the mesh."""
         if self._at.safety in self._node.cells:
             self._node.ref(self._at.safety, Safety).tell(state)
 
     async def run(self, listen: list[str], connect: list[str], settings: Mapping[str, Any]) -> None:
+        """Join the mesh and serve it until cancelled. Return with ``problem`` set if that fails.
+
+        Args:
+            listen: Zenoh endpoints to listen on.
+            connect: Zenoh endpoints to connect to.
+            settings: Further settings of the zenoh session.
+        """
         limits = {"transport/link/rx/max_message_size": MAX_MESSAGE_BYTES}
         try:
             pubsub = await PubSub.open(listen, connect, {**limits, **settings})
@@ -90,7 +106,8 @@ class MeshService:
     async def _run_others(
         self, others: Supervisor, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED
     ) -> None:
-        """Run what is no stop. When it fails for good a robot can still be stopped over the mesh."""
+        """Run the actors that do not stop the robot. When they fail for good, the robot can still be
+        stopped over the mesh."""
         try:
             await others.run(task_status=task_status)
         except* BudgetSpent as spent:
@@ -99,13 +116,13 @@ class MeshService:
             self._audit(self._robot, "mesh", f"failed: {describe(spent)}", "this robot")
 
     def close(self) -> None:
-        """Leave the mesh. Blocks for a few milliseconds: a root process simply ends."""
+        """Leave the mesh. This blocks for a few milliseconds. A root process that ends need not call it."""
         if self._pubsub is not None:
             self._pubsub.close()
             self._pubsub = None
 
     def _supervisors(self, pubsub: PubSub) -> tuple[Supervisor, Supervisor]:
-        """Return those of the actors that stop the robot, and of the others."""
+        """Return the supervisor of the actors that stop the robot, and that of the others."""
         robot, driver, at, node = self._robot, self._driver, self._at, self._node
         answers, shared = Answers(pubsub, robot), Shared()
         shared.audit = self._audit

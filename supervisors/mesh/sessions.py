@@ -1,5 +1,5 @@
-"""Who commands a robot from other hosts: who has read its clock, and whose leases are whose. No
-clock, no I/O."""
+"""The sessions of callers on other hosts: which caller has read the robot's clock, and which leases it
+holds. No clock, no I/O."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.gate.lease import refuse_by_deadline
 
 CLOCK_TTL_S = 30.0
-"""A clock that was read is good for this long: two quartzes drift apart by 0.1 ms a second at
-worst."""
+"""How long a reading of the clock is valid. Two quartzes drift apart by 0.1 ms a second at worst."""
 
 _MAX_SESSIONS = 64
 _MAX_LEASES = 8
-"""Kept of each session: its own, and that of a rollout under it; those before are no longer
-good."""
+"""Leases kept for each session. Two are in use: the session's own and that of a rollout under it.
+Earlier ones are no longer valid."""
 
 
 class MeshSession(msgspec.Struct):
-    who: str
-    expires_ns: int
-    leases: list[int] = []
+    who: str  # the caller that owns it, by the key on which it asks
+    expires_ns: int  # when its reading of the clock expires
+    leases: list[int] = []  # acquired in this session
 
 
 class Sessions:
-    """By a name that is told to its owner alone, and counts for that owner alone."""
+    """All sessions, by name. Only the owner of a session learns its name, and only the owner may use it."""
 
     def __init__(self) -> None:
         self._sessions: dict[str, MeshSession] = {}
 
     def sync(self, name: str, who: str, now_ns: int) -> str:
-        """``who`` has just read the clock, in the session ``name`` if that is one of its own. Its name."""
+        """Start or renew the session of the caller ``who``, which has just read the clock. Return its name.
+        A new session begins if ``name`` is not a valid session of this caller."""
         session = self._sessions.get(name)
         if session is None or session.who != who or session.expires_ns <= now_ns:
             name, session = secrets.token_hex(16), MeshSession(who, 0)
@@ -47,8 +47,8 @@ class Sessions:
         return name
 
     def refuse(self, name: str, who: str, deadline_ns: int, now_ns: int) -> Refused | None:
-        """None when it is dated by our clock, in a session of ``who`` asks, and its time has neither passed
-        nor is far away."""
+        """Return a refusal for a command without a valid session, or with a deadline that has passed or
+        lies too far ahead. The caller ``who`` must own the session. Both times are of the robot's clock."""
         session = self._sessions.get(name)
         if session is None or session.who != who or session.expires_ns <= now_ns:
             why = f"you have not read this robot's clock in the last {CLOCK_TTL_S:g} s"
@@ -56,12 +56,14 @@ class Sessions:
         return refuse_by_deadline(deadline_ns, now_ns)
 
     def refuse_lease(self, name: str, lease: int) -> Refused | None:
+        """Return a refusal for a lease that was not acquired in this session."""
         session = self._sessions.get(name)
         if session is None or lease not in session.leases:
             return Refused(Code.LEASE, "you hold no lease of that number", "acquire it first")
         return None
 
     def grant(self, name: str, lease: int) -> None:
+        """Note that a session has acquired a lease."""
         session = self._sessions.get(name)
         if session is not None:
             session.leases = [*session.leases[1 - _MAX_LEASES :], lease]

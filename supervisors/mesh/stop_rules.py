@@ -1,8 +1,8 @@
-"""Reads a stop out of whatever it comes in. Pure.
+"""Find a stop in any payload. Pure.
 
-A command that moves the robot has to be well formed. A stop has not: who sends ``"by": null``, a
-field more or no ``turn_id`` means the robot to stop all the same, and hears too late that its form
-was wrong. What is no command at all is a stop, too, when it says so in any other form
+A command that moves the robot must be well formed. A stop need not be: a sender of ``"by": null``, of
+an unknown field or of no ``turn_id`` still wants the robot to stop, and a refusal would come too late.
+A payload that is not a command also counts as a stop if it asks for one in another form
 (``contract/stop_words.py``).
 """
 
@@ -17,14 +17,14 @@ from strands_actors.contract.stop_words import asks_for_stop, names_estop
 from .schemas import ACTIONS, MAX_TEXT, is_name
 
 STOPS = {"stop": False, "estop": True}
-"""By the action: whether it locks."""
+"""The actions that stop, and whether each one locks the robot."""
 
 _UNREADABLE = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
 _NOTHING = msgspec.Raw(b"null")
 
 
 class _Around(msgspec.Struct):
-    """Each field is read by itself: one that makes no sense spoils no other."""
+    """The payload. Each field is decoded separately, so that a bad one does not spoil the others."""
 
     sender_id: msgspec.Raw = _NOTHING
     turn_id: msgspec.Raw = _NOTHING
@@ -35,6 +35,8 @@ class _Around(msgspec.Struct):
 
 
 class _Within(msgspec.Struct):
+    """The command in the payload."""
+
     action: msgspec.Raw = _NOTHING
     by: msgspec.Raw = _NOTHING
 
@@ -45,7 +47,8 @@ _decode_text = msgspec.json.Decoder(str).decode
 
 
 class Said(msgspec.Struct, frozen=True):
-    """What can be read of a payload; empty is what cannot. ``sender`` and ``turn`` are names."""
+    """The readable fields of a payload. An unreadable field is empty. ``sender`` and ``turn`` are valid
+    names."""
 
     sender: str = ""
     turn: str = ""
@@ -62,13 +65,18 @@ class Said(msgspec.Struct, frozen=True):
         return STOPS.get(self.action, False)
 
     def means(self, robot: str) -> bool:
-        """Return whether it is for this robot: unless it names another, it is."""
+        """Return True if the payload is for this robot. It is unless it names another one."""
         return self.target in ("", "*", robot)
 
 
 def read_loosely(payload: bytes, robot: str = "") -> Said:
-    """Return what it says, whatever else is in it. The action is that of the command; where there is
-    no command, it may stand beside the names."""
+    """Return the readable fields of a payload, and ignore the rest. Never raises.
+
+    Args:
+        payload: The payload. Its action is that of the command. Without a command, the action may stand
+            at the outer level, next to the names.
+        robot: The name of this robot, which a text that asks for a stop may contain.
+    """
     around = _read(_decode_around, payload) or _Around()
     within = _read(_decode_within, around.command) or _Within(_text_or(around.command, around.action), around.by)
     return Said(
@@ -95,7 +103,7 @@ def _read(decode: Any, data: bytes | msgspec.Raw) -> Any:
 
 
 def _text_or(command: msgspec.Raw, action: msgspec.Raw) -> msgspec.Raw:
-    """Return the command, where it is nothing but its action, or else the action beside it."""
+    """Return the command if it is a bare text, which is then its action; otherwise the outer action."""
     return command if _text(command) else action
 
 

@@ -1,6 +1,6 @@
-"""What a robot publishes: presence, state, health, and the sensors it has.
+"""Publish presence, state, health and the sensors of a robot.
 
-Nothing is asked of the wire, and nothing encoded, for a topic that nobody subscribes to.
+A topic without subscribers costs nothing: the gate is not asked for it, and nothing is encoded.
 """
 
 from __future__ import annotations
@@ -32,13 +32,15 @@ ASK_S = 0.05
 
 
 class Rate(NamedTuple):
+    """How often a topic is published."""
+
     topic: str
     every: int  # ticks
     sensor: Sensor | None = None
 
 
 RATES = (Rate("presence", 5), Rate("state", 1), Rate("health", 20))
-"""2, 10 and 0.5 Hz. Sensors that the driver declares come on top, at the rate of their topic."""
+"""2, 10 and 0.5 Hz. Each sensor that the driver declares adds its topic, at that topic's rate."""
 
 
 def rates_of(driver: Driver) -> tuple[Rate, ...]:
@@ -54,8 +56,15 @@ class Tick(Message, frozen=True):
 
 
 class Telemetry(Actor):
-    """``task`` and ``counts`` tell what the root knows itself: the task's status, and figures for
-    health."""
+    """Publish the topics of one robot.
+
+    Args:
+        robot: Its name.
+        driver: Its driver.
+        pubsub: The session on the mesh.
+        task: Returns the status of the task that the root has started.
+        counts: Returns the root's counters for ``health``.
+    """
 
     def __init__(
         self,
@@ -88,14 +97,14 @@ class Telemetry(Actor):
     async def receive(self, message: Tick) -> None:
         number, self._ticks = self._ticks, self._ticks + 1
         due = [rate for rate in self._rates if number % rate.every == 0]
-        wanted = [rate for rate in due if self._topics[rate.topic].wanted]
-        if not wanted:
+        subscribed = [rate for rate in due if self._topics[rate.topic].wanted]
+        if not subscribed:
             return
         status = await self._ask()
-        for rate in wanted:
-            told = self._tell(rate, status)
-            if told is not None:
-                self._topics[rate.topic].put(mesh_json.encode(told))
+        for rate in subscribed:
+            sample = self._sample(rate, status)
+            if sample is not None:
+                self._topics[rate.topic].put(mesh_json.encode(sample))
 
     async def _ask(self) -> Status | None:
         try:
@@ -104,7 +113,7 @@ class Telemetry(Actor):
             return None
         return answer if isinstance(answer, Status) else None
 
-    def _tell(self, rate: Rate, status: Status | None) -> dict[str, Any] | None:
+    def _sample(self, rate: Rate, status: Status | None) -> dict[str, Any] | None:
         if rate.topic == "presence":
             return self._presence(status)
         if rate.topic == "health":
@@ -114,12 +123,12 @@ class Telemetry(Actor):
             return state_of(self._robot, self._driver, self._task(), status)
         if status is None or observation is None or rate.sensor is None or not self._is_fresh(status):
             return None
-        told = rate.sensor.read(observation.sensors)
-        return {"peer_id": self._robot, "t": time.time() - status.age_s, **told} if told else None
+        reading = rate.sensor.read(observation.sensors)
+        return {"peer_id": self._robot, "t": time.time() - status.age_s, **reading} if reading else None
 
     def _is_fresh(self, status: Status) -> bool:
-        """Return whether its reading says how the robot is. Who hears nothing on a sensor's topic
-        knows that nothing is known; an old value would look like a new one."""
+        """Return True if the reading is recent enough to publish. An old value would look like a new one.
+        Silence on a sensor's topic shows a subscriber that there is no value."""
         longest_s = max(self._driver.timing.state_ttl_s, OBSERVATION_S)
         return status.mode in LINKED and 0.0 <= status.age_s <= longest_s
 
@@ -145,8 +154,9 @@ class Telemetry(Actor):
         }
 
     def _available(self, status: Status | None) -> list[str]:
-        """Return the topics; of sensors that only the robot knows, those it has reported. All lidar
-        topics stand as ``lidar``, too, which is their word in strands-robots."""
+        """Return the topics. A topic with fields that the driver does not know in advance
+        (``Sensor.prefix``) is listed once the robot has reported one. ``lidar`` is added for all lidar
+        topics, since strands-robots uses this name."""
         sensors = {} if status is None or status.observation is None else status.observation.sensors
         topics = [
             rate.topic
@@ -156,16 +166,16 @@ class Telemetry(Actor):
         return topics + ["lidar"] * any(topic.startswith("lidar/") for topic in topics)
 
     def _charge_and_heat(self, observation: Observation) -> dict[str, Any]:
-        """Return ``battery_pct`` and ``temps``, where the robot measures them: subscribers of
-        strands-robots look for them here."""
-        told: dict[str, Any] = {}
+        """Return ``battery_pct`` and ``temps`` if the robot measures them. Subscribers of strands-robots
+        look for them in ``health``."""
+        values: dict[str, Any] = {}
         for sensor in self._driver.SENSORS:
             if sensor.topic == "battery" and (charge := sensor.read(observation.sensors).get("pct")) is not None:
-                told["battery_pct"] = charge
+                values["battery_pct"] = charge
         heat = observation.sensors.get("temperature_c", ())
         if len(heat) == len(self._driver.axes):
-            told["temps"] = dict(zip(self._driver.axes, heat, strict=True))
-        return told
+            values["temps"] = dict(zip(self._driver.axes, heat, strict=True))
+        return values
 
     def _health(self, status: Status | None) -> dict[str, Any]:
         health: dict[str, Any] = {

@@ -1,2 +1,2 @@
-"""A robot as a tool of somebody else: an agent, an MCP client. Declared by its driver, gated like
-every writer."""
+"""Offer a robot as a tool to an agent or an MCP client. Its driver declares the tool, and the gate checks
+its commands like those of every writer."""

@@ -1,11 +1,13 @@
-"""The operator gate: who is not the robot's own program may use what is guarded only when a person
-agrees.
+"""The operator gate: an agent or another program may use a guarded verb or key only with an operator's
+approval. The robot's own program needs no approval.
 
-Guarded is what a driver declares (``Driver.GUARDED``), what ``Robot(guarded=...)`` adds (verbs, and
-keys of an action), and each service of a real robot that its driver does not declare for agents.
-Agreement is, in this order, the name in ``STRANDS_ACTORS_ALLOW``, its ROS topic in
-``STRANDS_ROS2_COMMAND_ALLOW``, or the answer ``True`` of ``approve``. No answer in time, an exception,
-any other answer, or nobody to ask: refused. Whoever asks to stop is not asked.
+Guarded are the names in ``Driver.GUARDED``, those that ``Robot(guarded=...)`` adds (verbs, and keys of an
+action), and each service of a real robot that its driver does not declare for agents.
+
+A name is approved if it is in ``STRANDS_ACTORS_ALLOW``, if its ROS topic is in
+``STRANDS_ROS2_COMMAND_ALLOW``, or if ``approve`` returns ``True``; they are checked in this order. It is
+refused if there is no ``approve``, no answer in time, an exception, or any other answer. A stop needs no
+approval.
 """
 
 from __future__ import annotations
@@ -30,22 +32,29 @@ from strands_actors.kernel.user_code import contained
 from .calls import is_motion
 
 MOST_SHOWN = 64
-"""Keys of an action that an operator is shown; no robot has more axes."""
+"""Most keys of an action that an operator sees. No robot has more axes."""
 APPROVE_S = 30.0
-"""How long an operator may think."""
+"""Default time for an operator's answer."""
 
 TERMINAL = Path("/dev/tty")
 
 _MOVES, _ENERGISES = ("action", "move_to"), ("torque",)
 _MEANT = {"send_action": _MOVES, "action": _MOVES, "move": _MOVES, "resume": _ENERGISES, "arm": _ENERGISES}
-"""What the robot's own program calls what an agent asks for by another name. They are refused, not
-taken for it: which verbs an action comes by differs from robot to robot, and who names one should
-know what is guarded."""
+"""Names of the robot's own methods, and the kinds of the matching verbs of the tool. In ``guarded=`` such a
+name is refused with a hint, and not replaced by the verbs: these differ between robots, and the user should
+know exactly which ones are guarded."""
 
 
 @dataclass(frozen=True)
 class Request:
-    """What is asked for."""
+    """A request to the operator.
+
+    Attributes:
+        robot: The name of the robot.
+        verb: The verb.
+        inputs: The inputs of the verb.
+        by: The caller.
+    """
 
     robot: str
     verb: str
@@ -58,8 +67,8 @@ class Request:
 
 
 def _plainly(value: object) -> str:
-    """Return all of an action, so that nobody agrees to what is not shown; cut where nothing could
-    be read."""
+    """Return a value as text. An action is shown whole, so that an operator approves nothing unseen. Other
+    values are cut where they become unreadable."""
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{shown(key)}: {shown(part)}" for key, part in [*value.items()][:MOST_SHOWN]) + "}"
     return shown(value, 200)
@@ -71,9 +80,19 @@ Approve = Callable[[Request], bool]
 def approval_of(
     driver_class: type[Driver], guarded: Collection[str], approve: Approve | None, within_s: float
 ) -> Approval:
-    """With what the driver guards by itself. Raise as ``Approval``, and ``ValueError`` for a name
-    that would guard nothing, where that can be known before the robot is: else an agent's motion is
-    refused for it."""
+    """Return the operator gate of a robot, with the names that its driver guards.
+
+    Args:
+        driver_class: The driver.
+        guarded: Further names to guard.
+        approve: Asks the operator.
+        within_s: Seconds for the operator's answer.
+
+    Raises:
+        TypeError: As for ``Approval``.
+        ValueError: As for ``Approval``, and for a name that would guard nothing. If that cannot be checked
+            before the robot is known, an agent's motion is refused later.
+    """
     own = Approval(guarded, approve, within_s)
     drivers = _drivers(driver_class) if own.guarded else []
     if drivers and (why := own.guards_nothing(*drivers)):
@@ -82,7 +101,7 @@ def approval_of(
 
 
 def _drivers(driver_class: type[Driver]) -> list[Driver]:
-    """Return one for each robot it is for; none where they cannot be made without their options."""
+    """Return a driver for each robot of a class; an empty list if they need further options."""
     try:
         return [driver_class(robot, "", driver_class.resolve(robot, {})) for robot in driver_class.SUPPORTED_ROBOTS]
     except (ValueError, TypeError):
@@ -90,8 +109,8 @@ def _drivers(driver_class: type[Driver]) -> list[Driver]:
 
 
 def _guardable(driver: Driver) -> tuple[str, ...]:
-    """Return what an operator can be asked about: verbs that move the robot or give and take its
-    power, its axes and its own services. Nobody is asked before what only reads, or stops."""
+    """Return the names that can be guarded: verbs that move the robot or switch its power, its axes, and
+    its own services. Reading and stopping cannot be guarded."""
     services = {name: is_motion(service) for name, service in driver.SERVICES.items()}
     verbs = {verb.name: verb.does for verb in driver.TOOL_VERBS}
     moving = [
@@ -104,8 +123,19 @@ def _guardable(driver: Driver) -> tuple[str, ...]:
 
 
 class Approval:
-    """The gate of one robot. ``within_s``: how long ``approve`` may take; it runs in a thread of
-    its own."""
+    """The operator gate of one robot.
+
+    Args:
+        guarded: Names that need an approval: verbs, and keys of an action.
+        approve: Asks the operator about a request, in a separate thread. Only ``True`` approves. Without
+            it, guarded requests are refused unless the environment allows them.
+        within_s: Seconds for the operator's answer.
+        topics: The ROS topic of each guarded name that has one.
+
+    Raises:
+        TypeError: An argument has the wrong type.
+        ValueError: ``guarded`` names ``stop``, or ``within_s`` is not above 0.
+    """
 
     def __init__(
         self,
@@ -114,8 +144,6 @@ class Approval:
         within_s: float = APPROVE_S,
         topics: Mapping[str, str] | None = None,
     ) -> None:
-        """Raise ``TypeError`` or ``ValueError`` for what would guard nothing, or nothing that can
-        be."""
         if isinstance(guarded, str):
             raise TypeError(f"guarded is {guarded!r}. give a tuple of verbs and action keys: ({guarded!r},)")
         if not isinstance(guarded, Collection) or not all(isinstance(name, str) for name in guarded):
@@ -135,47 +163,56 @@ class Approval:
         self._within_s = seconds
 
     def guards_nothing(self, *drivers: Driver) -> str:
-        """Return which name is none of what one of these robots can be asked for, and what is;
-        empty: all are."""
+        """Return an error text if a guarded name fits no verb, axis or service of these robots. It lists the
+        names that fit. Empty if all names fit."""
         of_each = [_guardable(driver) for driver in drivers]
-        known = list(dict.fromkeys(name for names in of_each for name in names))
-        wrong = sorted(self.guarded.difference(known))
+        guardable = list(dict.fromkeys(name for names in of_each for name in names))
+        wrong = sorted(self.guarded.difference(guardable))
         if not wrong:
             return ""
         name, verbs = wrong[0], [verb for driver in drivers for verb in driver.TOOL_VERBS]
         if any(verb.name == name and verb.does == "stop" for verb in verbs):
             return f"guarded names {name}, which is a stop. a stop is never asked about"
-        meant = {verb.name for verb in verbs if verb.does in _MEANT.get(name, ())} or closest(name, known)
+        meant = {verb.name for verb in verbs if verb.does in _MEANT.get(name, ())} or closest(name, guardable)
         hint = f" (do you mean {' or '.join(sorted(meant))}?)" if meant else ""
-        common = [each for each in known if all(each in names for names in of_each)]
-        there = ", ".join(common) + (", and the axes of the robot" if len(common) < len(known) else "")
-        return f"guarded names {shown(name)}, which guards nothing here{hint}. there are {there or 'none'}"
+        common = [each for each in guardable if all(each in names for names in of_each)]
+        listed = ", ".join(common) + (", and the axes of the robot" if len(common) < len(guardable) else "")
+        return f"guarded names {shown(name)}, which guards nothing here{hint}. there are {listed or 'none'}"
 
     async def refuse(self, request: Request, keys: Iterable[str] = (), asks: bool = False) -> Refused | None:
-        """None: go on. ``keys``: of the action it would come to. ``asks``: the verb is guarded, whoever
-        has named it or not."""
+        """Return a refusal; None if the request needs no approval or has it.
+
+        Args:
+            request: The request.
+            keys: Keys of the action to which it leads.
+            asks: The verb is guarded, even if ``guarded`` does not name it.
+        """
         guarded = self.guarded | {request.verb} if asks else self.guarded
         names = unapproved(guarded, (request.verb, *keys), self._topics)
         why = await self._ask(request) if names else None
         return None if why is None else not_approved(names, why).about(request.verb)
 
     async def _ask(self, request: Request) -> str | None:
-        """None: approved."""
+        """Return why the request is not approved; None if it is."""
         if self._approve is None:
             return "there is nobody to ask"
         with trio.move_on_after(self._within_s):
             try:
                 answer = await trio.to_thread.run_sync(contained, self._approve, request, abandon_on_cancel=True)
-            except Exception as error:  # the operator's code may raise anything, which is no yes
+            except Exception as error:  # The operator's code may raise anything, which is not an approval.
                 return f"asking failed with {type(error).__name__}: {error}"
             return None if answer is True else "it was not given"
         return f"no answer within {self._within_s:g} s"
 
 
 def ask_on_terminal(request: Request) -> bool:
-    """A prompt on the terminal that the command was started from, wherever its input and output go.
-    Raise ``OSError`` when there is none. It gives up before ``APPROVE_S``: a late yes must not
-    answer the next prompt."""
+    """Ask for an approval on the controlling terminal, even if input and output are redirected.
+
+    The prompt gives up before ``APPROVE_S``, so that a late yes does not answer the next prompt.
+
+    Raises:
+        OSError: There is no terminal.
+    """
     with TERMINAL.open("r+b", buffering=0) as terminal:
         termios.tcflush(terminal, termios.TCIFLUSH)
         terminal.write(f"\n{request}. allow? [y/N] ".encode())

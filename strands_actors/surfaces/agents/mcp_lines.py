@@ -1,6 +1,8 @@
-"""Standard input of an MCP server, line by line. A line that is no JSON-RPC message is answered as the
-protocol says. A stop in any form is obeyed, and a tool's input in another form than an object
-reaches the tool all the same."""
+"""Read the standard input of an MCP server, line by line.
+
+A line that is not a JSON-RPC message is answered with the protocol's error. A stop is carried out in any
+form. A tool's input that is not an object still reaches the tool.
+"""
 
 from __future__ import annotations
 
@@ -18,25 +20,32 @@ from strands_actors.contract.stop_words import asks_for_stop
 PARSE_ERROR, INVALID_REQUEST = -32700, -32600
 CALL, STOP = "tools/call", "stop"
 OF_A_CALL = ("name", "arguments", "task", "_meta")
-"""Parameters of a call, by the protocol."""
+"""Parameters of a call in the protocol."""
 PENDING = 16
-"""Answers that wait to be written. Then no line is read until the client reads."""
+"""Most answers that wait to be written. Beyond that, no line is read until the client reads."""
 
 
 class Stop(NamedTuple):
-    """A stop that is no call as the SDK reads one. ``id``: what its answer gets."""
+    """A stop in a form that the SDK does not read as a call. ``id`` is the id of its answer."""
 
     id: str | int | None
 
 
 class Lines:
-    """The lines, and the answers to those that are none. Who waits for a line can be cancelled: a
-    thread that hangs in it is left."""
+    """The lines for the server, and the answers to the other lines.
+
+    A task that waits for a line can be cancelled. The thread that reads is then abandoned.
+
+    Args:
+        tool: The name of the robot's tool.
+        stop: Stops the robot and returns the result.
+    """
 
     def __init__(self, tool: str, stop: Callable[[], Awaitable[CallToolResult]]) -> None:
         self._tool = tool
         self._stop = stop
-        # A file of its own: at exit the interpreter closes sys.stdin, which a waiting thread may not hold.
+        # At exit the interpreter closes sys.stdin, which a waiting thread must not hold. So this opens
+        # another file on the same descriptor.
         own = open(sys.stdin.fileno(), "rb", closefd=False)  # noqa: SIM115
         self._readline: Callable[[], bytes] = own.readline
         self._answered, self._answers = trio.open_memory_channel[JSONRPCResponse | JSONRPCError](PENDING)
@@ -51,90 +60,92 @@ class Lines:
                 raise StopAsyncIteration
             if not line.strip():
                 continue
-            found = understood(line.decode("utf-8", "replace"), self._tool)
-            if isinstance(found, str):
-                return found
-            if isinstance(found, Stop):
+            parsed = understood(line.decode("utf-8", "replace"), self._tool)
+            if isinstance(parsed, str):
+                return parsed
+            if isinstance(parsed, Stop):
                 result = (await self._stop()).model_dump(mode="json", by_alias=True, exclude_none=True)
-                number = STOP if found.id is None else found.id  # a client passes over what it has not asked
+                number = STOP if parsed.id is None else parsed.id  # A client ignores an answer with an unknown id.
                 await self._answered.send(JSONRPCResponse(jsonrpc="2.0", id=number, result=result))
             else:
-                await self._answered.send(found)
+                await self._answered.send(parsed)
 
     async def answer(self, outgoing: Any) -> None:
-        """Send what such lines are answered with, until cancelled."""
+        """Send the answers to lines that do not reach the server, until cancelled."""
         async for answer in self._answers:
             await outgoing.send(SessionMessage(answer))
 
 
 def understood(line: str, tool: str) -> str | Stop | JSONRPCError:
-    """Return a line as the server reads it, or a stop, or how it is refused. Pure.
+    """Return the line for the server, a stop, or a refusal. Pure.
 
     Args:
-        line: As it was received.
+        line: The received line.
         tool: The name of the robot's tool.
     """
     try:
-        said = json.loads(line.lstrip("\ufeff"))
+        message = json.loads(line.lstrip("\ufeff"))
     except (ValueError, RecursionError) as error:
         if asks_for_stop(line, tool):
             return Stop(None)
         return _refusal(PARSE_ERROR, f"no JSON: {error}. send one JSON-RPC message a line")
-    is_message = isinstance(said, dict) and said.get("jsonrpc") == "2.0"
-    stops = [part for part in (said if isinstance(said, list) else [said]) if _is_stop(part, tool)]
-    if stops and not (is_message and _reaches_tool(said, tool)):
+    is_message = isinstance(message, dict) and message.get("jsonrpc") == "2.0"
+    stops = [part for part in (message if isinstance(message, list) else [message]) if _is_stop(part, tool)]
+    if stops and not (is_message and _reaches_tool(message, tool)):
         return Stop(_id_of(stops[0]))
     if not is_message:
         return _refusal(
-            INVALID_REQUEST, 'no JSON-RPC message. send an object with "jsonrpc": "2.0" a line', _id_of(said)
+            INVALID_REQUEST, 'no JSON-RPC message. send an object with "jsonrpc": "2.0" a line', _id_of(message)
         )
-    if "id" in said and _id_of(said) is None:
+    if "id" in message and _id_of(message) is None:
         return _refusal(INVALID_REQUEST, "the id is neither text nor a whole number. give it as one of these")
-    return _checked(_with_object(said), _id_of(said))
+    return _checked(_with_object(message), _id_of(message))
 
 
-def _reaches_tool(said: dict[str, Any], tool: str) -> bool:
-    """Return whether it is a call that the SDK passes on."""
-    given = said.get("params")
-    if said.get("method") != CALL or _id_of(said) is None or not isinstance(given, dict):
+def _reaches_tool(message: dict[str, Any], tool: str) -> bool:
+    """Return True for a call that the SDK passes on to the tool."""
+    given = message.get("params")
+    if message.get("method") != CALL or _id_of(message) is None or not isinstance(given, dict):
         return False
     return given.get("name") == tool and isinstance(given.get("_meta"), dict | None)
 
 
-def _is_stop(said: object, tool: str) -> bool:
-    if not isinstance(said, dict):
-        return asks_for_stop(said, tool)
-    method = said.get("method", CALL)
+def _is_stop(message: object, tool: str) -> bool:
+    if not isinstance(message, dict):
+        return asks_for_stop(message, tool)
+    method = message.get("method", CALL)
     if isinstance(method, str) and method.strip().lower() != CALL:
         return asks_for_stop(method, tool)
-    given = said.get("params") if "params" in said else said
+    given = message.get("params") if "params" in message else message
     name = given.get("name") if isinstance(given, dict) else None
     is_of_another = isinstance(name, str) and not asks_for_stop(f"stop {name}", tool)
     return not is_of_another and asks_for_stop(given, tool)
 
 
-def _with_object(said: dict[str, Any]) -> dict[str, Any]:
-    """Return a call with arguments in an object, wherever they stood."""
-    given = said.get("params")
-    if said.get("method") != CALL or not isinstance(given, dict) or isinstance(given.get("arguments"), dict):
-        return said
+def _with_object(message: dict[str, Any]) -> dict[str, Any]:
+    """Return a call with its arguments in an object. Arguments may also stand next to the name, or be of
+    another type."""
+    given = message.get("params")
+    if message.get("method") != CALL or not isinstance(given, dict) or isinstance(given.get("arguments"), dict):
+        return message
     beside = {key: value for key, value in given.items() if key not in OF_A_CALL}
     sent = beside if given.get("arguments") is None else given["arguments"]
-    return {**said, "params": {**given, "arguments": {"input": sent}}} if sent != {} else said
+    return {**message, "params": {**given, "arguments": {"input": sent}}} if sent != {} else message
 
 
-def _checked(said: dict[str, Any], number: str | int | None) -> str | JSONRPCError:
-    """Return it as a line, where the SDK reads that: it answers nothing to what it does not read."""
+def _checked(message: dict[str, Any], number: str | int | None) -> str | JSONRPCError:
+    """Return a message as a line, or a refusal if the SDK cannot read it. The SDK itself would not answer
+    such a line."""
     try:
-        line = json.dumps(said)
+        line = json.dumps(message)
         jsonrpc_message_adapter.validate_json(line, by_name=False)
     except (ValueError, RecursionError):
         return _refusal(INVALID_REQUEST, "no JSON-RPC request. send a method, and params in an object", number)
     return line
 
 
-def _id_of(said: object) -> str | int | None:
-    id = said.get("id") if isinstance(said, dict) else None
+def _id_of(message: object) -> str | int | None:
+    id = message.get("id") if isinstance(message, dict) else None
     return id if isinstance(id, str | int) and not isinstance(id, bool) else None
 
 

@@ -1,5 +1,5 @@
-"""A robot's tool over MCP, on standard input and output. One trio loop: the server and the robot's
-handle."""
+"""Serve a robot's tool over MCP, on standard input and output. The server and the robot's handle run in one
+trio loop."""
 
 from __future__ import annotations
 
@@ -22,7 +22,12 @@ ALLOW_MOTION = "start the server with --allow-motion"
 
 
 async def serve(robot: AsyncRobot, allow_motion: bool) -> None:
-    """Until the client closes our standard input."""
+    """Serve until the client closes standard input.
+
+    Args:
+        robot: The robot.
+        allow_motion: False refuses every motion, with the remedy to start the server differently.
+    """
     motion = "" if allow_motion else ALLOW_MOTION
 
     async def list_tools(context: ServerRequestContext[Any], params: Any) -> types.ListToolsResult:
@@ -62,7 +67,7 @@ async def serve(robot: AsyncRobot, allow_motion: bool) -> None:
 
 
 def _result(answer: Answer) -> types.CallToolResult:
-    """Return the envelope, twice: as text for models, structured for programs."""
+    """Return the envelope in two forms: as text for models, and structured for programs."""
     blocks = [block["text"] if "text" in block else json.dumps(block["json"]) for block in answer["content"]]
     return types.CallToolResult(
         content=[types.TextContent(type="text", text=text) for text in blocks],

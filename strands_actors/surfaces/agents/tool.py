@@ -1,9 +1,9 @@
 """A robot as a strands-agents tool, without importing that package.
 
-``strands.Agent(tools=[robot])`` keeps what is an instance of its ``AgentTool`` and drops everything
-else. To inherit from that class would import the package, and all it brings, into every script with
-a robot. Instead ``RobotTool`` supplies what ``AgentTool`` supplies, and registers with it when it
-is asked what it is: whoever can ask has loaded it.
+``strands.Agent(tools=[robot])`` keeps instances of its ``AgentTool`` and drops everything else. A subclass
+of it would import the package, with all its dependencies, into every script with a robot. Instead
+``RobotTool`` has the members of ``AgentTool``, and registers with it when ``isinstance`` checks it. A caller
+that makes this check has loaded the package.
 """
 
 from __future__ import annotations
@@ -23,14 +23,15 @@ AGENT_TOOL = "strands.types.tools"
 
 
 class RobotTool:
-    """The members of ``AgentTool``. A subclass says what its driver is and performs."""
+    """The members of ``AgentTool``. A subclass gives its driver and carries out the calls."""
 
     tool_type = "robot"
     _is_dynamic = False
 
     @property  # type: ignore[misc]  # read-only, as far as anybody has a reason to write
     def __class__(self) -> type[RobotTool]:
-        """Return what ``isinstance`` asks for when the real type does not answer."""
+        """Register with ``AgentTool`` and return the type. ``isinstance`` asks for ``__class__`` when the
+        real type does not match."""
         agent_tool = getattr(sys.modules.get(AGENT_TOOL), "AgentTool", None)
         if agent_tool is not None:
             agent_tool.register(type(self))
@@ -46,18 +47,22 @@ class RobotTool:
 
     @abstractmethod
     async def use_tool(self, given: object, by: str) -> Answer:
-        """Do what a tool's input asks for, from an asyncio loop. ``by``: who asks, for the
-        operator."""
+        """Carry out a tool's input, from an asyncio loop.
+
+        Args:
+            given: The input as the caller sent it.
+            by: The caller, as the operator reads it.
+        """
 
     @property
     def tool_spec(self) -> dict[str, Any]:
-        """Name, description and the inputs its driver declares."""
+        """Return the name, the description and the inputs that the driver declares."""
         return tool_spec(self.tool_name, self.driver)
 
     async def stream(
         self, tool_use: Mapping[str, Any], invocation_state: Mapping[str, Any] | None = None, **_: Any
     ) -> AsyncIterator[dict[str, Any]]:
-        """One tool result, ``{toolUseId, status, content}``. The actors do the work: the loop is
+        """Yield one tool result, ``{toolUseId, status, content}``. The actors do the work, so the loop is
         never blocked."""
         answer = await self.use_tool(tool_use.get("input"), "agent")
         yield {"toolUseId": tool_use.get("toolUseId", ""), **answer}

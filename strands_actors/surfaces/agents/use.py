@@ -1,5 +1,4 @@
-"""A call becomes a message to the actors, or a refusal. Every surface of others comes through
-here."""
+"""Carry out a tool call, or refuse it. All calls of agents and MCP clients pass through this module."""
 
 from __future__ import annotations
 
@@ -21,13 +20,24 @@ NOBODY = "a person has to resume it: no verb of this tool does"
 
 
 async def use(tree: RobotTree, call: Call, approval: Approval, by: str, motion: str = "") -> Answer:
-    """``motion``: how to allow motion, where it is not; empty: it is. A stop is neither asked about
-    nor held up. What the robot's own program is told to call is told in the tool's verbs."""
+    """Carry out a call, with an operator's approval if it needs one. A stop needs no approval and is not
+    delayed.
+
+    Args:
+        tree: The robot.
+        call: The call.
+        approval: The operator gate.
+        by: The caller, as the operator reads it.
+        motion: The remedy if motion is not allowed; empty if it is allowed.
+
+    Returns:
+        The answer. Its remedies name verbs of the tool instead of methods of the robot's handle.
+    """
     return _in_its_verbs(await _use(tree, call, approval, by, motion), tree.driver)
 
 
 async def perform(tree: RobotTree, call: Call, wait: bool = True) -> Answer:
-    """Do a verb. Whoever asks for it may."""
+    """Carry out a call without asking an operator."""
     if call.kind == "stop":
         return await verbs.stop(tree)
     match call.verb.does:
@@ -36,7 +46,7 @@ async def perform(tree: RobotTree, call: Call, wait: bool = True) -> Answer:
         case "service":
             return await verbs.service(tree, call.verb.name, call.inputs)
         case "torque":
-            return await verbs.resume(tree, lift=False)  # an e-stop is an operator's to lift
+            return await verbs.resume(tree, lift=False)  # Only an operator may lift an e-stop.
         case "sensors":
             return await verbs.get_sensors(tree)
         case "state":
@@ -45,7 +55,7 @@ async def perform(tree: RobotTree, call: Call, wait: bool = True) -> Answer:
 
 
 async def _command(tree: RobotTree, call: Call, wait: bool) -> Answer:
-    """Do a verb that is a command: once, for some seconds, or as a motion in a time."""
+    """Send a command once, repeat it for some seconds, or move to targets in a given time."""
     if call.verb.does == "move_to":
         seconds = call.inputs.get("seconds", moving.DEFAULT_S)
         return await moving.move_to(tree, call.action, seconds, wait)
@@ -55,14 +65,14 @@ async def _command(tree: RobotTree, call: Call, wait: bool) -> Answer:
 
 
 def _in_its_verbs(answer: Answer, driver: Driver) -> Answer:
-    """Return it with remedies that the tool has, in place of those of the robot's own program."""
+    """Return the answer with remedies that name verbs of the tool, in place of methods of the handle."""
     torque = next((verb.name for verb in driver.TOOL_VERBS if verb.does == "torque"), "")
     resume = f"{torque} with enabled=true energises it" if torque else NOBODY
     return answers.with_remedy(answer, {Code.DISARMED: resume, Code.FAULTED: resume, Code.LOCKED_OUT: LIFT})
 
 
 def _action_of(driver: Driver, call: Call) -> dict[str, Any] | None:
-    """Return the command that a call comes to; None: it is none."""
+    """Return the command to which a call leads; None if it leads to no command."""
     if call.verb.does in ("action", "move_to"):
         return call.action
     service = driver.SERVICES.get(call.verb.name) if call.verb.does == "service" else None
@@ -74,12 +84,13 @@ async def _use(tree: RobotTree, call: Call, approval: Approval, by: str, motion:
     if call.kind == "motion":
         if motion:
             return answers.refused(Refused(Code.NO_MOTION, "motion is not allowed here", motion, verb=verb.name))
-        if wrong := approval.guards_nothing(tree.driver):  # an operator believes to be asked
+        # A wrong name in guarded= is refused here, since the operator relies on being asked.
+        if wrong := approval.guards_nothing(tree.driver):
             return answers.refused(Refused(Code.GUARD, wrong, "mend guarded= of the robot", verb=verb.name))
         request = Request(tree.robot, verb.name, call.inputs, by)
         action = _action_of(tree.driver, call)
         keys = () if action is None else tree.driver.to_approve(action)
-        rests = action is not None and not keys  # all velocities are zero: nobody is asked before a stop
+        rests = action is not None and not keys  # All velocities are zero, which needs no approval, like a stop.
         refusal = await approval.refuse(request, keys, call.asks and not rests)
         if refusal is not None:
             return answers.refused(refusal)

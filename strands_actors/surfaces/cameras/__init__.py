@@ -1,4 +1,4 @@
-"""Pictures of a robot's cameras. Each has a process of its own; who looks never waits for it.
+"""Read pictures of a robot's cameras. Each camera has a separate process, and a reader never waits for it.
 
 with Robot("so101", cameras={"wrist": {}}) as arm:
     frame = arm.read_camera("wrist")

@@ -1,4 +1,4 @@
-"""Pictures of a camera as JPEG, in a thread of its process, while somebody wants them."""
+"""Compress pictures of a camera as JPEG while they are requested, in a thread of the camera's process."""
 
 from __future__ import annotations
 
@@ -18,19 +18,24 @@ QUALITY = 80
 
 
 class Compressor:
-    """One picture at a time: those that come meanwhile are left out. ``problem``: why the newest
-    one, or any, was not compressed."""
+    """Compress one picture at a time. Pictures that come in the meantime are skipped.
+
+    Attributes:
+        problem: Why the newest picture, or every picture, was not compressed; empty without a problem.
+    """
 
     def __init__(self, ring: FrameRing) -> None:
         self._ring = ring
         self._busy = False
-        self._cannot = False  # whatever the picture is
+        self._cannot = False  # OpenCV is missing, so no picture can be compressed.
         self.problem = ""
 
     def wants(self, now_ns: int) -> bool:
+        """Return True if a picture of this time should be compressed."""
         return not self._busy and not self._cannot and now_ns < self._ring.wanted_until_ns
 
     async def compress(self, image: NDArray[numpy.uint8], captured_ns: int, number: int) -> None:
+        """Compress a picture and put it into the ring. A failure is kept in ``problem``."""
         self._busy = True
         try:
             if self._can():
@@ -38,7 +43,8 @@ class Compressor:
                 height, width, _ = image.shape
                 if not self._ring.put_compressed(Shot(number, captured_ns, height, width, data)):
                     self.problem = f"a picture of {width} x {height} is too large as JPEG: {len(data)} bytes"
-        except Exception as failure:  # of OpenCV, or of the memory: who reads the pictures themselves has them
+        # OpenCV fails, or the memory is full. The raw pictures are not affected.
+        except Exception as failure:
             self.problem = describe(failure)
         finally:
             self._busy = False
@@ -50,10 +56,10 @@ class Compressor:
 
 
 def jpeg(image: NDArray[numpy.uint8]) -> bytes:
-    """Raise ``ValueError`` for what OpenCV cannot compress."""
+    """Return an RGB image as JPEG. Raise ``ValueError`` if OpenCV cannot compress it."""
     import cv2
 
-    there, data = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
-    if not there:
+    done, data = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+    if not done:
         raise ValueError("it cannot be compressed as JPEG")
     return bytes(data)

@@ -1,4 +1,4 @@
-"""``cameras={"wrist": {...}}`` of ``Robot(...)``, in the words of LeRobot's configurations, checked."""
+"""Check ``cameras={"wrist": {...}}`` of ``Robot(...)``. The keys are those of LeRobot's configurations."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from strands_actors.contract.plain_numbers import as_python
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,31}\Z")
 MOST = 8
-"""Cameras of one robot."""
+"""Most cameras of one robot."""
 MAX_SIDE = 4096
 MAX_FPS = 240.0
 
@@ -24,14 +24,15 @@ SOURCES: Mapping[str, str] = {
     OPENCV: "strands_actors.surfaces.cameras.opencv:open_camera",
     SCENE: "strands_actors.drivers.sim.pictures:open_camera",
 }
-"""By type; ``robot`` is the driver's own, and ``module:function`` is taken as it is."""
+"""The function that opens a camera, by type. For ``robot`` the driver names it, and a type of the form
+``module:function`` is used unchanged."""
 
 NOT_READ = {
     "intelrealsense": "a depth camera's colour is a V4L2 device, too: use type 'opencv' with its path",
     "zmq": "use type 'opencv' on the host that has the camera",
     "reachy2_camera": "use type 'opencv' on the robot's computer",
 }
-"""Types of LeRobot's that are not read here, and what to do."""
+"""Camera types of LeRobot that are not supported here, and the remedy."""
 
 WORDS: Mapping[str, str] = {
     "type": "opencv, scene or robot",
@@ -47,27 +48,37 @@ WORDS: Mapping[str, str] = {
     "view": "which picture, of a scene or of the robot's own cameras",
 }
 OF_DEVICES = ("index_or_path", "fourcc", "backend")
-"""Words that only ``opencv`` has a use for."""
+"""Keys that only ``opencv`` uses."""
 VIEWS = ("wrist", "front", "side", "top")
-"""Of every scene with an arm in it; ``wrist`` is not there without one."""
+"""Views of a scene. A scene without an arm has no ``wrist``."""
 DEFAULT_VIEW = "front"
 
 ROTATIONS = {0: 0, 90: 90, 180: 180, -90: -90, 270: -90}
 BACKENDS = {"0": 0, "ANY": 0, "200": 200, "V4L2": 200}
 DEFAULT_SIZE = 640, 480
 WARMUP_S = 1.0
-"""Of a device, as LeRobot has it."""
+"""Default for a device, as in LeRobot."""
 STALE_S = 0.2
 STALE_PERIODS = 3
 UNKNOWN_STALE_S = 0.5
-"""Of a camera whose rate nobody has said."""
+"""Age from which a picture is stale, for a camera without a configured rate."""
 
 
 def read_cameras(
     given: object, *, driver_class: type[Any], axes: Sequence[str], simulated: bool
 ) -> tuple[CameraSettings, ...]:
-    """Return the settings of each. ``simulated``: there is a scene, of a twin or a simulation. Raise
-    ``TypeError`` or ``ValueError`` with what would be accepted."""
+    """Return the settings of each camera.
+
+    Args:
+        given: The ``cameras`` argument.
+        driver_class: The robot's driver.
+        axes: Its axes, whose names a camera must not have.
+        simulated: True if there is a scene, of a twin or a simulation.
+
+    Raises:
+        TypeError: ``given`` is not a mapping.
+        ValueError: A setting is wrong. The text names values that would be accepted.
+    """
     if given is None:
         return ()
     if not isinstance(given, Mapping):
@@ -86,12 +97,12 @@ def read_cameras(
 
 
 def stale_s(settings: CameraSettings) -> float:
-    """From which age on its picture is stale: three periods, and at least 0.2 s."""
+    """Return the age from which a picture is stale: three periods, and at least 0.2 s."""
     return UNKNOWN_STALE_S if settings.fps is None else max(STALE_S, STALE_PERIODS / settings.fps)
 
 
 def source_of(settings: CameraSettings, driver_class: type[Any]) -> str:
-    """Return the ``module:function`` that opens it."""
+    """Return the ``module:function`` that opens a camera."""
     if settings.type == ROBOT:
         return str(driver_class.CAMERAS[settings.view])
     return SOURCES.get(settings.type, settings.type)
@@ -130,12 +141,12 @@ def _camera(name: str, given: object, driver_class: type[Any], simulated: bool) 
 
 
 def _plain(who: str, given: object) -> dict[str, Any]:
-    """What was given, as a dict: LeRobot's own configurations too."""
+    """Return a camera's settings as a dict. A configuration object of LeRobot is accepted, too."""
     if isinstance(given, Mapping):
         return dict(given)
     if hasattr(given, "__dataclass_fields__"):
-        found = {name: getattr(given, name) for name in given.__dataclass_fields__}
-        return {"type": getattr(given, "type", OPENCV), **found}
+        fields = {name: getattr(given, name) for name in given.__dataclass_fields__}
+        return {"type": getattr(given, "type", OPENCV), **fields}
     raise ValueError(
         f"{who} is {given!r}. give its settings: {{'index_or_path': 0, 'fps': 30, 'width': 640, 'height': 480}}"
     )
@@ -168,8 +179,8 @@ def _view(who: str, name: str, words: Mapping[str, Any], kind: str, own: Sequenc
             raise ValueError(f"{who} is of type {kind!r}, which has one picture. leave out view")
         return ""
     if view is None:
-        known = own if kind == ROBOT else VIEWS
-        return name if name in known else (own[0] if kind == ROBOT else DEFAULT_VIEW)
+        views = own if kind == ROBOT else VIEWS
+        return name if name in views else (own[0] if kind == ROBOT else DEFAULT_VIEW)
     if not isinstance(view, str) or not view or len(view) > 64:
         raise ValueError(f"{who}: view is {view!r}. give the name of one: {', '.join(own or VIEWS)}")
     if kind == ROBOT and view not in own:
@@ -214,15 +225,15 @@ def _number(who: str, word: str, given: object, least: float, most: float) -> fl
     return float(given)
 
 
-def _chosen(who: str, word: str, given: object, known: Mapping[Any, Any], shown: str = "") -> Any:
+def _chosen(who: str, word: str, given: object, choices: Mapping[Any, Any], shown: str = "") -> Any:
     try:
-        return known[given]
+        return choices[given]
     except (KeyError, TypeError):
-        raise ValueError(f"{who}: {word} is {given!r}. use {shown or ' or '.join(map(str, known))}") from None
+        raise ValueError(f"{who}: {word} is {given!r}. use {shown or ' or '.join(map(str, choices))}") from None
 
 
 def _word(given: object) -> object:
-    """Of one of LeRobot's enumerations, its value."""
+    """Return a text in lower case. A member of one of LeRobot's enumerations counts as its value."""
     value = getattr(given, "value", given)
     return value.lower() if isinstance(value, str) else value
 

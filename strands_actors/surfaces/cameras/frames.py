@@ -1,4 +1,4 @@
-"""What who reads a camera is given: a picture, or why there is none that is new enough."""
+"""The results of reading a camera: a picture, or the reason why no picture is new enough."""
 
 from __future__ import annotations
 
@@ -13,9 +13,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One picture. ``image``: (height, width, 3), RGB, the first row on top, its own memory.
-    ``captured_ns``: when, on the host's monotonic clock (``time.monotonic_ns()``). ``sequence``
-    counts the pictures of a camera: two readings with one number are one picture."""
+    """One picture.
+
+    Attributes:
+        image: Shape (height, width, 3), RGB, with the first row on top. It has separate memory.
+        captured_ns: When it was taken, on the host's monotonic clock (``time.monotonic_ns()``).
+        sequence: The number of the picture. Two readings with the same number are the same picture.
+    """
 
     image: NDArray[numpy.uint8]
     captured_ns: int
@@ -28,8 +32,13 @@ class Frame:
 
 @dataclass(frozen=True)
 class Stale:
-    """There is no picture that is new enough. ``why`` says what is known; ``age_s`` and ``sequence``
-    are those of the newest one there was (None and 0: there was none)."""
+    """The result if no picture is new enough.
+
+    Attributes:
+        why: The reason.
+        age_s: The age of the newest picture in seconds; None without any picture.
+        sequence: The number of the newest picture; 0 without any picture.
+    """
 
     why: str
     age_s: float | None = None
@@ -37,7 +46,12 @@ class Stale:
 
 
 class StaleFrame(RuntimeError):
-    """``read_camera`` has no picture that is new enough. ``stale``: what is known."""
+    """``read_camera`` has no picture that is new enough.
+
+    Attributes:
+        camera: The name of the camera.
+        stale: The reason, and the age of the newest picture.
+    """
 
     def __init__(self, camera: str, stale: Stale) -> None:
         super().__init__(f"camera {camera!r}: {stale.why}")

@@ -1,4 +1,4 @@
-"""The cameras of one robot, as the program that runs it has them."""
+"""The cameras of one robot, for the program that runs it."""
 
 from __future__ import annotations
 
@@ -21,11 +21,16 @@ from .reader import CameraReader
 ENTRY = "strands_actors.surfaces.cameras.process:main"
 COLOURS = 3
 UNKNOWN = MAX_SIDE * MAX_SIDE * 3 // 4
-"""Pixels of a picture whose size nobody has said, at most. Memory is taken for what comes only."""
+"""Most pixels of a picture without a configured size. Memory is used only for pictures that come."""
 
 
 class Cameras:
-    """Made with the handle; ``begin`` is called with each tree."""
+    """The cameras of one handle. It is made with the handle, and ``begin`` is called with each tree.
+
+    Args:
+        settings: The settings of each camera.
+        driver_class: The robot's driver.
+    """
 
     def __init__(self, settings: Sequence[CameraSettings], driver_class: type[Any]) -> None:
         self._settings = {each.name: each for each in settings}
@@ -43,8 +48,19 @@ class Cameras:
     def begin(
         self, robot: str, kind: str, label: str, port: str, control: str, options: Mapping[str, Any]
     ) -> list[dict[str, Any]]:
-        """Make a file for each, and return what the root is to keep. ``port``: where the robot is;
-        ``control``: where its scene is. Raise ``OSError``."""
+        """Make a file of pictures for each camera, and return the camera processes that the root starts.
+
+        Args:
+            robot: The name of the robot.
+            kind: The kind of the robot.
+            label: Its label in the list of processes.
+            port: Its port or address.
+            control: The address of its scene.
+            options: Its options.
+
+        Raises:
+            OSError: A file cannot be made.
+        """
         self.end()
         if not self._settings:
             return []
@@ -70,7 +86,7 @@ class Cameras:
         return kept
 
     def end(self) -> None:
-        """The tree is gone. Who still looks is told so."""
+        """Close the readers and remove the files, since the tree has ended. Later reads are ``Stale``."""
         for reader in self._readers.values():
             reader.close()
         self._readers = {}
@@ -82,18 +98,27 @@ class Cameras:
     # -- reading
 
     def read(self, name: str, max_age_ms: float | None = None) -> Frame:
-        """Raise ``ValueError`` for a name that is none, ``StaleFrame`` without a picture that is new
-        enough."""
-        found = self.look(name, max_age_ms)
-        if isinstance(found, Stale):
-            raise StaleFrame(name, found)
-        return found
+        """Return the newest picture of a camera.
+
+        Args:
+            name: The camera.
+            max_age_ms: Largest age in milliseconds. Default: three periods of the camera, and at least
+                200 ms.
+
+        Raises:
+            ValueError: There is no such camera, or the age is not a positive number.
+            StaleFrame: There is no picture that is new enough.
+        """
+        result = self.look(name, max_age_ms)
+        if isinstance(result, Stale):
+            raise StaleFrame(name, result)
+        return result
 
     def look(self, name: str, max_age_ms: float | None = None) -> Frame | Stale:
-        """As ``read``, without ``StaleFrame``."""
+        """As ``read``, but return ``Stale`` instead of raising ``StaleFrame``."""
         if not isinstance(name, str) or name not in self._settings:
-            known = f"there are {', '.join(self._settings)}" if self._settings else "this robot was given none"
-            raise ValueError(f"read_camera: no camera {name!r}. {known}")
+            listed = f"there are {', '.join(self._settings)}" if self._settings else "this robot was given none"
+            raise ValueError(f"read_camera: no camera {name!r}. {listed}")
         if max_age_ms is not None and not (finite(as_python(max_age_ms)) or 0.0) > 0.0:
             raise ValueError(f"read_camera: max_age_ms is {max_age_ms!r}. give milliseconds, above 0")
         reader = self._readers.get(name)
@@ -102,28 +127,28 @@ class Cameras:
         return reader.newest(None if max_age_ms is None else max_age_ms / 1e3)
 
     def looks(self) -> dict[str, Frame | Stale]:
-        """Of each camera the newest picture, or why there is none."""
+        """Return the newest picture of each camera, or ``Stale``."""
         return {name: self.look(name) for name in self._settings}
 
     def status(self) -> dict[str, dict[str, Any]]:
-        """As ``get_status()["cameras"]`` shows it."""
+        """Return ``get_status()["cameras"]``."""
         return {name: self._status(name) for name in self._settings}
 
     def _status(self, name: str) -> dict[str, Any]:
         reader = self._readers.get(name)
         if reader is None:
             return {"state": "down", "why": "the robot is not connected", "age_s": None, "stale": True}
-        told, age_s = reader.told(), reader.age_s
+        report, age_s = reader.told(), reader.age_s
         is_stale = age_s is None or age_s > stale_s(self._settings[name])
         return {
-            "state": told.state,
-            "why": told.why or None,
+            "state": report.state,
+            "why": report.why or None,
             "age_s": None if age_s is None else round(age_s, 4),
             "stale": is_stale,
             "pictures": reader.sequence,
-            "opened": told.opened,
-            "fps": told.fps,
-            "width": told.width or None,
-            "height": told.height or None,
-            "jpeg": told.compressed or None,
+            "opened": report.opened,
+            "fps": report.fps,
+            "width": report.width or None,
+            "height": report.height or None,
+            "jpeg": report.compressed or None,
         }

@@ -1,8 +1,8 @@
-"""Where the pictures of this user's cameras lie: in memory, one file a camera.
+"""The files of this user's camera pictures, one for each camera. They lie in memory.
 
-``/dev/shm/strands-actors-<uid>-<mark>``, where the mark is that of the run directory; without
-``/dev/shm``, or where another user has taken that name, the run directory itself. For the user
-alone.
+The directory is ``/dev/shm/strands-actors-<uid>-<mark>``, where the mark is a hash of the run directory's
+path. Without ``/dev/shm``, or if another user has taken that name, it is the run directory itself. Only
+the user can open it.
 """
 
 from __future__ import annotations
@@ -19,8 +19,14 @@ SUFFIX = ".pictures"
 
 
 def pictures_dir(make: bool = False) -> Path:
-    """``make``: it need not be there yet. Raise ``OSError`` when it is ours but open to others, or
-    not there."""
+    """Return the directory of the files.
+
+    Args:
+        make: Make it if it does not exist.
+
+    Raises:
+        OSError: It does not exist, or it belongs to this user and is open to others.
+    """
     own = run_dir()
     if not os.access(SHARED, os.W_OK):
         return own
@@ -30,19 +36,20 @@ def pictures_dir(make: bool = False) -> Path:
         path.mkdir(mode=0o700, exist_ok=True)
     status = path.lstat()
     if status.st_uid != os.getuid():
-        return own  # anybody may take a name in there: the owner decides, and every process sees the same
+        # Any user may take a name in /dev/shm. All processes decide by the owner, so they agree.
+        return own
     if status.st_mode & 0o077 or not path.is_dir() or path.is_symlink():
         raise PermissionError(f"{path} is open to others, or no directory: remove it")
     return path
 
 
 def ring_path(robot: str, camera: str, make: bool = False) -> Path:
-    """As ``pictures_dir``."""
+    """Return the path of a camera's file. Raises the same as ``pictures_dir``."""
     return pictures_dir(make) / f"{robot}@{camera}{SUFFIX}"
 
 
 def cameras_of(robot: str) -> list[str]:
-    """Those that have a file."""
+    """Return the names of a robot's cameras that have a file."""
     try:
         paths = list(pictures_dir().glob(f"{robot}@*{SUFFIX}"))
     except OSError:
@@ -51,17 +58,17 @@ def cameras_of(robot: str) -> list[str]:
 
 
 def remove(robot: str) -> None:
-    """The files of a robot that has ended; and the directory, when it was the last one."""
+    """Remove the files of a robot that has ended, and the directory if it is then empty."""
     with contextlib.suppress(OSError):
         directory = pictures_dir()
         for camera in cameras_of(robot):
             (directory / f"{robot}@{camera}{SUFFIX}").unlink(missing_ok=True)
         if directory != run_dir():
-            directory.rmdir()  # fails while there are others
+            directory.rmdir()  # This fails while other files exist.
 
 
 def sweep() -> None:
-    """Remove what robots have left that nobody could end in order."""
+    """Remove the files of robots that have ended without removing them."""
     with contextlib.suppress(OSError):
         for name in {path.name.partition("@")[0] for path in pictures_dir().glob(f"*@*{SUFFIX}")}:
             if not is_held(name):

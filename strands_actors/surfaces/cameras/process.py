@@ -1,8 +1,11 @@
-"""The process of one camera: the actor that opens its source, reads it, and puts the newest picture
-where others look for it.
+"""The process of one camera. It opens the source, reads it, and puts the newest picture into shared memory.
 
-It has the link to its root and the file of its own pictures, and nothing else of the robot. It may
-be killed, frozen or flooded: nobody waits for it. Its root starts it again.
+It has the link to its root and the file of its own pictures, and no other access to the robot. It may be
+killed, frozen or flooded, since no other process waits for it. The root starts it again.
+
+The states are in ``told.Told``. When the source fails, it is opened again after a pause (``PAUSES_S``).
+When the source does not return in time, a thread of it may hang in the device's driver, so the process
+ends (``HUNG``) and the root starts another.
 """
 
 from __future__ import annotations
@@ -41,17 +44,18 @@ if TYPE_CHECKING:
 
 BEAT_S = 0.25
 NICE = 5
-"""A camera computes after the robot does: a picture may come late."""
+"""Niceness of a camera's process: the robot computes first, and a picture may come late."""
 DEFAULT_FPS = 30.0
 OPEN_S = 15.0
 READ_S = 5.0
+"""Longest time that a source may take to give a picture, as ``OPEN_S`` is to open. Then this process ends."""
 AHEAD_S = 0.1
-"""A picture is not from later than now; a clock that is not this one is ahead by years."""
-"""A source that gives nothing for so long is given up, and this process with it."""
+"""Largest time by which a picture may be stamped ahead of now. A stamp of another clock is ahead by years."""
 PAUSES_S = (0.5, 1.0, 2.0, 4.0)
-"""Before the source is opened again, the first time, the second, ...; the last one from then on."""
+"""Pauses before the source is opened again: after the first failure, the second, and so on. The last one
+repeats."""
 SETTLED_S = 5.0
-"""A source that gave pictures for so long begins anew with the first pause."""
+"""After a source has run for so long, the pauses begin with the first again."""
 HUNG = 3
 """Exit code of a process whose source hangs."""
 
@@ -59,11 +63,11 @@ Open = Callable[[CameraSettings], Awaitable[PictureSource]]
 
 
 class Hangs(Exception):
-    """The source does not come back."""
+    """A call of the source does not return in time."""
 
 
 class NotAsAsked(Exception):
-    """The source does not give what was asked for; the text says what it gives."""
+    """The source does not give the requested pictures. The text describes those that it gives."""
 
 
 class Tick(Message, frozen=True):
@@ -73,8 +77,13 @@ class Tick(Message, frozen=True):
 
 
 class Camera(Actor):
-    """Reads one source for as long as it lives. ``open_source`` may raise anything: it is told, and
-    tried again."""
+    """Read one source until the process ends.
+
+    Args:
+        settings: The settings of the camera.
+        ring: The ring of its pictures.
+        open_source: Opens the source. It may raise anything; the failure is reported and the call repeated.
+    """
 
     def __init__(self, settings: CameraSettings, ring: FrameRing, open_source: Open) -> None:
         self._settings = settings
@@ -105,7 +114,7 @@ class Camera(Actor):
             failures += 1
 
     async def _until_lost(self) -> tuple[str, str]:
-        """Open the source and read it. The state that this ends in, and why."""
+        """Open the source and read it until it fails. Return the new state and the reason."""
         source: PictureSource | None = None
         try:
             with _within(OPEN_S, "to open"):
@@ -113,14 +122,14 @@ class Camera(Actor):
             self._tell(state="starting", why="", opened=self._told.opened + 1)
             await self._read(source)
         except Hangs as failure:
-            # A thread of it may still be in the device's driver, which nobody can end but with us.
+            # A thread may hang in the device's driver. Only the end of the process ends it.
             self._tell(state="unavailable", why=str(failure), fps=0.0)
             os._exit(HUNG)
         except NotAsAsked as failure:
             return "refused", str(failure)
         except (WireDown, OSError) as failure:
             return "unavailable", str(failure)
-        except Exception as failure:  # code of others: it ends this reading, and is told
+        except Exception as failure:  # The code of a source may raise anything.
             return "unavailable", describe(failure)
         finally:
             if source is not None:
@@ -145,7 +154,7 @@ class Camera(Actor):
             if picture.captured_ns <= last_ns:
                 raise WireDown("it gives the same picture again")
             ahead_s = (picture.captured_ns - self.context.clock.now_ns()) / 1e9
-            if ahead_s > AHEAD_S:  # it would look new for ever
+            if ahead_s > AHEAD_S:  # Such a picture would never become stale.
                 raise WireDown(f"captured_ns is {ahead_s:g} s from now. stamp pictures with Python's monotonic_ns")
             last_ns = picture.captured_ns
             self._put(picture)
@@ -170,16 +179,16 @@ class Camera(Actor):
 
 
 class Rate:
-    """How many pictures come in a second, told once a second."""
+    """Measure the rate of pictures once a second."""
 
     def __init__(self) -> None:
         self._began_ns = 0
         self._count = 0
 
     def count(self, now_ns: int) -> float:
-        """0 while there is nothing new to tell."""
+        """Count a picture. Return pictures per second at the end of each second, and 0 otherwise."""
         took_ns = now_ns - self._began_ns
-        if not 0 <= took_ns < 10 * NS:  # the first one, or the first after a pause
+        if not 0 <= took_ns < 10 * NS:  # the first picture, or the first one after a pause
             self._began_ns, self._count = now_ns, 0
             return 0.0
         self._count += 1
@@ -191,7 +200,7 @@ class Rate:
 
 
 def upright(image: NDArray[numpy.uint8], settings: CameraSettings) -> NDArray[numpy.uint8]:
-    """Turned as the settings say. Raise ``NotAsAsked`` for a picture of another size."""
+    """Return an image rotated by the settings. Raise ``NotAsAsked`` for another size or type."""
     import numpy
 
     if image.dtype != numpy.uint8 or image.ndim != 3 or image.shape[2] != 3:
@@ -208,15 +217,15 @@ def upright(image: NDArray[numpy.uint8], settings: CameraSettings) -> NDArray[nu
 
 
 @contextlib.contextmanager
-def _within(seconds: float, what: str) -> Iterator[None]:
+def _within(seconds: float, purpose: str) -> Iterator[None]:
     with trio.move_on_after(seconds) as scope:
         yield
     if scope.cancelled_caught:
-        raise Hangs(f"it took more than {seconds:g} s {what}")
+        raise Hangs(f"it took more than {seconds:g} s {purpose}")
 
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
-    """Entry of a camera's process."""
+    """Run a camera's process."""
     take_name(args["robot"], f"camera {args['settings']['name']}", args["label"])
     os.nice(NICE)
     trio.run(_main, args, sock)
@@ -233,7 +242,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
         raise SystemExit(f"camera {settings.name}: {failure}") from None
     async with trio.open_nursery() as nursery:
         await nursery.start(node.run)
-        link = Link(node, sock, on_closed=lambda: os._exit(0))  # the root is gone: so are we
+        link = Link(node, sock, on_closed=lambda: os._exit(0))  # This process ends with the root.
         await nursery.start(link.run)
         process = f"camera/{settings.name}"
         nursery.start_soon(node.cell(at.introspection(process), Introspector, "introspection").run)
@@ -242,10 +251,11 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
             await cell.run()
         except Exception as failure:
             report_failure(f"camera {settings.name}", failure)
-            os._exit(1)  # and its root starts another
+            os._exit(1)  # The root starts another process.
 
 
 async def _open(where: str, settings: CameraSettings) -> PictureSource:
-    """``where``: code of others, too. It is imported here, where its failure is told."""
+    """Import and call the function that opens a source. It may be a user's code. It is imported here, so
+    that a failure is reported."""
     source: PictureSource = await load(where)(settings)
     return source

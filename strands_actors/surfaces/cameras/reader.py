@@ -1,5 +1,4 @@
-"""Who looks at a camera: from the program that has the robot, or from any other process of this
-user."""
+"""Read the pictures of a camera, in the program that has the robot or in any other process of this user."""
 
 from __future__ import annotations
 
@@ -18,15 +17,22 @@ from .picture_files import cameras_of, ring_path
 from .told import Told
 
 LOOK_S = 0.5
-"""Between two looks for whether a file that has gone silent was replaced."""
+"""Period of the check if a file without new pictures was replaced."""
 
 
 class CameraReader:
-    """Looks at one camera of one robot, and never waits for it. Follows it through restarts of its
-    process and of its robot. For any thread."""
+    """Read one camera of one robot, without ever waiting for it.
+
+    It follows the camera through restarts of its process and of its robot. Any thread may call it.
+
+    Args:
+        path: The file of the pictures.
+        robot: The name of the robot.
+        camera: The name of the camera.
+        bgr: Return pictures with blue first.
+    """
 
     def __init__(self, path: str, robot: str, camera: str, bgr: bool = False) -> None:
-        """``bgr``: hand pictures out with blue first."""
         self.robot = robot
         self.camera = camera
         self._path = path
@@ -37,9 +43,14 @@ class CameraReader:
         self._closed = False
 
     def newest(self, max_age_s: float | None = None) -> Frame | Stale:
-        """The newest picture, or why there is none that is new enough. ``max_age_s``: how old it
-        may be; by default three periods of the camera, and at least 0.2 s. Raise ``ValueError`` for
-        an age that is none."""
+        """Return the newest picture, or ``Stale`` if it is too old or missing.
+
+        Args:
+            max_age_s: Largest age in seconds. Default: three periods of the camera, and at least 0.2 s.
+
+        Raises:
+            ValueError: ``max_age_s`` is not a number above 0.
+        """
         if max_age_s is not None and not (finite(as_python(max_age_s)) or 0.0) > 0.0:
             raise ValueError(f"newest: max_age_s is {max_age_s!r}. give seconds, above 0")
         with self._lock:
@@ -57,28 +68,28 @@ class CameraReader:
         return _frame(shot, self._bgr)
 
     def told(self) -> Told:
-        """What the camera says of itself."""
+        """Return the camera's report on its state."""
         with self._lock:
             ring = self._open()
             return Told("down", self._missing()) if ring is None else words.decode(ring.told)
 
     @property
     def sequence(self) -> int:
-        """The number of the newest picture."""
+        """Return the number of the newest picture; 0 without a camera."""
         with self._lock:
             ring = self._open()
             return 0 if ring is None else ring.newest
 
     @property
     def age_s(self) -> float | None:
-        """Of the newest picture; None without one."""
+        """Return the age of the newest picture in seconds; None without one."""
         with self._lock:
             ring = self._open()
             captured_ns = 0 if ring is None else ring.captured_ns
         return (time.monotonic_ns() - captured_ns) / 1e9 if captured_ns else None
 
     def close(self) -> None:
-        """Harmless when called again."""
+        """Close the file. Later reads are ``Stale``. Further calls do nothing."""
         with self._lock:
             self._closed = True
             self._drop()
@@ -90,7 +101,8 @@ class CameraReader:
         self.close()
 
     def _open(self, anew: bool = False) -> FrameRing | None:
-        """The file, if there is one. ``anew``: nothing comes in this one; maybe there is another."""
+        """Return the open file; None if there is none. ``anew`` looks for another one, since this one has no
+        new pictures."""
         if self._closed:
             return None
         now_s = time.monotonic()
@@ -119,22 +131,26 @@ class CameraReader:
     def _stale(self, ring: FrameRing | None, shot: Shot | None, now_ns: int, stale_ns: float) -> Stale:
         if ring is None:
             return Stale(self._missing())
-        told = words.decode(ring.told)
-        known = f"it is {told.state}{': ' if told.why else ''}{told.why}"
+        report = words.decode(ring.told)
+        state = f"it is {report.state}{': ' if report.why else ''}{report.why}"
         if shot is None:
-            return Stale(f"there is no picture yet. {known}")
+            return Stale(f"there is no picture yet. {state}")
         age_s = (now_ns - shot.captured_ns) / 1e9
         old = f"the newest picture is {age_s * 1e3:.0f} ms old, more than {stale_ns / 1e6:.0f}"
-        return Stale(f"{old}. {known}", age_s, shot.number)
+        return Stale(f"{old}. {state}", age_s, shot.number)
 
 
 def attach_camera(robot: str, camera: str) -> CameraReader:
-    """Look at a camera of a robot that another process of this user runs. Its pictures are RGB,
-    whatever its ``color_mode``. Raise ``ConnectionError`` when there is no such camera."""
-    known = cameras_of(robot) if _is_name(robot) else []
-    if camera not in known:
-        there = f"there are {', '.join(known)}" if known else f"no robot {robot!r} with cameras runs here"
-        raise ConnectionError(f"attach_camera: {robot!r} has no camera {camera!r}. {there}")
+    """Return a reader of a camera of a robot that another process of this user runs. Its pictures are RGB
+    for every ``color_mode``.
+
+    Raises:
+        ConnectionError: There is no such camera.
+    """
+    cameras = cameras_of(robot) if _is_name(robot) else []
+    if camera not in cameras:
+        listed = f"there are {', '.join(cameras)}" if cameras else f"no robot {robot!r} with cameras runs here"
+        raise ConnectionError(f"attach_camera: {robot!r} has no camera {camera!r}. {listed}")
     return CameraReader(str(ring_path(robot, camera)), robot, camera)
 
 

@@ -1,25 +1,35 @@
-"""What a camera says of itself, beside its pictures: for ``get_status()`` and for who has none."""
+"""The report of a camera on its own state, stored next to its pictures. ``get_status()`` shows it, and it
+explains a missing picture."""
 
 from __future__ import annotations
 
 import msgspec
 
 WHY_LETTERS = 600
-"""Of a reason: what is behind them is of no use to anybody."""
+"""Most characters of a reason. The rest is cut off."""
 
 
 class Told(msgspec.Struct, frozen=True):
-    """``state``: ``starting``, ``streaming``, or why there are no pictures: ``unavailable`` (it
-    cannot be opened, or was unplugged), ``refused`` (it does not give what was asked for), ``down``
-    (its process has ended)."""
+    """The state of a camera.
+
+    Attributes:
+        state: ``starting``; ``streaming``; ``unavailable``: it cannot be opened, or was unplugged;
+            ``refused``: it does not give the requested pictures; ``down``: its process has ended.
+        why: The reason if there are no pictures.
+        opened: How often the present process has opened the source.
+        fps: Measured pictures per second.
+        width: In pixels.
+        height: In pixels.
+        compressed: Why there is no JPEG; empty without a problem.
+    """
 
     state: str = "starting"
     why: str = ""
-    opened: int = 0  # how often its source was opened, by the present process
-    fps: float = 0.0  # measured
+    opened: int = 0
+    fps: float = 0.0
     width: int = 0
     height: int = 0
-    compressed: str = ""  # why there is no JPEG, where there is none
+    compressed: str = ""
 
 
 _encoder = msgspec.msgpack.Encoder()
@@ -32,7 +42,7 @@ def encode(told: Told) -> bytes:
 
 
 def decode(data: bytes) -> Told:
-    """What cannot be read is a camera of which nothing is known."""
+    """Return the decoded report; the default if it cannot be read."""
     try:
         return _decoder.decode(data)
     except msgspec.MsgspecError:

@@ -1,8 +1,8 @@
-"""Certificates of drills: what they say, where they lie, and whether one allows motion now.
+"""Certificates of drills: their content and files, and the check if one allows motion now.
 
-A certificate belongs to a configuration: the driver and its options, the port, the timing and the
-table of fallbacks, and the code that keeps the promise. Change any of it, a single line of a
-supervisor even, and it matches no more.
+A certificate belongs to a configuration: the driver and its options, the port, the timing and the table of
+fallbacks, and the code that stops the robot. After any change to these, even to a single line of a
+supervisor, it no longer matches.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from strands_actors.contract.driver import Driver, Reason
 from strands_actors.kernel.clock import NS
 
 TWIN = "twin"
-"""Stands for the port of a twin, which has another one each time."""
+"""Stands for the port of a twin, which is different each time."""
 
 _UNITS_S = {"m": 60, "h": 3600, "d": 86400, "w": 7 * 86400}
 
 
 class Figure(msgspec.Struct, frozen=True):
-    """One step of a drill. Times in milliseconds; None: not measured here."""
+    """The result of one step of a drill. Times are in milliseconds. None: it cannot be measured here."""
 
     step: str
     passed: bool
@@ -45,8 +45,17 @@ class Figure(msgspec.Struct, frozen=True):
 
 
 class Certificate(msgspec.Struct, frozen=True):
-    """A drill that was passed. ``config``: what it was passed with, as a hash; ``date``: ISO 8601,
-    UTC."""
+    """A drill that was passed.
+
+    Attributes:
+        robot: The kind of the robot.
+        driver: Its driver class, as ``module:class``.
+        port: The port; ``TWIN`` for a twin.
+        config: The hash of the configuration (``config_of``).
+        date: ISO 8601, UTC.
+        versions: Versions of this package, Python and the system.
+        figures: The results of the steps.
+    """
 
     robot: str
     driver: str
@@ -58,11 +67,17 @@ class Certificate(msgspec.Struct, frozen=True):
 
 
 def config_of(driver_class: type[Driver], robot: str, port: str, options: Mapping[str, Any]) -> str:
-    """Return the configuration as a hash. ``port``: as given to ``Robot``, ``TWIN`` for any
-    twin."""
+    """Return the hash of a configuration.
+
+    Args:
+        driver_class: The driver.
+        robot: The kind of the robot.
+        port: The port as it is given to ``Robot``; ``TWIN`` for any twin.
+        options: The options of the driver.
+    """
     driver = driver_class(robot, "" if port == TWIN else port, options)
-    left_out = {"tool_name", *driver_class.SECRETS}  # a hash of a password could be searched for it
-    said = {
+    left_out = {"tool_name", *driver_class.SECRETS}  # A password could be guessed from a hash that contains it.
+    facts = {
         "driver": f"{driver_class.__module__}:{driver_class.__qualname__}",
         "robot": robot,
         "port": port,
@@ -72,11 +87,12 @@ def config_of(driver_class: type[Driver], robot: str, port: str, options: Mappin
         "bound_s": driver.bound_s,
         "code": _digest_of_code(driver_class),
     }
-    return hashlib.sha256(msgspec.json.encode(said, order="sorted")).hexdigest()[:16]
+    return hashlib.sha256(msgspec.json.encode(facts, order="sorted")).hexdigest()[:16]
 
 
 def _digest_of_code(driver_class: type[Driver]) -> str:
-    """Of the kernel, the supervisors, the driver's own folder and what it shares with others."""
+    """Return the digest of the kernel, the supervisors, the driver's own folder, and the code that it shares
+    with other drivers."""
     digest = hashlib.sha256()
     for path in sorted(_code(driver_class)):
         digest.update(path.name.encode() + path.read_bytes())
@@ -94,7 +110,7 @@ def _code(driver_class: type[Driver]) -> Iterator[Path]:
             yield Path(file)
 
 
-# -- kept
+# -- files
 
 
 def path_of(robot: str, config: str) -> Path:
@@ -102,7 +118,7 @@ def path_of(robot: str, config: str) -> Path:
 
 
 def keep(certificate: Certificate) -> Path:
-    """Write it down; where. Raise ``OSError``."""
+    """Write a certificate and return its path. Raise ``OSError`` if that fails."""
     path = path_of(certificate.robot, certificate.config)
     path.parent.mkdir(parents=True, exist_ok=True)
     draft = path.with_suffix(".tmp")
@@ -112,23 +128,24 @@ def keep(certificate: Certificate) -> Path:
 
 
 def revoke(robot: str, config: str) -> None:
-    """A drill that fails takes back what an earlier one has shown."""
+    """Remove the certificate of a configuration, because a later drill has failed."""
     path_of(robot, config).unlink(missing_ok=True)
 
 
 def find(robot: str, config: str) -> Certificate | None:
-    """Return the certificate of a configuration. One that cannot be read counts as none."""
+    """Return the certificate of a configuration; None if there is no readable one."""
     try:
         return msgspec.json.decode(path_of(robot, config).read_bytes(), type=Certificate)
     except (FileNotFoundError, msgspec.DecodeError):
         return None
 
 
-# -- required
+# -- ``require_drill``
 
 
 def parse_age_s(text: str) -> float:
-    """``"30d"`` in seconds; m, h, d, w. Raise ``ValueError``."""
+    """Return an age such as ``"30d"`` in seconds. Units are m, h, d and w. Raise ``ValueError`` for another
+    text."""
     match = re.fullmatch(r"(\d+)\s*([mhdw])", str(text).strip())
     if match is None or int(match[1]) == 0:
         raise ValueError(f"require_drill is {text!r}. give an age such as '12h', '30d' or '8w'")
@@ -138,8 +155,19 @@ def parse_age_s(text: str) -> float:
 def clause(
     driver_class: type[Driver], robot: str, port: str, options: Mapping[str, Any], max_age_s: float
 ) -> dict[str, Any]:
-    """Return what the robot's gate is told: until when it may let motion pass (CLOCK_MONOTONIC ns,
-    0: not at all), and what to answer otherwise."""
+    """Return the condition that the robot's gate applies to motion.
+
+    Args:
+        driver_class: The driver.
+        robot: The kind of the robot.
+        port: The port; ``TWIN`` for a twin.
+        options: The options of the driver.
+        max_age_s: Largest age of a certificate, in seconds.
+
+    Returns:
+        ``until_ns``: the end of permitted motion in CLOCK_MONOTONIC nanoseconds, 0 for no motion;
+        ``reason`` and ``remedy`` of the refusal afterwards.
+    """
     config = config_of(driver_class, robot, port, options)
     how = f"strands-actors drill {robot} {'--twin' if port == TWIN else f'--port {port}'}"
     certificate = find(robot, config)

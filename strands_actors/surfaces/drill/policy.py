@@ -1,4 +1,4 @@
-"""The policy of a drill: it keeps every axis where it first saw it."""
+"""The policy of a drill. It commands every axis to its first observed position."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 
 class Still:
-    """Setpoints at the control rate, and no motion."""
+    """Send setpoints at the control rate, without motion."""
 
     def __init__(self, axes: Sequence[str]) -> None:
         self._axes = axes

@@ -1,4 +1,4 @@
-"""A whole drill: connect, look that the robot is at rest, five steps, a certificate."""
+"""Run a whole drill: connect, check that the robot is at rest, take five steps, write a certificate."""
 
 from __future__ import annotations
 
@@ -28,15 +28,21 @@ from .steps import Drill, Failed
 
 REST_S = 0.5
 REST_WITHIN_S = 15.0
-"""One that was just let go sinks, and lies still then."""
+"""How long to wait for rest. A robot that has just lost torque sinks before it lies still."""
 REST = {"degrees": 1.0}
-"""How far an axis at rest may move within ``REST_S``, in units whose name begins so; otherwise
-``REST_ELSE``."""
+"""Largest motion of an axis at rest within ``REST_S``, by the beginning of the unit's name. For other units
+it is ``REST_ELSE``."""
 REST_ELSE = 0.02
 
 
 class Outcome(NamedTuple):
-    """``path``: where the certificate is; None when the drill was not passed."""
+    """The result of a drill.
+
+    Attributes:
+        figures: The results of the steps.
+        certificate: The certificate; None if the drill was not passed.
+        path: The file of the certificate; None if the drill was not passed.
+    """
 
     figures: list[Figure]
     certificate: Certificate | None
@@ -54,26 +60,37 @@ async def run_drill(
     tell: Callable[[str], Awaitable[None]],
     done: Callable[[Figure], None] = lambda _: None,
 ) -> Outcome:
-    """``port``: the robot's; None: its twin. ``done`` is called after each step. A drill that fails
-    takes the certificate of this configuration away. Raise ``ValueError``, ``ConnectionError`` or
-    ``Failed`` when there is nothing to drill."""
-    plan(robot, "real", port=port, transport="twin" if port is None else None, **options)  # refuses what is wrong
+    """Run a drill. A drill that fails removes the certificate of this configuration.
+
+    Args:
+        robot: The kind of the robot.
+        port: The robot's port. None: a twin of it.
+        options: The options of the robot.
+        tell: Tells the operator what to do.
+        done: Called after each step.
+
+    Raises:
+        ValueError: The robot or an option is wrong.
+        ConnectionError: The robot cannot be reached.
+        Failed: The robot is not at rest, or cannot be read.
+    """
+    plan(robot, "real", port=port, transport="twin" if port is None else None, **options)  # Raises for a mistake.
     with _behind(robot, port) as (twin, address):
         try:
-            wanted = await completed(plan(robot, "real", port=address, **options))
+            drilled = await completed(plan(robot, "real", port=address, **options))
         except WireDown as down:
             raise ConnectionError(str(down)) from None
-        config = config_of(wanted.driver_class, wanted.robot, TWIN if twin else address, wanted.options)
+        config = config_of(drilled.driver_class, drilled.robot, TWIN if twin else address, drilled.options)
         figures: list[Figure] = []
-        async with open_tree(wanted) as tree:
+        async with open_tree(drilled) as tree:
             await _must_rest(tree, tell)
             for step in Drill(tree, twin, tell).steps.values():
                 figures.append(await _try(step, tree.driver))
                 done(figures[-1])
     if not all(figure.passed for figure in figures):
-        revoke(wanted.robot, config)
+        revoke(drilled.robot, config)
         return Outcome(figures, None, None)
-    certificate = _certificate(wanted, TWIN if twin else address, config, figures)
+    certificate = _certificate(drilled, TWIN if twin else address, config, figures)
     return Outcome(figures, certificate, keep(certificate))
 
 
@@ -87,7 +104,7 @@ def _behind(robot: str, port: str | None) -> Iterator[tuple[Twin | None, str]]:
 
 
 async def _try(step: Callable[[], Awaitable[Figure]], driver: Driver) -> Figure:
-    """A step that cannot be taken is one that is not passed."""
+    """Take a step. A step that cannot be carried out counts as failed."""
     name = step.__name__.replace("_", " ")
     try:
         return await step()
@@ -123,12 +140,12 @@ async def _what_moves(tree: RobotTree) -> str:
     return ""
 
 
-def _certificate(wanted: Plan, port: str, config: str, figures: list[Figure]) -> Certificate:
+def _certificate(drilled: Plan, port: str, config: str, figures: list[Figure]) -> Certificate:
     versions = {
         "strands-actors": __version__,
         "python": platform.python_version(),
         "system": f"{platform.system()} {platform.release()}",
     }
     date = datetime.now(UTC).isoformat(timespec="seconds")
-    driver = f"{wanted.driver_class.__module__}:{wanted.driver_class.__qualname__}"
-    return Certificate(wanted.robot, driver, port, config, date, versions, figures)
+    driver = f"{drilled.driver_class.__module__}:{drilled.driver_class.__qualname__}"
+    return Certificate(drilled.robot, driver, port, config, date, versions, figures)

@@ -1,9 +1,17 @@
-"""The five steps of a drill. Each has setpoints on the wire that move nothing, breaks one thing,
-waits for proof.
+"""The five steps of a drill.
 
-Proof is what the motors say: every one read back on the safe state that the driver declares. On a
-twin there is the wire's log, too: when the first safe frame was on it, and that no setpoint
-followed.
+Each step sends setpoints that move nothing, causes one fault (or a stop), and waits for the proof that the
+robot is safe.
+
+The proof is a reading of every motor that shows the safe state which the driver declares. On a twin there
+is also the wire's log: it shows when the first safe frame was sent, and that no setpoint followed.
+
+    step          fault                                    the robot is stopped by
+    stop          none, an ordered stop                    the gate
+    policy kill   SIGKILL of the policy process            the root, through the gate
+    wire kill     SIGKILL of the wire process              the guardian's stop channel
+    root freeze   SIGSTOP of the root process              the wire process, which then exits
+    link loss     the cable is pulled and put back         the transport, when the link is back
 """
 
 from __future__ import annotations
@@ -37,31 +45,39 @@ from .certificate import Figure
 
 PROVIDER = "strands_actors.surfaces.drill.policy:Still"
 STEPS_BEFORE = 5
-"""Setpoints on the wire before something is broken."""
+"""Setpoints on the wire before the fault."""
 PATIENCE_S = 10.0
 SETTLE_S = 0.4
-"""How long the wire is watched for setpoints afterwards."""
+"""How long the wire is watched for setpoints after the safe state was confirmed."""
 AWAY_S = 1.0
 """How long a twin's cable is out."""
 HAND_S = 90.0
 """How long a person may take to pull a cable, and to put it back."""
 RETURN_S = BACKOFF_S[-1] + 1.0
+"""Longest time from the return of the cable to the safe state: the longest pause between two attempts to
+open the link, and a second."""
 
 Ask = Callable[[str], Awaitable[None]]
 """Tells the operator what to do."""
 
 
 class Failed(Exception):
-    """The step did not show what it has to."""
+    """The step could not be carried out, or did not show its proof."""
 
 
 def runs_policies(driver: Driver) -> bool:
-    """In a process of their own, which can be killed."""
+    """Return True if policies of this robot run in a separate process, which can be killed."""
     return not (driver.ROLLOUTS or driver.TASKS)
 
 
 class Drill:
-    """On a connected robot. ``twin``: the process behind its wire, if it is one."""
+    """A drill on a connected robot.
+
+    Args:
+        tree: The robot.
+        twin: The twin, if the robot is one.
+        tell: Tells the operator what to do.
+    """
 
     def __init__(self, tree: RobotTree, twin: Twin | None, tell: Ask) -> None:
         self._tree = tree
@@ -71,7 +87,8 @@ class Drill:
 
     @property
     def steps(self) -> dict[str, Callable[[], Awaitable[Figure]]]:
-        """By name, in their order. A robot that runs no policies has no policy to kill."""
+        """Return the steps by name, in their order. A robot without policy processes has no
+        ``policy kill``."""
         steps: dict[str, Callable[[], Awaitable[Figure]]] = {
             "stop": self.stop,
             "policy kill": self.policy_kill,
@@ -107,8 +124,8 @@ class Drill:
         return await self._judge("wire kill", Reason.WIRE, began_ns, self._driver.bound_s, report, proves)
 
     async def root_freeze(self) -> Figure:
-        """The wire process makes safe by itself and ends; its exit code says whether every motor
-        confirmed."""
+        """Freeze the root. The wire process then makes the robot safe by itself and ends. Its exit code shows
+        if every motor has confirmed."""
         async with self._writing():
             root, wire = await self._pid("root"), await self._pid("wire")
             began_ns = self._signal("root", root, signal.SIGSTOP)
@@ -117,7 +134,8 @@ class Drill:
                     await wait_for_end_of(wire)
                 ended_ns, code = monotonic_ns(), exit_code(wire)
             finally:
-                os.kill(root, signal.SIGKILL)  # nobody else may: its wire is gone, and it knows nothing of it
+                # The frozen root does not know that its wire has ended, and no other process kills it.
+                os.kill(root, signal.SIGKILL)
         bound_s = self._driver.timing.heartbeat_ttl_s + self._driver.bound_s
         if waiting.cancelled_caught:
             problem = "the wire process did not notice that its root is frozen"
@@ -128,8 +146,8 @@ class Drill:
         )
 
     async def link_loss(self) -> Figure:
-        """The clock begins before the cable is out: at the last look at which the link was there. So
-        the bound is the time without a cable, and ``RETURN_S``."""
+        """Pull the cable and put it back. The measured time begins at the last check that saw the link. So
+        the bound is the time without a cable plus ``RETURN_S``."""
         async with self._writing():
             if self._twin is not None:
                 began_ns = monotonic_ns()
@@ -143,8 +161,8 @@ class Drill:
                 await self._tell("It is noticed. Put the cable back.")
                 await self._until_linked(HAND_S)
                 back_ns = monotonic_ns()
-            # An SDK that cannot do without its link ends its wire process, which the root may see
-            # first.
+            # An SDK that does not survive the loss of its link ends the wire process, and the root may see
+            # that first. So Reason.WIRE counts, too.
             report = await self._report_of(began_ns, Reason.LINK, Reason.WIRE)
         proves = ("SAF-002", "SAF-008", "SAF-012")
         reason = report.reason if report is not None else Reason.LINK
@@ -155,8 +173,8 @@ class Drill:
 
     @contextlib.asynccontextmanager
     async def _writing(self) -> AsyncIterator[None]:
-        """Setpoints on the wire that keep the robot where it is. Raise ``Failed`` when there are
-        none."""
+        """Energise the robot, and send setpoints that keep it in place. Raise ``Failed`` if that is not
+        possible."""
         tree = self._tree
         status = await tree.status()
         if status is None or status.mode != Mode.ARMED:
@@ -184,7 +202,8 @@ class Drill:
         yield
 
     async def _resume(self) -> Resumed | Refused:
-        """A wire that was just started again may need a moment."""
+        """Resume the robot, with retries for up to ``PATIENCE_S``, since a wire that has just restarted needs
+        time."""
         answer: Resumed | Refused = Refused(Code.NO_ANSWER, f"no answer within {PATIENCE_S:g} s")
         with trio.move_on_after(PATIENCE_S):
             while True:
@@ -198,9 +217,12 @@ class Drill:
         return answer
 
     async def _send_still(self, task_status: trio.TaskStatus[None]) -> None:
-        """One axis, and the others are held where they are: of a robot that lies, some lean on
-        their end stops, past what may be commanded. Started once some have been accepted. Raise
-        ``Failed`` when they are not."""
+        """Send setpoints for one axis at its present position. The others are held.
+
+        When a robot lies down, some axes lean on their end stops, outside the permitted range. So the next
+        axis is tried until one is accepted. ``started()`` is called after ``STEPS_BEFORE`` accepted
+        setpoints. Raise ``Failed`` if no axis is accepted.
+        """
         observation = await self._tree.observe()
         if isinstance(observation, Refused):
             raise Failed(observation.text)
@@ -213,8 +235,8 @@ class Drill:
                 accepted += 1
                 if accepted == STEPS_BEFORE:
                     task_status.started()
-            elif not accepted and (other := next(axes, None)):
-                here = dict([other])
+            elif not accepted and (next_axis := next(axes, None)):
+                here = dict([next_axis])
             elif accepted < STEPS_BEFORE:
                 raise Failed(answer.text)
             await trio.sleep(1 / self._driver.timing.control_hz)
@@ -228,8 +250,8 @@ class Drill:
         report: StopReport | Refused | None,
         proves: tuple[str, ...],
     ) -> Figure:
-        """What the motors said, then what the wire's log says, then that no command passes before a
-        resume."""
+        """Judge a step: by the motors' report, then by the mode (no motion before a resume), and on a twin by
+        the wire's log."""
         if report is None:
             return self._failed(step, reason, bound_s, f"nobody reported a safe state within {PATIENCE_S:g} s")
         if isinstance(report, Refused):
@@ -279,13 +301,13 @@ class Drill:
         return Figure(step, False, self._driver.fallbacks[reason], None, confirmed_ms, bound_s * 1e3, None, problem)
 
     async def _moves(self) -> str:
-        """Return whether a command passes although nobody has resumed."""
+        """Return an error text if the robot is armed without a resume."""
         status = await self._tree.status()
         if status is not None and status.mode in (Mode.ARMED, Mode.ARMING):
             return "it was armed again by itself"
         return ""
 
-    # -- seen from outside
+    # -- observations of the tree
 
     async def _pid(self, role: str) -> int:
         report = await self._tree.describe()
@@ -303,20 +325,22 @@ class Drill:
         return began_ns
 
     async def _report_of(self, since_ns: int, *reasons: Reason) -> StopReport | None:
-        """Of the gate, or of the root's own path: a stop for such a reason that was confirmed;
-        failing that, one that was not. While a cable is out none can be, and each tries."""
-        found = None
+        """Return the gate's or the root's report of a stop for one of these reasons. Wait for a confirmed one,
+        and return an unconfirmed one otherwise. While the cable is out, gate and root try to stop the robot,
+        and no stop can be confirmed."""
+        best = None
         with trio.move_on_after(PATIENCE_S):
-            while found is None or not found.confirmed:
+            while best is None or not best.confirmed:
                 status, tree = await self._tree.status(), await self._tree.describe()
                 for report in (status and status.last_stop, tree and tree.last_stop):
                     if report and report.reason in reasons and report.at_ns >= since_ns:
-                        found = report if found is None or report.confirmed else found
+                        best = report if best is None or report.confirmed else best
                 await trio.sleep(0.02)
-        return found
+        return best
 
     async def _until_mode(self, within_s: float, *modes: Mode) -> int:
-        """Return when the robot was last seen in another mode."""
+        """Wait until the robot is in one of these modes. Return the time of the last check that saw another
+        mode."""
         before_ns = monotonic_ns()
         with trio.move_on_after(within_s):
             while True:
@@ -340,7 +364,7 @@ class Drill:
 
 
 def _report_in(result: StopResult) -> StopReport | Refused:
-    """Return the report that a stop has led to, or why there is none."""
+    """Return the report of a stop, or a refusal if there is no report."""
     match result:
         case Confirmed(NothingRan(why)):
             return Refused(Code.NOTHING_RAN, why, verb="stop")
@@ -355,8 +379,8 @@ def _report_in(result: StopResult) -> StopReport | Refused:
 
 
 def exit_code(pid: int) -> int | None:
-    """Of a process that nobody has waited for yet; None when it is not told. Last field of
-    /proc/PID/stat."""
+    """Return the exit code of a process that has ended and is not reaped yet, from the last field of
+    /proc/PID/stat. None if it cannot be read."""
     try:
         fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     except OSError:

@@ -1,9 +1,9 @@
-"""The page on which a reader plays events against the failsafe machine: one file, made of the
-machine's own table.
+"""Make the page on which a reader plays events against the failsafe machine.
 
     python -m strands_actors.surfaces.failsafe_page > docs/failsafe.html
 
-What an event does in a mode is asked of ``failsafe.step`` here and only looked up there.
+The page is one file. This module computes the result of each event in each mode with ``failsafe.step``,
+and the page only looks it up.
 """
 
 from __future__ import annotations
@@ -16,8 +16,9 @@ from strands_actors.supervisors.gate import failsafe
 from strands_actors.supervisors.gate.failsafe import Action, Event, Mode, State
 
 ESTOP = "e-stop"
-"""A stop that locks, as an event of its own."""
+"""A stop that locks. The page shows it as a separate event."""
 READER = "you"
+"""The name of the reader, who gives the e-stop."""
 
 MODES: dict[Mode, str] = {
     Mode.DOWN: "No link to the robot. Nothing of ours is energised.",
@@ -83,7 +84,7 @@ STORIES: dict[str, tuple[str, ...]] = {
 
 def data() -> dict[str, Any]:
     """Return the machine as plain data: for every mode and event the next mode, whether the epoch
-    rises, the action, and what becomes of the lock (``keeps``, ``locks`` or ``lifts``)."""
+    rises, the action, and the effect on the lock (``keeps``, ``locks`` or ``lifts``)."""
     start = State()
     return {
         "start": {"mode": start.mode, "epoch": start.epoch, "locked_by": start.locked_by},

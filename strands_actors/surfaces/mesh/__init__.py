@@ -1,11 +1,17 @@
-"""Robots that can be watched, commanded and stopped from other processes and hosts.
+"""Watch, command and stop robots from other processes and hosts.
 
-MeshConfig    how a robot can be reached: by default by its own user, on this host
-open_mesh     the other end: subscribe, ask, stop
-control       the lease of a robot elsewhere
-estop         every robot on the mesh, from a program without trio
-get_peers     who is there; tell: have one run a policy; broadcast: ask all, or stop all
-estop_button  the same, joined in advance: the order leaves in the thread that presses
+MeshConfig    how a robot can be reached; by default only its own user on this host can
+open_mesh     join the mesh as a client: subscribe, send commands, stop (on trio)
+control       hold the lease of a robot on the mesh (on trio)
+
+For programs without trio:
+
+estop         stop every robot on the mesh
+estop_button  the same, joined in advance; the thread that presses it sends the order
+get_peers     list the robots
+tell          have one robot run a policy
+broadcast     ask all robots for a reading, or stop them all
+resume        lift the lockout of one robot and energise it
 """
 
 from __future__ import annotations
@@ -55,7 +61,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    # Lazy: a robot's processes need the configuration and nothing else.
+    # The modules are imported on first use, since a robot's processes need only the configuration.
     if name in _WHERE:
         from importlib import import_module
 

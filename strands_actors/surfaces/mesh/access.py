@@ -1,10 +1,11 @@
-"""Who may do what at a robot that others can reach, as zenoh's access rules. Whatever is not
-allowed is denied below the interpreter: a flood of forged commands costs the robot next to
-nothing.
+"""The access rules of a robot on the mesh, in zenoh's form.
 
-Zenoh tells a robot nothing of who has put a sample or asks a question. So what moves a robot is asked, on
-a key that ends with the name of who asks, and each operator may ask under its own name alone. What
-is put can stop and read, and each operator hears the answers to its own name alone.
+Zenoh denies everything that no rule allows, below the interpreter. So a flood of forged commands costs
+the robot almost nothing.
+
+Zenoh does not give a robot the identity of the sender of a put or a query. So a command that moves the
+robot must be a query on a key that ends with the sender's name, and the rules allow each operator only its
+own name there. A put can only stop and read. Each operator receives only the answers to its own name.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ TOPICS = (*(key("*", topic) for topic in (*TELEMETRY, camera_topic("*"))), EVENT
 
 
 def questions(who: str) -> tuple[str, ...]:
-    """Return the keys on which ``who`` asks: commands, and the gateway."""
+    """Return the keys on which a peer of this name sends queries: commands, and to the gateway."""
     return command_key("*", who), key("*", f"actor/gateway/from/{who}")
 
 
@@ -44,13 +45,15 @@ GATEWAYS = (key("*", "actor/gateway/**/alive"),)
 
 OPEN = "tcp"
 LOCAL = "unixsock-stream"
-"""The user's own socket: its directory lets nobody else in."""
+"""The protocol of this user's socket. Only this user can open its directory."""
 
 
 class Rule(NamedTuple):
+    """A rule that allows some messages on some keys."""
+
     id: str
     messages: tuple[str, ...]
-    flow: str  # ingress: what they send, egress: what we send; empty: both
+    flow: str  # ingress: from the peer; egress: to the peer; empty: both
     keys: tuple[str, ...]
 
 
@@ -80,17 +83,17 @@ HERE = (
     *COMMAND,
     Rule("questions", ("query",), "ingress", QUESTIONS),
 )
-"""Programs of this user. They may listen to everything, and are sent no command that another gives: there is
-a lease in it."""
+"""Rules for programs of this user. They may subscribe to everything. They do not receive the commands of
+other senders, which contain leases."""
 
 
 def own_prefix(name: str) -> str:
-    """With what senders and nodes of this certificate's holder begin."""
+    """Return the prefix of the names of all senders and nodes of a certificate's holder."""
     return f"{name}."
 
 
 def answers(name: str) -> tuple[Rule, ...]:
-    """Return what one operator asks, and is answered."""
+    """Return the rules for the queries of one operator, and the answers to it."""
     own = f"{own_prefix(name)}$*"
     keys = (key(own, "response/**"), key("node", f"{own}/**"))
     return (
@@ -119,13 +122,19 @@ EVERYTHING = (
 
 
 _Granted = tuple[str, dict[str, list[str]], Sequence[Rule]]
-"""Who, by what that is known, and what for."""
+"""The id of a subject, the property that identifies it, and its rules."""
 
 
 def access_control(
     viewers: Sequence[str] = (), operators: Sequence[str] = (), anybody: bool = False
 ) -> dict[str, Any]:
-    """Of a robot. By common name of the certificate. ``anybody``: who comes without one, too."""
+    """Return the access rules of a robot.
+
+    Args:
+        viewers: Common names of the certificates that may read telemetry.
+        operators: Common names of those that may also command.
+        anybody: Also allow everything to peers without a certificate.
+    """
     rules = list({rule.id: rule for rule in (*VIEW, *OPERATE, *HERE)}.values())
     granted: list[_Granted] = [(f"viewer {name}", {"cert_common_names": [name]}, VIEW) for name in viewers]
     for name in operators:
@@ -141,8 +150,8 @@ def access_control(
 
 
 def only(robot: str) -> dict[str, Any]:
-    """Of who talks with one robot: whoever else is at its address is neither heard nor told
-    anything."""
+    """Return the rules of a caller for one robot. Another peer at the robot's address can neither send
+    nor receive anything."""
     everything = Rule("everything", EVERYTHING, "", ("**",))
     return _control([everything], [(robot, {"cert_common_names": [robot]}, (everything,))])
 

@@ -1,5 +1,7 @@
-"""The name in a certificate: who its holder is to all others. Read without a library, since robots
-and scripts need this one field."""
+"""Read the common name in a certificate, which identifies its holder on the mesh.
+
+This needs no library, since robots and scripts need only this field.
+"""
 
 from __future__ import annotations
 
@@ -11,18 +13,23 @@ _PEM = re.compile(rb"-----BEGIN CERTIFICATE-----(.*?)-----END CERTIFICATE-----",
 _COMMON_NAME = bytes((0x55, 0x04, 0x03))  # the object identifier 2.5.4.3
 _EXPLICIT_VERSION = 0xA0
 _SUBJECT_AT = 4
-"""Behind serial number, algorithm, issuer and validity (RFC 5280, 4.1)."""
+"""Index of the subject, after serial number, algorithm, issuer and validity (RFC 5280, 4.1)."""
 MAX_BYTES = 64 * 1024
 
 
 def common_name(path: str) -> str:
-    """Of the first certificate in a PEM file. Raise ``ValueError``, ``OSError``."""
+    """Return the common name of the first certificate in a PEM file.
+
+    Raises:
+        ValueError: The file has no certificate with a common name.
+        OSError: The file cannot be read.
+    """
     with open(path, "rb") as file:
-        found = _PEM.search(file.read(MAX_BYTES))
-    if found is None:
+        match = _PEM.search(file.read(MAX_BYTES))
+    if match is None:
         raise ValueError(f"{path} is no certificate in PEM")
     try:
-        return _common_name(binascii.a2b_base64(found.group(1)))
+        return _common_name(binascii.a2b_base64(match.group(1)))
     except (ValueError, IndexError, StopIteration) as error:
         raise ValueError(f"{path} is no certificate with a common name ({error or 'cut off'})") from None
 
@@ -42,16 +49,16 @@ def _common_name(der: bytes) -> str:
 
 
 def _elements(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Tag and content of what stands in a row (DER)."""
-    at = 0
-    while at < len(data):
-        tag, length = data[at], data[at + 1]
-        at += 2
+    """Yield tag and content of each element of a sequence in DER."""
+    index = 0
+    while index < len(data):
+        tag, length = data[index], data[index + 1]
+        index += 2
         if length & 0x80:
             count = length & 0x7F
-            length = int.from_bytes(data[at : at + count], "big")
-            at += count
-        if at + length > len(data):
+            length = int.from_bytes(data[index : index + count], "big")
+            index += count
+        if index + length > len(data):
             raise ValueError("cut off")
-        yield tag, data[at : at + length]
-        at += length
+        yield tag, data[index : index + length]
+        index += length

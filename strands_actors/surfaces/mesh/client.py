@@ -1,4 +1,4 @@
-"""Everybody else on the mesh: who watches, commands, stops. On trio.
+"""A client of the mesh, which watches, commands and stops robots. It runs on trio.
 
 async with open_mesh() as mesh:
     for outcome in await mesh.estop():
@@ -37,25 +37,31 @@ from .sessions import EVERYBODY, LOOK_S, OTHERS, Sessions
 from .signing import patience_s, signed
 
 AWAY_S = 0.004
-"""For an e-stop to be on the wires of this host. Who waits for its outcomes before that takes a
-processor from it: a quarter of 2.8 ms, on two."""
+"""Time for an e-stop to reach the wires of this host. Work on the outcomes before that takes processor
+time from the stop: a quarter of 2.8 ms, on two processors."""
 ANSWER_S = 0.5
 STOP_S = 3.0
-"""Unless the robot says meanwhile that it has heard, and takes longer."""
+"""How long to wait for the result of a stop. An interim answer of the robot can extend it."""
 BEGIN_S = 2.0
-"""Within this time a policy has begun, or a pose was taken up, or nothing of it will be."""
+"""A policy or a pose that has not begun within this time never begins."""
 PRESENCE_S = 1.5
-"""Robots say twice a second that they are there; two times one may be missed."""
+"""How long to wait for presence messages. A robot sends two a second, so two may be lost."""
 CLOCK_AGE_S = 10.0
-"""A clock is read again when the last reading is older."""
+"""A clock is read again if the last reading is older."""
 
 _decode_response = msgspec.json.Decoder(Response).decode
 _COMMAND = schema("command")
 
 
 class Reading(msgspec.Struct, frozen=True):
-    """A robot's clock, as read from here: its offset lies between the two. ``name``: how it knows
-    the reading."""
+    """A reading of a robot's clock.
+
+    Attributes:
+        name: The robot's name of the reading.
+        lowest_ns: Lower bound of the offset between the robot's clock and this host's.
+        highest_ns: Upper bound of it.
+        at_ns: When it was read, on this host's clock.
+    """
 
     name: str
     lowest_ns: int
@@ -63,23 +69,29 @@ class Reading(msgspec.Struct, frozen=True):
     at_ns: int
 
     def deadline(self, at_ns: int) -> int:
-        """Return a time of ours in the robot's, never later than meant."""
+        """Convert a time of this host's clock to the robot's clock. The result is never too late."""
         return at_ns + self.lowest_ns
 
 
 class Pressed(NamedTuple):
-    """An e-stop that has been ordered, and from whom answers are expected."""
+    """An e-stop that was sent, and the state that is needed to collect its answers."""
 
     turn: str
     by: str
-    robot: str  # "*": every one
+    robot: str  # "*": every robot
     answers: trio.MemoryReceiveChannel[Response]
-    appeared: trio.Event
-    sessions: list[PubSub]
+    appeared: trio.Event  # set when another robot appears
+    sessions: list[PubSub]  # over which the order was sent
 
 
 class MeshClient:
-    """``now_ns``: this host's clock; another one for tests."""
+    """A client of the mesh, made by ``open_mesh``.
+
+    Args:
+        config: The configuration.
+        nursery: Runs the sessions.
+        now_ns: This host's clock, in nanoseconds. Tests pass another one.
+    """
 
     def __init__(
         self, config: MeshConfig, nursery: trio.Nursery, now_ns: Callable[[], int] = time.monotonic_ns
@@ -94,42 +106,41 @@ class MeshClient:
         self._waiting: dict[str, trio.MemorySendChannel[Response]] = {}
         self._clocks: dict[str, Reading] = {}
         self.unusable = ""
-        """Why the configuration that was given could not be used; empty: it is."""
+        """Why the configuration could not be used; empty if it is in use."""
 
     def _on_join(self, session: PubSub) -> None:
         session.get_ready(mesh_json.ESTOP_KEY, _COMMAND)
         responses = mesh_json.response_key(self.sender, "*", "*")
         session.subscribe(responses, lambda received: self._on_response(session, received))
 
-    # -- who is there
+    # -- robots
 
     @property
     def robots(self) -> list[str]:
-        """Return those that are on the mesh, and those of this user that should be."""
+        """Return the robots on the mesh, and those of this user that should be there."""
         return self.sessions.robots
 
     async def settle(self, within_s: float = LOOK_S) -> None:
-        """Return when every robot that is expected is there, and others have had the time to
-        appear."""
+        """Wait until every expected robot has appeared, and others have had time to appear."""
         await self.sessions.settle(within_s)
 
     def is_there(self, robot: str) -> bool:
         return robot in self.sessions.via
 
     def subscribe(self, key: str, handler: Callable[[Received], None]) -> None:
-        """Call ``handler`` for each sample, of robots that come later too."""
+        """Call ``handler`` for each sample, also of robots that appear later."""
         self.sessions.subscribe(key, handler)
 
-    # -- asking
+    # -- requests
 
     async def request(
         self, robot: str, command: Command | dict[str, Any], within_s: float = ANSWER_S
     ) -> dict[str, Any] | Refused:
-        """Send one command; its result."""
+        """Send one command and return its result."""
         return await self._ask(robot, mesh_json.key(robot, "cmd"), {"command": command}, within_s)
 
     async def stop(self, robot: str, by: str = "", within_s: float = STOP_S) -> Outcome:
-        """Make one robot safe. Not by its command key: that may be flooded."""
+        """Stop one robot. This does not use the robot's command key, which may be flooded."""
         body = {"command": mesh_json.Stop(by=signed(by))}
         answer = await self._ask(robot, mesh_json.BROADCAST_KEY, body, within_s)
         if isinstance(answer, Refused):
@@ -137,7 +148,7 @@ class MeshClient:
         return outcome_of(robot, answer)
 
     async def resume(self, robot: str, by: str = "", within_s: float = 12.0) -> dict[str, Any] | Refused:
-        """Lift a lockout and energise at the measured position. Starts no motion."""
+        """Lift a lockout and energise the robot at the measured position. This starts no motion."""
         clock = await self.clock(robot)
         if isinstance(clock, Refused):
             return clock
@@ -147,7 +158,7 @@ class MeshClient:
         )
 
     async def post(self, robot: str, command: Command) -> None:
-        """Send one command that is not answered."""
+        """Send one command without an answer."""
         via = self.sessions.via.get(robot)
         if via is not None:
             self._send(via, mesh_json.key(robot, "cmd"), robot, self._new_turn(), {"command": command})
@@ -159,8 +170,15 @@ class MeshClient:
         ttl_s: float,
         within_s: float = ANSWER_S,
     ) -> dict[str, Any] | Refused:
-        """Send a command that must not be obeyed later than in ``ttl_s``; its result. ``make`` gets
-        the name of the robot's clock, and the deadline in its time."""
+        """Send a command with a deadline and return its result.
+
+        Args:
+            robot: The robot.
+            make: Returns the command, from the name of the reading of the robot's clock and the deadline
+                on that clock.
+            ttl_s: Seconds from now to the deadline. The robot does not carry out the command later.
+            within_s: How long to wait for the result.
+        """
         answer: dict[str, Any] | Refused = Refused(Code.CLOCK, "the robot's clock is not known")
         for _ in range(2):
             clock = await self.clock(robot)
@@ -170,15 +188,18 @@ class MeshClient:
             answer = await self.request(robot, make(clock.name, deadline_ns), within_s)
             if not isinstance(answer, Refused) or answer.code != Code.CLOCK:
                 break
-            self.forget_clock(robot)  # it was started anew
+            self.forget_clock(robot)  # The robot has restarted.
         return answer
 
     async def clock(self, robot: str) -> Reading | Refused:
-        """Return the robot's clock. The answer leaves at once while the question may have waited,
-        so it is the way back that bounds the error of ``deadline``."""
-        known = self._clocks.get(robot)
-        if known is not None and self.now_ns() - known.at_ns < CLOCK_AGE_S * NS:
-            return known
+        """Return a reading of the robot's clock.
+
+        The query may have waited at the robot, but the answer is sent at once. So the time of the answer's
+        way back bounds the error of ``deadline``.
+        """
+        last_reading = self._clocks.get(robot)
+        if last_reading is not None and self.now_ns() - last_reading.at_ns < CLOCK_AGE_S * NS:
+            return last_reading
         asked_ns = self.now_ns()
         answer = await self.request(robot, mesh_json.Sync())
         answered_ns = self.now_ns()
@@ -190,8 +211,7 @@ class MeshClient:
         return reading
 
     def forget_clock(self, robot: str) -> None:
-        """It is read again before the next use: the robot says that it does not know the last
-        reading."""
+        """Drop the reading of a robot's clock, for example because the robot does not know it any more."""
         self._clocks.pop(robot, None)
 
     async def _ask(self, robot: str, key: str, body: dict[str, Any], within_s: float) -> dict[str, Any] | Refused:
@@ -205,7 +225,8 @@ class MeshClient:
                 async for response in answers:
                     if response.final:
                         return result_of(response)
-                    # It is known that the robot heard; how long it may take is its driver's to say.
+                    # An interim answer shows that the robot has received the command. It gives the time
+                    # that the robot may need, which depends on its driver.
                     longer_s = float((response.result or {}).get("within_s", 0.0))
                     patience.deadline = max(patience.deadline, trio.current_time() + longer_s)
         return Refused(
@@ -215,8 +236,8 @@ class MeshClient:
         )
 
     def _send(self, via: PubSub, key: str, robot: str, turn: str, body: dict[str, Any]) -> None:
-        """A command for one robot is a question: what it says and what it is answered, leases among
-        it, are heard by nobody else."""
+        """Send a body. A command for one robot goes as a query, so that only this robot and this client
+        receive the command and the answer, which may contain a lease."""
         if key != mesh_json.key(robot, "cmd"):
             via.put(key, self._enveloped(robot, turn, body), _COMMAND)
             return
@@ -252,7 +273,7 @@ class MeshClient:
         try:
             response = _decode_response(received.payload)
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
-            return  # nobody waits for what cannot be read
+            return  # No query waits for an answer that cannot be read.
         waiting = self._waiting.get(response.turn_id)
         if waiting is None or response.responder_id != robot:
             return
@@ -263,38 +284,45 @@ class MeshClient:
     # -- e-stop
 
     async def estop(self, by: str = "", within_s: float = ESTOP_ANSWER_S, robot: str = "*") -> list[Outcome]:
-        """Every robot on the mesh, or only ``robot``, goes safe and is locked until it is resumed.
-        A report on each that is known, within ``within_s`` (0.25 s at least: as long as it may take
-        until all have heard); one that does not answer is unreachable, and counts as moving. No
-        report at all: there is nobody. Neither a wrong ``within_s`` nor a wrong ``by`` keeps the
-        order from leaving."""
+        """Stop every robot on the mesh, or only ``robot``, and lock it until it is resumed. A wrong
+        ``within_s`` or ``by`` does not keep the order from being sent.
+
+        Args:
+            by: The name that the robots report as the origin of the stop. Default: this program.
+            within_s: How long to wait for the results. At least 0.25 s, which all robots may need to
+                receive the order.
+            robot: A robot's name, or ``*`` for all.
+
+        Returns:
+            The result of each known robot; empty if there is no robot. A robot that does not answer is
+            unreachable, and counts as moving.
+        """
         pressed = self.press(by, robot)
         try:
             await trio.sleep(AWAY_S)
             return await self.outcomes(pressed, within_s)
         finally:
-            self._waiting.pop(pressed.turn, None)  # cancelled before it was waited for
+            self._waiting.pop(pressed.turn, None)  # in case of a cancellation before ``outcomes``
 
     def press(self, by: str = "", robot: str = "*") -> Pressed:
-        """Send the order of an ``estop``, from any thread: it leaves in this call, whatever the
-        loop does. After ``AWAY_S`` its ``outcomes`` are to be waited for."""
+        """Send the order of an ``estop`` in this call, from any thread, even if the loop is blocked. Then
+        wait ``AWAY_S``, and call ``outcomes``."""
         by = signed(by)
         turn, answers = self._open_turn()
         return Pressed(turn, by, robot, answers, *self._order_estop(turn, by, robot))
 
     def _order_estop(self, turn: str, by: str, robot: str) -> tuple[trio.Event, list[PubSub]]:
-        """To everybody who is known now: who they are, and what tells that somebody has appeared
-        since."""
+        """Send the order over all present sessions. Return an event that is set when another robot appears,
+        and these sessions."""
         appeared, sessions = self.sessions.appeared, self.sessions.all
         order = self._enveloped(robot, turn, {"by": by})
         for session in sessions:
-            with contextlib.suppress(zenoh.ZError):  # left by the loop meanwhile: its robot is gone
+            with contextlib.suppress(zenoh.ZError):  # The loop has closed it, since its robot has ended.
                 session.put(mesh_json.ESTOP_KEY, order, _COMMAND)
         return appeared, sessions
 
     async def outcomes(self, pressed: Pressed, within_s: float = ESTOP_ANSWER_S) -> list[Outcome]:
-        """Return what became of the robots that were meant, as of ``estop``: ``within_s`` of when it
-        was pressed."""
+        """Return the results of a pressed e-stop, as ``estop`` does, ``within_s`` after it was pressed."""
         found: dict[str, Outcome] = {}
         turn, by, robot, answers, appeared, sessions = pressed
         settled_at = self.sessions.opened_at + LOOK_S
@@ -306,7 +334,7 @@ class MeshClient:
                         await self._collect(found, answers, appeared, settled_at, robot)
                         if not appeared.is_set():
                             break
-                    # Again to everybody whenever a robot appears: one order too many does no harm.
+                    # When a robot appears, order all robots again. One order too many does no harm.
                     appeared, sessions = self._order_estop(turn, by, robot)
         finally:
             self._waiting.pop(turn, None)
@@ -321,9 +349,13 @@ class MeshClient:
         return [*(found[name] for name in sorted(found)), *self.not_looked_for(), *not_connected]
 
     def not_looked_for(self) -> list[Outcome]:
-        """Return of whom it could not even be asked whether they are there, and why."""
-        told = {EVERYBODY: self.sessions.problems.get(EVERYBODY), OTHERS: self.unusable, **self.sessions.unjoined}
-        return [Outcome(who, "unreachable", why) for who, why in told.items() if why]
+        """Return an outcome for each group of robots that could not be looked for."""
+        reasons = {
+            EVERYBODY: self.sessions.problems.get(EVERYBODY),
+            OTHERS: self.unusable,
+            **self.sessions.unjoined,
+        }
+        return [Outcome(group, "unreachable", why) for group, why in reasons.items() if why]
 
     def _meant(self, robot: str) -> set[str]:
         return {name for name in self.robots if robot in ("*", name)}
@@ -336,8 +368,8 @@ class MeshClient:
         settled_at: float,
         robot: str,
     ) -> None:
-        """Return when all have answered and nobody else can be expected, or somebody has
-        appeared."""
+        """Collect answers until all robots have answered and no other can be expected, or until another
+        robot appears."""
         remote = self._reaches_hosts
         done = {robot for robot, outcome in found.items() if outcome.outcome == "safe"}
         async with trio.open_nursery() as nursery:
@@ -350,8 +382,8 @@ class MeshClient:
             while not (done >= self._meant(robot) and (not remote or trio.current_time() >= settled_at)):
                 response = await answers.receive()
                 outcome = outcome_of(response.responder_id, response.result or {"detail": response.error})
-                known = found.get(outcome.robot)
-                if known is None or known.outcome != "safe":
+                earlier = found.get(outcome.robot)
+                if earlier is None or earlier.outcome != "safe":
                     found[outcome.robot] = outcome
                 if response.final:
                     done.add(outcome.robot)
@@ -364,13 +396,22 @@ async def open_mesh(
     now_ns: Callable[[], int] = time.monotonic_ns,
     to_stop: bool = False,
 ) -> AsyncIterator[MeshClient]:
-    """Join the mesh for as long as the block runs. ``config``: or the path of its file; None: the
-    environment's. Raise ``ValueError`` for one that cannot be used. ``to_stop``: that one keeps
-    nobody from the robots of this user; it is told among the outcomes."""
+    """Join the mesh while the block runs.
+
+    Args:
+        config: The configuration, or the path of its file. Default: the file that
+            ``STRANDS_ACTORS_MESH`` names.
+        now_ns: This host's clock, in nanoseconds. Tests pass another one.
+        to_stop: Join the robots of this user even if the configuration cannot be used. The outcomes of an
+            e-stop then report it.
+
+    Raises:
+        ValueError: The configuration cannot be used, and ``to_stop`` is False.
+    """
     unusable = ""
     try:
         config = MeshConfig.of(config)
-    except Exception as error:  # whatever it is: a slip in a file must not keep a robot moving
+    except Exception as error:  # A mistake in a file must not keep a robot from being stopped.
         if not to_stop:
             raise
         config, unusable = MeshConfig(), f"they were not looked for: {error}"

@@ -1,5 +1,4 @@
-"""How a robot's topics can be reached: by default on a unix socket of its user, and from nowhere
-else.
+"""Configure how a robot can be reached. By default this is a unix socket of its user, and nothing else.
 
     MeshConfig(
         listen="tls/0.0.0.0:7447",
@@ -7,9 +6,9 @@ else.
         access=Access(viewers=["viewer"], operators=["operator"]),
     )
 
-or the same as TOML, in a file that ``STRANDS_ACTORS_MESH`` or ``--mesh`` names. What leaves this host needs TLS
-with certificates on both ends; the name in a certificate says which robot it is of, or decides what
-its holder may do.
+or the same as TOML, in a file that ``STRANDS_ACTORS_MESH`` or ``--mesh`` names. A connection to another
+host needs TLS with certificates on both ends. The name in a certificate identifies a robot, or decides
+the rights of its holder.
 """
 
 from __future__ import annotations
@@ -32,16 +31,16 @@ from .certificate import common_name
 
 ENVIRONMENT = "STRANDS_ACTORS_MESH"
 SOCKET = "unixsock-stream"
-"""Of this user, on this host."""
+"""The protocol of this user's sockets on this host."""
 
 MAX_OPERATOR = 40
-"""Characters of an operator's name: it begins the names of its senders."""
+"""Most characters of an operator's name, since the names of its senders begin with it."""
 
 Names = str | Sequence[str]
 
 
 class TLS(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Paths of PEM files: who is trusted, who we are, and the key to that."""
+    """Paths of PEM files: the trusted authority, this program's certificate, and its private key."""
 
     ca: str
     certificate: str
@@ -49,15 +48,14 @@ class TLS(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Access(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Common names of certificates. Viewers read telemetry; operators also command, stop and
-    resume."""
+    """Common names of certificates. Viewers read telemetry. Operators also command, stop and resume."""
 
     viewers: Names = ("viewer",)
     operators: Names = ("operator",)
 
 
 class _Words(NamedTuple):
-    """How to say what is missing, where it was said."""
+    """Words of the messages about a missing setting, for Python or TOML."""
 
     tls: str
     insecure: str
@@ -68,8 +66,16 @@ _IN_TOML = _Words("a table [tls] with ca, certificate and key", "insecure = true
 
 
 class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """``listen``, ``connect``: zenoh endpoints, one or several. ``insecure``: no TLS, on the user's
-    own word: whoever reaches the port commands, on this host alone (127.0.0.1) every user of it."""
+    """How a robot can be reached, or how to reach robots.
+
+    Attributes:
+        listen: Zenoh endpoints to listen on, one or several.
+        connect: Zenoh endpoints to connect to, one or several.
+        tls: The certificates.
+        access: The rights of certificates.
+        insecure: Allow endpoints without TLS. Every program that reaches the port can then command the
+            robot; on 127.0.0.1, every user of this host.
+    """
 
     listen: Names = ()
     connect: Names = ()
@@ -79,8 +85,14 @@ class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @classmethod
     def of(cls, given: MeshConfig | str | os.PathLike[str] | None) -> MeshConfig:
-        """Return what was given as ``mesh=``, checked: a configuration, the path of its file, or
-        nothing. Raise ``ValueError``."""
+        """Return the checked configuration for a ``mesh=`` argument.
+
+        Args:
+            given: A configuration, the path of its file, or None for the environment's.
+
+        Raises:
+            ValueError: It cannot be used.
+        """
         if given is None:
             config = cls.from_environment()
         elif isinstance(given, cls):
@@ -94,7 +106,11 @@ class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> MeshConfig:
-        """From TOML. Paths in it are relative to the file. Raise ``ValueError``."""
+        """Read a TOML file. Paths in it are relative to the file.
+
+        Raises:
+            ValueError: The file cannot be read, or it has an unknown key or a bad endpoint.
+        """
         try:
             file = Path(path)
         except TypeError:
@@ -105,7 +121,7 @@ class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise ValueError(f"mesh: {path} cannot be read: {error.strerror}") from error
         except (msgspec.MsgspecError, UnicodeDecodeError) as error:
             raise ValueError(f"mesh: {path}: {error}{_keys_there(error)}") from error
-        config._check_endpoints(_IN_TOML)  # here, in the file's words
+        config._check_endpoints(_IN_TOML)  # Checked here, so that the message uses the words of TOML.
         if config.tls is not None:
             ours = {name: str(file.parent / value) for name, value in msgspec.structs.asdict(config.tls).items()}
             config = msgspec.structs.replace(config, tls=TLS(**ours))
@@ -113,7 +129,8 @@ class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @classmethod
     def from_environment(cls) -> MeshConfig:
-        """Return what ``STRANDS_ACTORS_MESH`` names, or nothing beyond this user's own sockets."""
+        """Read the file that ``STRANDS_ACTORS_MESH`` names. Without it, only this user's own sockets are
+        used."""
         path = os.environ.get(ENVIRONMENT)
         return cls.load(path) if path else cls()
 
@@ -126,7 +143,11 @@ class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return _list(self.connect)
 
     def check(self) -> None:
-        """Raise ``ValueError`` with what would be accepted."""
+        """Check the whole configuration.
+
+        Raises:
+            ValueError: It cannot be used. The text names a value that would be accepted.
+        """
         self._check_types()
         self._check_endpoints(_IN_PYTHON)
         if self.tls is None:
@@ -145,9 +166,10 @@ class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         _check_access(_list(self.access.viewers), _list(self.access.operators))
 
     def _check_types(self) -> None:
-        """Of one that was made in Python: ``insecure="false"`` would be true."""
+        """Check the types of a configuration made in Python, where ``insecure="false"`` would count as
+        true."""
         endpoints = "an endpoint like 'tls/0.0.0.0:7447', or a list of them"
-        told: list[tuple[str, object, bool, str]] = [
+        rows: list[tuple[str, object, bool, str]] = [
             ("listen", self.listen, _are_names(self.listen), endpoints),
             ("connect", self.connect, _are_names(self.connect), endpoints),
             ("insecure", self.insecure, isinstance(self.insecure, bool), "True or False"),
@@ -156,13 +178,13 @@ class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         ]
         if isinstance(self.tls, TLS):
             files = msgspec.structs.asdict(self.tls).items()
-            told += [(f"tls.{name}", path, isinstance(path, str | os.PathLike), "a path") for name, path in files]
+            rows += [(f"tls.{name}", path, isinstance(path, str | os.PathLike), "a path") for name, path in files]
         if isinstance(self.access, Access):
             roles = msgspec.structs.asdict(self.access).items()
-            told += [
+            rows += [
                 (f"access.{role}", names, _are_names(names), "a name, or a list of them") for role, names in roles
             ]
-        for name, value, fits, accepted in told:
+        for name, value, fits, accepted in rows:
             if not fits:
                 raise ValueError(f"mesh: {name} is {shown(value)}. give {accepted}")
 
@@ -180,27 +202,32 @@ class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         if protocol == "tcp" and self.tls is not None:
             raise ValueError(f"mesh: {endpoint} beside TLS would be a way around it. use tls/ for all endpoints")
         if protocol == "tcp" and not self.insecure:
-            whom = (
+            risk = (
                 "is open to every user of this host, who"
                 if _is_loopback(address)
                 else "leaves this host, and anybody there"
             )
             raise ValueError(
-                f"mesh: {endpoint} {whom} could move the robot. use tls/ and {words.tls}, or say {words.insecure}"
+                f"mesh: {endpoint} {risk} could move the robot. use tls/ and {words.tls}, or say {words.insecure}"
             )
 
     @property
     def identity(self) -> str:
-        """Return the name in our certificate; empty without one."""
+        """Return the name in this program's certificate; empty without one."""
         return "" if self.tls is None else common_name(self.tls.certificate)
 
     @property
     def own_prefix(self) -> str:
-        """With what the names of our senders and nodes begin: robots answer no others of us."""
+        """Return the prefix of the names of this program's senders and nodes. Robots answer only names
+        with it."""
         return own_prefix(self.identity) if self.tls is not None else ""
 
     def check_robot(self, robot: str) -> None:
-        """Raise ``ValueError`` when nobody would believe that a robot of this name is meant."""
+        """Check that the certificate is of this robot. Otherwise peers would reject its answers.
+
+        Raises:
+            ValueError: It is of another name.
+        """
         if self.tls is not None and self.identity != robot:
             raise ValueError(
                 f"mesh: {self.tls.certificate} is the certificate of {self.identity!r}, this robot is {robot!r}: "
@@ -208,11 +235,11 @@ class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             )
 
     def settings_for(self, robot: str) -> dict[str, Any]:
-        """As ``settings``, for who wants to talk with this robot and nobody else."""
+        """As ``settings``, for a caller that communicates with this robot only."""
         return {} if self.tls is None else {**self.settings(), "access_control": only(robot)}
 
     def settings(self) -> dict[str, Any]:
-        """zenoh's own, by its paths."""
+        """Return settings of zenoh, by their paths."""
         if self.tls is None:
             return {}
         ca, certificate, key = (os.path.abspath(path) for path in msgspec.structs.astuple(self.tls))
@@ -227,7 +254,7 @@ class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         }
 
     def robot_settings(self) -> dict[str, Any]:
-        """As ``settings``, with the rules that a robot puts others under."""
+        """As ``settings``, with the access rules of a robot."""
         if self.tls is None:
             return {"access_control": access_control(anybody=self.insecure)}
         rules = access_control(_list(self.access.viewers), _list(self.access.operators))
@@ -235,7 +262,7 @@ class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def _keys_there(error: Exception) -> str:
-    """Return which keys there are, for who wrote another one."""
+    """Return the list of valid keys for the message about an unknown key; empty for other errors."""
     text = str(error)
     if "unknown field" not in text:
         return ""
@@ -244,8 +271,8 @@ def _keys_there(error: Exception) -> str:
 
 
 def _check_key(path: str) -> None:
-    """Raise ``ValueError`` when others than its owner could copy it. A key of root's may be for a
-    group that we are in."""
+    """Raise ``ValueError`` if other users than its owner can read the private key. A key that root owns
+    may also be readable by its group, since this user may be in it."""
     status = os.stat(path)
     others = 0o037 if status.st_uid == 0 and os.getuid() != 0 else 0o077
     if status.st_mode & others:
@@ -268,7 +295,7 @@ def _check_access(viewers: list[str], operators: list[str]) -> None:
 
 
 def _are_names(given: object) -> bool:
-    """Return whether it is a text, or several."""
+    """Return True for a text, or a collection of texts."""
     several = isinstance(given, Sequence | AbstractSet) and all(isinstance(each, str) for each in given)
     return isinstance(given, str) or several
 
@@ -278,7 +305,7 @@ def _list(names: str | Sequence[str]) -> list[str]:
 
 
 def _has_port(address: str) -> bool:
-    """Return whether it is ``host:port``; zenoh's settings of a link may follow."""
+    """Return True for ``host:port``, which zenoh's settings of a link may follow."""
     host, _, port = re.split("[?#]", address, maxsplit=1)[0].rpartition(":")
     return bool(host) and port.isascii() and port.isdigit() and int(port) <= 65535
 

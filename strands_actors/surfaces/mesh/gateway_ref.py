@@ -1,4 +1,4 @@
-"""The gate of a robot on another host, as its caller has it: what is told to it goes dated by the
+"""A caller's reference to the gate of a robot on another host. It gives each command a deadline on the
 robot's clock."""
 
 from __future__ import annotations
@@ -19,22 +19,22 @@ from strands_actors.supervisors.mesh.gateway_messages import Datable, Dated, Syn
 from .robot_clock import RobotClock
 
 COMMAND_S = 1.0
-"""What has not reached the robot by then is not obeyed any more."""
+"""A command that has not reached the robot within this time is not carried out."""
 BEAT_S = 0.5
-"""A heartbeat that was longer on its way keeps no lease alive."""
+"""A heartbeat that takes longer to arrive does not keep the lease."""
 _NOT_KNOWN = Refused(Code.CLOCK, "the robot's clock is not known: nothing is sent before it is", "is it reachable?")
 
 
 class GatewayRef:
-    """As a ``Ref`` of the gate. A command that the robot refuses because it does not know who reads
-    its clock (it was started anew) is followed by a reading, and sent once more."""
+    """A ``Ref`` of the gate. If the robot refuses a command because it does not know the session (it has
+    restarted), the clock is read again and the command is sent once more."""
 
     def __init__(self, node: Node, robot: str, sender: str) -> None:
         at = addresses.of(robot)
         self.address = at.gateway
         self.clock = RobotClock()
         self.told: Synced | None = None
-        """What the robot has last said of itself."""
+        """The robot's last answer to ``Sync``."""
         self._now_ns = node.clock.now_ns
         self._gateway = node.ref(at.gateway, Gateway, sender)
         self._stop = node.ref(at.gateway_stop, GatewayStop, sender)
@@ -43,7 +43,7 @@ class GatewayRef:
     # -- the robot's clock
 
     async def sync(self, deadline_s: float) -> Message | None:
-        """Read the robot's clock. Raise as ``ask``."""
+        """Read the robot's clock. Raises the same as ``ask``."""
         asked_ns = self._now_ns()
         return self._synced(await self._gateway.ask(Sync(self._session), deadline_s), asked_ns)
 
@@ -93,7 +93,7 @@ class GatewayRef:
         return outgoing if isinstance(outgoing, Refused) else self._gateway.ask_here(outgoing, deadline_s)
 
     def _outgoing(self, message: Message) -> Message:
-        """Return what goes out for it; a refusal when the robot's clock is not known."""
+        """Return the message to send, with its times on the robot's clock; a refusal if that is unknown."""
         if not isinstance(message, Datable):
             return message
         now_ns = self._now_ns()

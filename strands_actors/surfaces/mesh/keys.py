@@ -1,8 +1,9 @@
-"""A certificate authority and its certificates, for a mesh of one's own or for tests. Needs the
-extra ``[mesh]``.
+"""Make a certificate authority and certificates, for a private mesh or for tests. Needs the extra
+``[mesh]``.
 
-``ca.key`` signs whoever is let in: keep it off the robots. A robot has a certificate of its own,
-with its name; whoever watches or commands has one that can be no server's, and so play no robot.
+``ca.key`` signs the certificates of all peers that are admitted, so keep it off the robots. Each robot has
+a certificate with its name. A certificate for a viewer or an operator is not valid for a server, so its
+holder cannot pose as a robot.
 """
 
 from __future__ import annotations
@@ -35,11 +36,23 @@ def make(
     days: int = DAYS,
     robots: Sequence[str] = (),
 ) -> list[Path]:
-    """Write a certificate and key for each, signed by the authority in ``directory``, which is made
-    if need be; the paths. ``names``: who watches and commands. ``robots``: by the name that each
-    has on the mesh. ``hosts``: names and addresses under which robots are connected to, beside this
-    host's. Raise ``FileExistsError`` rather than replace any, ``ValueError`` for a name that cannot
-    be one."""
+    """Write a certificate and key for each name, signed by the authority in ``directory``. The authority is
+    made if there is none.
+
+    Args:
+        directory: Where to write.
+        names: Names of viewers and operators.
+        hosts: Names and addresses of the robots' hosts, in addition to this host's.
+        days: Validity in days.
+        robots: Names of robots on the mesh.
+
+    Returns:
+        The paths of the new files.
+
+    Raises:
+        FileExistsError: A file exists already, or the authority in ``directory`` cannot be used.
+        ValueError: A name is not valid.
+    """
     for name in (*names, *robots):
         if not is_name(name) or name == "ca":
             raise ValueError(f"{name!r} is no name: give letters, digits, _ . and -, 64 at most")
@@ -72,13 +85,13 @@ def make(
 
 def _read_authority(certificate: Path, key: Path) -> tuple[x509.Certificate, _Key]:
     try:
-        found = serialization.load_pem_private_key(key.read_bytes(), None)
+        private_key = serialization.load_pem_private_key(key.read_bytes(), None)
         ca = x509.load_pem_x509_certificate(certificate.read_bytes())
     except (OSError, ValueError, TypeError) as error:
         raise FileExistsError(f"{certificate.parent} has an authority that cannot be used: {error}") from error
-    if not isinstance(found, ec.EllipticCurvePrivateKey):
+    if not isinstance(private_key, ec.EllipticCurvePrivateKey):
         raise FileExistsError(f"{key} is no key of ours: name another directory")
-    return ca, found
+    return ca, private_key
 
 
 def _authority(key: _Key, end: datetime.datetime) -> x509.Certificate:
@@ -99,9 +112,10 @@ def _leaf(
     alternatives: Sequence[x509.GeneralName],
     end: datetime.datetime,
 ) -> x509.Certificate:
-    """``alternatives``: where it is reached. Nowhere: it can be a client only."""
+    """Return a certificate. ``alternatives`` are the addresses of its holder as a server; without any, it
+    can be a client only."""
     uses = [ExtendedKeyUsageOID.CLIENT_AUTH]
-    if alternatives:  # a robot may also be told to connect
+    if alternatives:  # A robot keeps CLIENT_AUTH, since it may also connect to others.
         uses.insert(0, ExtendedKeyUsageOID.SERVER_AUTH)
     builder = (
         _builder(_name(name), ca.subject, key, end)
@@ -115,7 +129,8 @@ def _leaf(
 
 
 def _builder(subject: x509.Name, issuer: x509.Name, key: _Key, end: datetime.datetime) -> x509.CertificateBuilder:
-    begin = datetime.datetime.now(datetime.UTC) - datetime.timedelta(days=1)  # other hosts' clocks may be behind
+    # The validity begins a day ago, since the clocks of other hosts may be behind.
+    begin = datetime.datetime.now(datetime.UTC) - datetime.timedelta(days=1)
     return (
         x509.CertificateBuilder()
         .subject_name(subject)

@@ -1,5 +1,4 @@
-"""Commands as mappings, ``{"action": ...}``, in the words of strands-robots: to one robot, or to
-all."""
+"""Send commands in the form of strands-robots, ``{"action": ...}``, to one robot or to all."""
 
 from __future__ import annotations
 
@@ -23,15 +22,15 @@ from .outcome import Outcome
 
 LOOK_S = 0.02
 TO_ALL = (*mesh_json.READING, mesh_json.Stop)
-"""What all robots may be asked at once."""
+"""Commands that may be sent to all robots at once."""
 
 Command = Mapping[str, Any] | str
-"""Or its action alone."""
+"""A command, or only its action."""
 
 
 async def send(mesh: MeshClient, robot: str, command: Command) -> dict[str, Any] | Refused:
-    """Send a command; its result. What moves the robot is dated here: it has begun within
-    ``BEGIN_S``, or nothing of it will."""
+    """Send a command and return its result. A command that moves the robot gets a deadline here: it begins
+    within ``BEGIN_S``, or never."""
     given, kind = _read(command)
     if isinstance(kind, Refused):
         return kind
@@ -51,15 +50,15 @@ async def send(mesh: MeshClient, robot: str, command: Command) -> dict[str, Any]
 
 
 async def send_to_all(mesh: MeshClient, command: Command) -> dict[str, dict[str, Any] | Refused] | Refused:
-    """Ask all robots for a reading, or stop all; their answers by robot. What moves a robot is for
-    one at a time."""
-    known = [name for name, each in mesh_json.ACTIONS.items() if each in TO_ALL]
-    given, kind = _read(command, known)
+    """Ask all robots for a reading, or stop all. Return the answers by robot. A command that moves a robot
+    is refused; it goes to one robot at a time."""
+    offered = [name for name, each in mesh_json.ACTIONS.items() if each in TO_ALL]
+    given, kind = _read(command, offered)
     if isinstance(kind, Refused):
         return kind
     if kind not in TO_ALL:
         why = f"broadcast: {given['action']} is for one robot at a time"
-        return Refused(Code.ONE_ROBOT, why, f"to all send {', '.join(known)}; what moves one, send to that one")
+        return Refused(Code.ONE_ROBOT, why, f"to all send {', '.join(offered)}; what moves one, send to that one")
     answers: dict[str, dict[str, Any] | Refused] = {}
 
     async def ask(robot: str) -> None:
@@ -77,19 +76,19 @@ async def send_to_all(mesh: MeshClient, command: Command) -> dict[str, dict[str,
 
 
 def stops(command: Command) -> bool:
-    """Return whether it is a stop, which nothing may keep from leaving."""
+    """Return True if a command is a stop, which must be sent in any case."""
     return _read(command)[1] is mesh_json.Stop
 
 
 async def peers(mesh: MeshClient, within_s: float = PRESENCE_S) -> list[dict[str, Any]]:
-    """Return who is on the mesh: ``peer_id``, ``type``, ``age`` (seconds), ``reachable``, and what
-    each says of itself."""
+    """Return the robots on the mesh. Each row has ``peer_id``, ``type``, ``age`` (seconds), ``reachable``,
+    and the robot's own presence message."""
     heard: dict[str, tuple[float, dict[str, Any]]] = {}
 
     def hear(received: Received) -> None:
-        with contextlib.suppress(msgspec.DecodeError):  # it is there, and cannot be understood
-            told = msgspec.json.decode(received.payload, type=dict[str, Any])
-            heard[received.key.split("/")[1]] = trio.current_time(), told
+        with contextlib.suppress(msgspec.DecodeError):  # The robot is there, but its message is unreadable.
+            presence = msgspec.json.decode(received.payload, type=dict[str, Any])
+            heard[received.key.split("/")[1]] = trio.current_time(), presence
 
     mesh.subscribe(mesh_json.key("*", "presence"), hear)
     await mesh.settle()
@@ -98,19 +97,20 @@ async def peers(mesh: MeshClient, within_s: float = PRESENCE_S) -> list[dict[str
             await trio.sleep(LOOK_S)
     now, rows = trio.current_time(), []
     for robot in sorted({*mesh.robots, *heard}):
-        at, told = heard.get(robot, (now, {}))
-        kind = told.get("robot_type", "robot")
-        rows.append({**told, "peer_id": robot, "type": kind, "age": now - at, "reachable": robot in heard})
+        at, presence = heard.get(robot, (now, {}))
+        kind = presence.get("robot_type", "robot")
+        rows.append({**presence, "peer_id": robot, "type": kind, "age": now - at, "reachable": robot in heard})
     return rows
 
 
 def _read(
     command: Command, offered: Sequence[str] = tuple(mesh_json.ACTIONS)
 ) -> tuple[dict[str, Any], type[mesh_json.Command] | Refused]:
-    """Return the command with its action, and what kind that is. ``offered``: what may be sent."""
-    said: object = command  # of a program that nobody has checked
-    if not isinstance(said, Mapping | str):
-        why = f"the command is {shown(said)}"
+    """Return the command with its action, and its type, or a refusal. ``offered`` are the actions that
+    the refusal lists."""
+    unchecked: object = command  # Programs may pass any type.
+    if not isinstance(unchecked, Mapping | str):
+        why = f"the command is {shown(unchecked)}"
         return {}, Refused(Code.MALFORMED, why, f'give an action, or {{"action": ...}}: {", ".join(offered)}')
     given = {"action": command} if isinstance(command, str) else {"action": "status", **command}
     action = str(given["action"])
@@ -123,14 +123,14 @@ def _by(given: Mapping[str, Any]) -> Any:
 
 
 def _told_of(outcomes: list[Outcome], robot: str) -> dict[str, Any] | Refused:
-    """Return what became of a robot. Only one that is safe has a result."""
+    """Return the result for a robot that is safe, and otherwise a refusal."""
     outcome = next((each for each in outcomes if each.robot == robot), None)
     if outcome is None:
         return Refused(Code.UNREACHABLE, f"{robot} is not on the mesh")
     match outcome.outcome:
         case "safe":
-            told: dict[str, Any] = msgspec.to_builtins(outcome)
-            return told
+            result: dict[str, Any] = msgspec.to_builtins(outcome)
+            return result
         case "unconfirmed":
             named = ", ".join(str(motor.get("axis")) for motor in outcome.motors if motor.get("safe") is not True)
             why = f"{robot}: not confirmed by {named or 'the robot'}"

@@ -1,4 +1,4 @@
-"""A robot by its name alone: of this user's, or of those that the configuration leads to."""
+"""Reach a robot by its name: one of this user, or one at an endpoint of the configuration."""
 
 from __future__ import annotations
 
@@ -23,30 +23,35 @@ from strands_actors.supervisors.mesh.gateway_messages import Sync, Synced
 from .config import MeshConfig
 
 LOOK_S = 1.0
-"""How long a robot of this host may take to appear; one elsewhere five times as long."""
+"""How long a robot of this host may take to appear. A robot on another host may take five times as long."""
 
 
 @contextlib.asynccontextmanager
 async def reach(robot: str, config: MeshConfig) -> AsyncIterator[RobotTree]:
-    """Its tree, as it has it who did not start it: nothing is armed, and nothing stopped in the end
-    that was released before. Raise ``ConnectionError``."""
+    """Open the tree of a robot that another program has started.
+
+    Nothing is armed. At the end of the block the robot is stopped only if the lease is still held.
+
+    Raises:
+        ConnectionError: The robot was not found, or it has refused.
+    """
     at, kind = await _find(robot, config)
-    wanted = plan(kind, "real", at=at, mesh=config, tool_name=robot)
-    async with open_tree(wanted, arm=False) as tree:
+    robot_plan = plan(kind, "real", at=at, mesh=config, tool_name=robot)
+    async with open_tree(robot_plan, arm=False) as tree:
         yield tree
 
 
 async def _find(robot: str, config: MeshConfig) -> tuple[str, str]:
-    """Return where it listens, and what it is."""
+    """Return the robot's endpoint and kind."""
     here = {note.robot: note.mesh[0] for note in notes() if note.mesh}
     if robot in here:
-        found = await _ask(robot, here[robot], MeshConfig(), LOOK_S)
-        if found is not None:
-            return here[robot], found.kind
+        synced = await _ask(robot, here[robot], MeshConfig(), LOOK_S)
+        if synced is not None:
+            return here[robot], synced.kind
     for endpoint in config.connects:
-        found = await _ask(robot, endpoint, config, 5 * LOOK_S)
-        if found is not None:
-            return endpoint, found.kind
+        synced = await _ask(robot, endpoint, config, 5 * LOOK_S)
+        if synced is not None:
+            return endpoint, synced.kind
     raise ConnectionError(f"{robot} is not on the mesh. these are: {', '.join(here) or 'none'} on this host")
 
 

@@ -1,11 +1,11 @@
-"""A robot of another process or host, commanded over the mesh.
+"""Command a robot of another process or host over the mesh.
 
     async with open_mesh(config) as mesh, control(mesh, "so101") as arm:
         await arm.send_action({"shoulder_pan": 10.0})
 
-It holds the lease as long as the block runs and its loop turns. A link that is cut ends it: the
-robot holds when the last setpoint expires (one that is latched: a second later), and takes no
-command from the mesh before a ``resume``.
+The block holds the lease while it runs and its loop is not blocked. A link that is cut ends the lease: the
+robot holds when the last setpoint expires (a latched one: a second later), and accepts no command from
+the mesh before a ``resume``.
 """
 
 from __future__ import annotations
@@ -30,12 +30,19 @@ _log = logging.getLogger("strands_actors")
 
 BEAT_S = 0.2
 COMMAND_S = 0.25
-"""A command that has not reached the robot by then never will."""
+"""A command that has not reached the robot within this time is not carried out."""
 RELEASE_S = 2.0
 
 
 class RemoteRobot:
-    """Made by ``control``."""
+    """A robot whose lease this program holds. ``control`` makes it.
+
+    Attributes:
+        robot: Its name.
+        axes: Its axes, once the lease is held.
+        unit: The unit of its axes.
+        oneshot_ttl_s: Longest lifetime of a single command, in seconds. None: until the lease ends.
+    """
 
     def __init__(self, mesh: MeshClient, robot: str) -> None:
         self.robot = robot
@@ -46,7 +53,7 @@ class RemoteRobot:
         self.oneshot_ttl_s: float | None = None
 
     async def acquire(self) -> Refused | None:
-        """Take the lease; None, or why not."""
+        """Acquire the lease. Return None, or the refusal."""
         answer = await self._dated(
             lambda clock, deadline_ns: mesh_json.Acquire(clock=clock, deadline_ns=deadline_ns), COMMAND_S
         )
@@ -60,9 +67,13 @@ class RemoteRobot:
     async def send_action(
         self, targets: Mapping[str, float], ttl_s: float | None = None, period_s: float = 0.0
     ) -> dict[str, Any] | Refused:
-        """Joints by name, in the driver's units. ``ttl_s``: how long the target lives, as part of a
-        stream of one every ``period_s``; without, as long as the lease does (where the driver lets
-        a target live so long)."""
+        """Send a target for some joints. Return the accepted values, or the refusal.
+
+        Args:
+            targets: Targets by joint, in the driver's units.
+            ttl_s: Lifetime of the target in seconds. Default: ``oneshot_ttl_s``.
+            period_s: Period of the stream to which the target belongs, in seconds; 0 for a single one.
+        """
         ttl_s = self.oneshot_ttl_s if ttl_s is None else ttl_s
 
         def make(clock: str, deadline_ns: int) -> Command:
@@ -79,24 +90,24 @@ class RemoteRobot:
         return await self._dated(make, COMMAND_S if ttl_s is None else ttl_s)
 
     async def observe(self) -> dict[str, Any] | Refused:
-        """``joints`` by name, ``unit``, ``age_s``."""
+        """Return ``joints`` by name, ``unit`` and ``age_s``, or a refusal."""
         return await self._mesh.request(self.robot, mesh_json.Observe())
 
     async def status(self) -> dict[str, Any] | Refused:
         return await self._mesh.request(self.robot, mesh_json.Status())
 
     async def stop(self, by: str = "") -> Outcome:
-        """Make it safe; what became of it."""
+        """Stop the robot and return the result."""
         return await self._mesh.stop(self.robot, by)
 
     async def resume(self, by: str = "") -> Refused | None:
-        """Energise at the measured position and take the lease. Starts no motion. None, or why
-        not."""
+        """Energise the robot at the measured position and acquire the lease. This starts no motion. Return
+        None, or the refusal."""
         answer = await self._mesh.resume(self.robot, by)
         return answer if isinstance(answer, Refused) else await self.acquire()
 
     async def release(self) -> Outcome:
-        """Give the lease up: a target that lives is held. Return what became of that."""
+        """Release the lease, and return the result. If a target is in force, the robot holds."""
         lease, self._lease = self._lease, 0
         answer = await self._mesh.request(self.robot, mesh_json.Release(lease), RELEASE_S)
         if isinstance(answer, Refused):
@@ -104,7 +115,7 @@ class RemoteRobot:
         return outcome_of(self.robot, answer)
 
     async def beat(self) -> None:
-        """As long as this runs, the lease lives."""
+        """Keep the lease, until cancelled."""
         while True:
             await trio.sleep(BEAT_S)
             if self._lease:
@@ -123,8 +134,16 @@ class RemoteRobot:
 
 @contextlib.asynccontextmanager
 async def control(mesh: MeshClient, robot: str, resume: bool = False) -> AsyncIterator[RemoteRobot]:
-    """The lease of ``robot``, inside the block. ``resume``: energise it first. Raise
-    ``PermissionError`` with the robot's refusal."""
+    """Hold the lease of a robot while the block runs.
+
+    Args:
+        mesh: The mesh.
+        robot: The name of the robot.
+        resume: Energise the robot first.
+
+    Raises:
+        PermissionError: The robot has refused. The text is its refusal.
+    """
     remote = RemoteRobot(mesh, robot)
     refused = await (remote.resume() if resume else remote.acquire())
     if refused is not None:

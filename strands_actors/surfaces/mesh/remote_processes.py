@@ -1,8 +1,7 @@
-"""The processes of a robot on another host, as its caller has them: somebody else's, reached over
-the mesh.
+"""The processes of a robot on another host, for a caller that reaches them over the mesh.
 
-Nothing is started there and nothing ended; what ends here is this caller's part. Whether the robot
-has stopped is what the robot says: who hears nothing says so.
+This caller neither starts nor ends them; it only ends its own connection. Only the robot's answer shows
+that the robot has stopped. Without an answer, the result of a stop is ``Unreachable``.
 """
 
 from __future__ import annotations
@@ -38,8 +37,8 @@ from .gateway_ref import GatewayRef
 REACH_S = 5.0
 """How long a robot may take to appear."""
 SYNC_S = (0.1, 0.1, 0.1, 0.2, 0.5, 1.0, 2.0)
-"""Between readings of its clock: several soon, of which the tightest counts; then one every two
-seconds."""
+"""Pauses between readings of its clock. The first come quickly, since the tightest of several readings
+counts. Later there is one every two seconds."""
 
 
 class RemoteProcesses(Processes):
@@ -69,7 +68,8 @@ class RemoteProcesses(Processes):
         except zenoh.ZError as error:
             raise NotConnected(f"{self.plan.at}: {short(error)}") from error
         session.attach(self.node, f"{addresses.of(self.robot).gateway}/**/alive")
-        session.ask_privately(addresses.of(self.robot).gateway)  # it is told a session there, and a lease
+        # The answers contain a session and leases, so no other peer may receive them.
+        session.ask_privately(addresses.of(self.robot).gateway)
         session.serve_threads()
         self.gate = GatewayRef(self.node, self.robot, f"{self.node.address}/{self.robot}")
         self._scope = trio.CancelScope()
@@ -95,7 +95,7 @@ class RemoteProcesses(Processes):
                 await trio.to_thread.run_sync(session.close)
 
     async def _reach(self) -> None:
-        """Wait until the robot has told its clock. Raise ``NotConnected``."""
+        """Wait until the robot's clock was read. Raise ``NotConnected``."""
         failure = "nobody there is called so, or this certificate is no operator's"
         with trio.move_on_after(REACH_S):
             while True:
@@ -114,9 +114,9 @@ class RemoteProcesses(Processes):
                 await trio.sleep(0.05)
         raise NotConnected(f"{self.robot} at {self.plan.at} does not answer: {failure}")
 
-    def _check(self, told: Synced) -> None:
-        if told.kind != self.driver.robot or told.axes != tuple(self.driver.axes):
-            raise NotConnected(f"{self.robot} at {self.plan.at} is a {told.kind}, not a {self.driver.robot}")
+    def _check(self, synced: Synced) -> None:
+        if synced.kind != self.driver.robot or synced.axes != tuple(self.driver.axes):
+            raise NotConnected(f"{self.robot} at {self.plan.at} is a {synced.kind}, not a {self.driver.robot}")
 
     async def _keep_clock(self) -> None:
         waits = iter(SYNC_S)
@@ -131,16 +131,17 @@ class RemoteProcesses(Processes):
             self._scope = None
 
     async def end(self, lease: Lease | None) -> StopResult:
-        """What we have commanded is made safe; what others command goes on."""
+        """Stop the robot if this caller has the lease, release it, and disconnect. Otherwise the robot
+        continues with the commands of others."""
         result: StopResult = stop_result.Confirmed(stop_result.NothingRan("nothing was commanded from here"))
         if self.started and lease is not None:
             try:
-                # No cleanup: that would end the tree, which is not ours.
+                # The reason is not CLEANUP, which would end the tree. The tree is not this caller's.
                 answer = await self.gate.ask(Stop(Reason.STOP, self.holder), self.patience.stop_s)
                 result = stop_result.of_answer("cleanup", answer, self.driver.axes)
             except (AskTimeout, Unreachable) as failure:
                 result = self._not_heard("cleanup", failure)
-            with contextlib.suppress(AskTimeout, Unreachable):  # after a stop it lapses by itself
+            with contextlib.suppress(AskTimeout, Unreachable):  # Without a release the lease lapses.
                 await self.gate.ask(Release(lease.id), self.patience.ask_s)
         self._leave()
         return result
@@ -149,7 +150,8 @@ class RemoteProcesses(Processes):
         return self._not_heard("stop", None)
 
     async def late(self, verb: str, timeout: AskTimeout) -> Refused:
-        """It is dated: it is not done late. Whether it was done in time is not known."""
+        """Return the refusal for a command without an answer in time. The command has a deadline, so it is
+        not carried out late, but it may have been carried out in time."""
         why = f"{timeout}. it may have been done, and will not be done later"
         return Refused(Code.TIMEOUT, why, "look at get_status()", verb=verb)
 
@@ -178,4 +180,4 @@ class RemoteProcesses(Processes):
         return answer if isinstance(answer, TreeReport) else None
 
     async def require_mesh(self) -> None:
-        """Nothing to do: it has been reached by it."""
+        """Do nothing, since the robot was reached over the mesh."""

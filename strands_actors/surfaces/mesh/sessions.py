@@ -1,8 +1,10 @@
-"""The sessions of everybody else on the mesh: one for each robot of this user, and for each endpoint
-that the configuration names. A robot that is frozen keeps nobody from reaching the others.
+"""The zenoh sessions of a client of the mesh.
 
-What is said of a robot counts from its own session alone: a session is of the robot whose socket it
-is, or whose certificate. Robots that start later are joined within ``LOOK_S``.
+There is one session for each robot of this user, and one for each endpoint in the configuration. So a
+frozen robot does not block the others.
+
+Messages of a robot are accepted only from its own session. A session belongs to the robot that owns the
+socket at its other end, or the certificate. Robots that start later are joined within ``LOOK_S``.
 """
 
 from __future__ import annotations
@@ -22,17 +24,23 @@ from strands_actors.supervisors.mesh import schemas as mesh_json
 from .config import MeshConfig
 
 LOOK_S = 0.5
-"""How often it is looked for robots that have come or gone, and how long one may take to appear."""
+"""Period of the search for robots that have started or ended, and how long one may take to appear."""
 EVERYBODY = "the robots of this user"
-"""Instead of a robot's name, when nobody can say who there is."""
+"""Stands for the name of a robot in an outcome when this user's robots cannot be listed."""
 OTHERS = "the robots of other hosts"
-"""The same, when the configuration that leads to them cannot be used."""
+"""As ``EVERYBODY``, when the configuration for other hosts cannot be used."""
 _NO_ROBOTS = ("safety", "broadcast", "node")
-"""What may stand in a key where a robot's name does."""
+"""Parts of a key that stand in the place of a robot's name."""
 
 
 class Sessions:
-    """``on_join`` is called with each session before it is heard."""
+    """The sessions of one client.
+
+    Args:
+        config: The configuration.
+        nursery: Runs the sessions.
+        on_join: Called with each new session before its samples are handled.
+    """
 
     def __init__(self, config: MeshConfig, nursery: trio.Nursery, on_join: Callable[[PubSub], None]) -> None:
         self._config = config
@@ -41,20 +49,20 @@ class Sessions:
         self._open: dict[str, PubSub] = {}
         """By endpoint: a socket of this user, or one that the configuration names."""
         self._of_note: dict[PubSub, str] = {}
-        """Whose socket a session of this user is connected to."""
+        """The robot that owns the socket of each session of this user."""
         self._impostors: dict[str, str] = {}
-        """By endpoint: who there says to be a robot that it is not."""
+        """By endpoint: why the robot that announces itself there is not accepted."""
         self._subscriptions: list[tuple[str, Callable[[Received], None]]] = []
         self.via: dict[str, PubSub] = {}
-        """By robot that is on the mesh: its session."""
+        """The session of each robot on the mesh."""
         self._expected: set[str] = set()
         self.problems: dict[str, str] = {}
-        """By robot, or what else could not be looked at: why."""
+        """The reason why a robot, or ``EVERYBODY``, could not be looked for."""
         self.unjoined: dict[str, str] = {}
-        """By endpoint of the configuration that could not be joined: why."""
+        """The reason why an endpoint of the configuration could not be joined."""
         self._looking = trio.Lock()
         self.appeared = trio.Event()
-        """Set when a robot appears next; another one from then on."""
+        """Set when the next robot appears. A new event then replaces it."""
         self.opened_at = trio.current_time()
 
     @property
@@ -63,25 +71,25 @@ class Sessions:
 
     @property
     def robots(self) -> list[str]:
-        """Return those that are on the mesh, and those of this user that should be."""
+        """Return the robots on the mesh, and those of this user that should be there."""
         return sorted({*self.via, *self._expected})
 
     async def settle(self, within_s: float = LOOK_S) -> None:
-        """Return when every robot that is expected is there, and others have had the time to
-        appear."""
+        """Wait until every expected robot has appeared. With endpoints in the configuration, wait
+        ``within_s`` in any case, since other robots may appear."""
         with trio.move_on_at(self.opened_at + within_s):
             while self._config.connects or not self._expected <= set(self.via):
                 await self.appeared.wait()
 
     async def until_there(self, robot: str) -> PubSub | None:
-        """Return its session, waiting ``LOOK_S`` for it to appear."""
+        """Wait up to ``LOOK_S`` for a robot and return its session; None if it has not appeared."""
         with trio.move_on_after(LOOK_S):
             while robot not in self.via:
                 await self.appeared.wait()
         return self.via.get(robot)
 
     def subscribe(self, key: str, handler: Callable[[Received], None]) -> None:
-        """Call ``handler`` for each sample, of robots that come later too."""
+        """Call ``handler`` for each sample, also of robots that appear later."""
         self._subscriptions.append((key, handler))
         for session in self._open.values():
             self._subscribe(session, key, handler)
@@ -98,43 +106,51 @@ class Sessions:
     # -- joining and leaving
 
     async def look(self) -> None:
-        """Join robots of this user that have come, leave those that are gone. What cannot be looked at keeps nobody
-        from the others: it is told among the outcomes of an e-stop."""
+        """Join robots of this user that have started, and leave those that have ended. An error is kept in
+        ``problems`` for the outcomes of an e-stop, and does not block the other robots."""
         async with self._looking:
             problems: dict[str, str] = {}
             try:
                 await self._look(problems)
-            except Exception as error:  # whatever it is: who holds the button still reaches whom it knows
+            except Exception as error:  # An e-stop must still reach the robots that are joined already.
                 problems[EVERYBODY] = f"they cannot be looked for: {describe(error)}"
             self.problems = problems
 
     async def _look(self, problems: dict[str, str]) -> None:
-        found = {note.mesh[0]: note for note in notes() if note.mesh}
-        self._expected = {note.robot for note in found.values()}
+        noted = {note.mesh[0]: note for note in notes() if note.mesh}
+        self._expected = {note.robot for note in noted.values()}
         for endpoint, session in list(self._open.items()):
             # A note may have been deleted while its robot runs.
-            if session in self._of_note and endpoint not in found and not session.connections:
+            if session in self._of_note and endpoint not in noted and not session.connections:
                 self._leave(self._open.pop(endpoint))
-        for endpoint, note in found.items():
+        for endpoint, note in noted.items():
             if note.problem:
                 problems[note.robot] = note.problem
             if endpoint not in self._open:
-                with trio.CancelScope(shield=True):  # a millisecond; half of it would be a deaf session
+                # This takes a millisecond. If it were cancelled halfway, the session would receive nothing.
+                with trio.CancelScope(shield=True):
                     try:
                         session = await PubSub.open(connect=[endpoint])
-                    except (zenoh.ZError, OSError, RuntimeError) as error:  # no descriptor, no thread
+                    except (zenoh.ZError, OSError, RuntimeError) as error:  # out of descriptors or threads
                         problems[note.robot] = f"it cannot be joined: {error}"
                     else:
                         self._of_note[session] = note.robot
                         await self._join(endpoint, session)
 
     async def join_configured(self, go_on: bool = False) -> None:
-        """Raise ``ValueError`` when a certificate cannot be used. ``go_on``: keep that for the
-        outcomes, and join the others."""
+        """Join the endpoints of the configuration.
+
+        Args:
+            go_on: Keep a failure in ``unjoined`` for the outcomes, and join the other endpoints.
+
+        Raises:
+            ValueError: An endpoint cannot be joined, for example for its certificate, and ``go_on`` is
+                False.
+        """
         for endpoint in dict.fromkeys(self._config.connects):
             try:
                 session = await PubSub.open(connect=[endpoint], settings=self._config.settings())
-            except (zenoh.ZError, OSError, RuntimeError) as error:  # no certificate, descriptor, thread
+            except (zenoh.ZError, OSError, RuntimeError) as error:  # no certificate, descriptor or thread
                 why = f"mesh: {endpoint}: {short(error) if isinstance(error, zenoh.ZError) else error}"
                 if not go_on:
                     raise ValueError(why) from error
@@ -152,12 +168,13 @@ class Sessions:
         await self._nursery.start(session.run)
 
     def speaks_for(self, session: PubSub, robot: str) -> bool:
-        """Return whether what comes over this session may be of that robot."""
+        """Return True if messages that come over this session may be of that robot."""
         if session in self._of_note:
             return self._of_note[session] == robot
         if self._config.tls is not None:
             return session.names == {robot}
-        return self.via.get(robot, session) is session  # nobody has a proof: who came first
+        # Without TLS there is no proof: the session that first used a name owns it.
+        return self.via.get(robot, session) is session
 
     def _leave(self, session: PubSub) -> None:
         for robot in [robot for robot, via in self.via.items() if via is session]:
@@ -166,6 +183,7 @@ class Sessions:
         self._nursery.start_soon(trio.to_thread.run_sync, session.close)
 
     async def keep_looking(self) -> None:
+        """Look for robots every ``LOOK_S``, until cancelled."""
         while True:
             await trio.sleep(LOOK_S)
             await self.look()
@@ -194,16 +212,16 @@ class Sessions:
         appeared.set()
 
     def not_connected(self) -> list[tuple[str, str]]:
-        """Endpoints that the configuration names, and where no robot is that proves its name; and why."""
-        found = []
+        """Return each endpoint of the configuration at which no robot has proved its name, and why."""
+        rows = []
         for endpoint in dict.fromkeys(self._config.connects):
             if endpoint in self.unjoined:
-                continue  # told beside them
+                continue  # ``MeshClient.not_looked_for`` reports these.
             session = self._open[endpoint]
             if (why := self._impostors.get(endpoint)) is not None:
-                found.append((endpoint, why))
+                rows.append((endpoint, why))
             elif not session.connections:
-                found.append((endpoint, "it is not connected: who is there is not known"))
+                rows.append((endpoint, "it is not connected: who is there is not known"))
             elif not any(via is session for via in self.via.values()):
-                found.append((endpoint, "it is connected, and no robot answers there"))
-        return found
+                rows.append((endpoint, "it is connected, and no robot answers there"))
+        return rows

@@ -1,5 +1,7 @@
-"""What an order says of who gives it, and how long its answers are waited for, whatever a program
-has given for either: a slip there keeps no robot from being stopped."""
+"""Derive the origin of an order and the time to wait for its answers from any argument.
+
+A wrong argument must not keep a robot from being stopped.
+"""
 
 from __future__ import annotations
 
@@ -12,17 +14,20 @@ from strands_actors.supervisors.mesh.schemas import ESTOP_ANSWER_S, MAX_TEXT
 
 
 def signed(by: object) -> str:
-    """Return who orders, as a robot reads it: text that can be sent, and no longer than it takes.
-    Empty or None: this program."""
+    """Return the origin of an order as a text that can be sent and is no longer than a robot accepts.
+
+    Args:
+        by: The origin. Empty or None stands for this program.
+    """
     try:
         text = "" if by is None else str(by)
-    except Exception:  # an object that cannot even say what it is
+    except Exception:  # An object may fail to give its text.
         text = type(by).__name__
     return harmless(text)[:MAX_TEXT] or program()
 
 
 def program() -> str:
-    """Return what people know this program by: a name made of numbers reads like one of the robot's
+    """Return a readable name of this program. A name of numbers alone would look like one of the robot's
     own processes."""
     script = Path(sys.argv[0] if sys.argv else "")
     name = script.parent.name if script.name == "__main__.py" else script.name
@@ -32,11 +37,16 @@ def program() -> str:
 
 
 def patience_s(within_s: object) -> float:
-    """Return how long an e-stop is waited for. Never less than it may take until it is known that
-    every robot has heard: a session that is closed before takes the order with it. What is no
-    number counts as nothing."""
+    """Return how long to wait for the results of an e-stop.
+
+    It is at least the time in which every robot has received the order: a session that is closed earlier
+    loses it.
+
+    Args:
+        within_s: The requested time. A value that is not a number counts as 0.
+    """
     try:
-        wanted_s = float(within_s)  # type: ignore[arg-type]  # whatever it is
+        requested_s = float(within_s)  # type: ignore[arg-type]  # whatever it is
     except (TypeError, ValueError, OverflowError):
         return ESTOP_ANSWER_S
-    return max(ESTOP_ANSWER_S, wanted_s)  # in this order: not a number is not greater
+    return max(ESTOP_ANSWER_S, requested_s)  # This order returns the first argument for NaN.

@@ -1,4 +1,4 @@
-"""The mesh for programs without trio."""
+"""Functions of the mesh for programs without trio."""
 
 from __future__ import annotations
 
@@ -26,22 +26,30 @@ from .outcome import UNREACHABLE, Outcome
 from .sessions import EVERYBODY, OTHERS
 
 Mesh = MeshConfig | str | os.PathLike[str] | None
-"""How to reach robots of other hosts: a configuration, or the path of its file; None: what
-``STRANDS_ACTORS_MESH`` names."""
+"""How to reach robots on other hosts: a configuration, or the path of its file. None stands for the file
+that ``STRANDS_ACTORS_MESH`` names."""
 
 _SET = ("action", "instruction", "clock", "deadline_ns")
 OPTIONS = tuple(name for name in Execute.__struct_fields__ if name not in _SET)
-"""Of ``tell``."""
+"""Names of the options of ``tell``."""
 
 _log = logging.getLogger("strands_actors")
 
 
 def estop(*, mesh: Mesh = None, by: str = "", within_s: float = ESTOP_ANSWER_S) -> list[Outcome]:
-    """Every robot on the mesh goes safe, and is locked until it is resumed. What became of each
-    that is known, within ``within_s`` (0.25 s at least): safe, unconfirmed or unreachable. ``by``: who
-    is told to have stopped them; else this program. Nothing of that, whatever it is, keeps the order
-    from leaving: with a ``mesh`` that cannot be used it reaches the robots of this user, and one
-    outcome says that others were not looked for. Call it from any thread."""
+    """Stop every robot on the mesh, and lock each one until it is resumed. Call it from any thread.
+
+    A wrong argument does not keep the order from being sent. With a ``mesh`` that cannot be used, the
+    order reaches the robots of this user, and one outcome reports that others were not looked for.
+
+    Args:
+        mesh: How to reach robots on other hosts.
+        by: The name that the robots report as the origin of the stop. Default: this program.
+        within_s: How long to wait for the results, at least 0.25 s.
+
+    Returns:
+        The result of each known robot: safe, unconfirmed or unreachable.
+    """
 
     async def run() -> list[Outcome]:
         async with open_mesh(mesh, to_stop=True) as client:
@@ -51,14 +59,14 @@ def estop(*, mesh: Mesh = None, by: str = "", within_s: float = ESTOP_ANSWER_S) 
 
 
 def _estop_from_child(mesh: Mesh) -> list[Outcome]:
-    """In a process that was forked from one that runs robots: by the command line, as no session can
-    be opened here."""
+    """Send the e-stop by the command line. A process that was forked from one that runs robots cannot
+    open a session itself."""
     named = ("--mesh", os.fspath(mesh)) if isinstance(mesh, str | os.PathLike) else ()
-    told = command_line("estop", *named, within_s=STOP_S)
-    if "robots" not in told:
-        return [Outcome(EVERYBODY, UNREACHABLE, str(told.get("error")))]
+    result = command_line("estop", *named, within_s=STOP_S)
+    if "robots" not in result:
+        return [Outcome(EVERYBODY, UNREACHABLE, str(result.get("error")))]
     fields = Outcome.__struct_fields__
-    rows = [{key: value for key, value in row.items() if key in fields} for row in told["robots"]]
+    rows = [{key: value for key, value in row.items() if key in fields} for row in result["robots"]]
     outcomes = [msgspec.convert({"outcome": UNREACHABLE, **row}, Outcome) for row in rows]
     if isinstance(mesh, MeshConfig):
         why = "a forked process cannot use a MeshConfig. give the path of its file"
@@ -73,15 +81,24 @@ def _check_name(verb: str, robot: object) -> None:
 
 @contextlib.contextmanager
 def estop_button(*, mesh: Mesh = None, by: str = "") -> Iterator[Callable[[], list[Outcome]]]:
-    """Join the mesh now, for a program that may have to stop at any moment: wait for its robots
-    (half a second, if one does not come), and stay. Gives a function that does as ``estop`` does. Call it
-    from any thread, as often as need be: the order leaves in that thread, before anything is waited
-    for. A ``mesh`` that cannot be used is logged now, and is among the outcomes of each press."""
+    """Join the mesh now, for a program that may have to stop robots at any moment.
+
+    The block begins when the known robots have appeared, or after half a second, and stays joined. A
+    ``mesh`` that cannot be used is logged at once, and reported in the outcomes of each press.
+
+    Args:
+        mesh: How to reach robots on other hosts.
+        by: The name that the robots report as the origin of the stop. Default: this program.
+
+    Yields:
+        A function like ``estop``. Call it from any thread, any number of times. It sends the order in the
+        calling thread before it waits for anything.
+    """
     joined: Future[MeshClient] = Future()
 
     async def stay() -> None:
         async with open_mesh(mesh, to_stop=True) as client:
-            await client.settle()  # else the first order could leave before anybody is there to hear it
+            await client.settle()  # Otherwise the first order could be sent before a robot is connected.
             for lost in client.not_looked_for():
                 _log.warning("estop_button: %s: %s", lost.robot, lost.detail)
             joined.set_result(client)
@@ -91,7 +108,7 @@ def estop_button(*, mesh: Mesh = None, by: str = "") -> Iterator[Callable[[], li
     either: list[Future[Any]] = [joined, staying]
     wait(either, return_when=FIRST_COMPLETED)
     if staying.done():
-        staying.result()  # raises why it could not
+        staying.result()  # Raises the reason.
     client = joined.result()
 
     def press() -> list[Outcome]:
@@ -108,8 +125,8 @@ def estop_button(*, mesh: Mesh = None, by: str = "") -> Iterator[Callable[[], li
 
 
 def get_peers(*, mesh: Mesh = None) -> list[dict[str, Any]]:
-    """Return who is on the mesh, within a second and a half: ``peer_id``, ``type``, ``age``,
-    ``reachable``, and what each says of itself."""
+    """Return the robots on the mesh, within 1.5 s. Each row has ``peer_id``, ``type``, ``age`` (seconds),
+    ``reachable``, and the robot's own presence message."""
 
     async def run() -> list[dict[str, Any]]:
         async with open_mesh(mesh) as client:
@@ -119,10 +136,23 @@ def get_peers(*, mesh: Mesh = None) -> list[dict[str, Any]]:
 
 
 def tell(robot: str, instruction: str, *, mesh: Mesh = None, **options: Any) -> dict[str, Any]:
-    """Have a robot of the mesh run a policy that is installed on its host, and wait until that has
-    ended; its status then. ``policy_provider`` names it; ``duration``, ``n_steps``,
-    ``policy_port``, ``policy_host`` and ``control_frequency`` as ``start_task`` has them. Raise
-    ``PermissionError`` with the robot's refusal, ``TypeError`` for what is no name or no option."""
+    """Run a policy on a robot of the mesh, and wait until it has ended. The policy must be installed on the
+    robot's host.
+
+    Args:
+        robot: The name of the robot.
+        instruction: The instruction for the policy.
+        mesh: How to reach robots on other hosts.
+        options: ``policy_provider`` names the policy. ``duration``, ``n_steps``, ``policy_port``,
+            ``policy_host`` and ``control_frequency`` are as for ``start_task``.
+
+    Returns:
+        The status of the task at its end.
+
+    Raises:
+        PermissionError: The robot has refused. The text is its refusal.
+        TypeError: ``robot`` is not a name, or an option is unknown.
+    """
     _check_name("tell", robot)
     for option in options:
         if option not in OPTIONS:
@@ -141,9 +171,14 @@ def tell(robot: str, instruction: str, *, mesh: Mesh = None, **options: Any) -> 
 
 
 def broadcast(command: Mapping[str, Any] | str, *, mesh: Mesh = None) -> list[dict[str, Any]]:
-    """Ask all robots of the mesh for a reading (``"status"``, ``"state"``, ``"ping"``), or stop them
-    all. One row a robot: ``responder_id``, and ``result`` or ``error``. Raise ``PermissionError``
-    for what is for one robot at a time."""
+    """Send a reading command (``"status"``, ``"state"``, ``"ping"``) or a stop to all robots of the mesh.
+
+    Returns:
+        One row per robot: ``responder_id``, and ``result`` or ``error``.
+
+    Raises:
+        PermissionError: The command may be sent to one robot at a time only.
+    """
 
     async def run() -> dict[str, dict[str, Any] | Refused] | Refused:
         async with open_mesh(mesh, to_stop=stops(command)) as client:
@@ -153,14 +188,18 @@ def broadcast(command: Mapping[str, Any] | str, *, mesh: Mesh = None) -> list[di
     if isinstance(answers, Refused):
         raise PermissionError(answers.text)
     return [
-        {"responder_id": name, **({"error": told.text} if isinstance(told, Refused) else {"result": told})}
-        for name, told in answers.items()
+        {"responder_id": name, **({"error": answer.text} if isinstance(answer, Refused) else {"result": answer})}
+        for name, answer in answers.items()
     ]
 
 
 def resume(robot: str, *, mesh: Mesh = None, by: str = "") -> None:
-    """Lift the lockout of one robot and energise it at the measured position. Raise
-    ``PermissionError`` with its refusal, ``TypeError`` for what is no name."""
+    """Lift the lockout of one robot and energise it at the measured position.
+
+    Raises:
+        PermissionError: The robot has refused. The text is its refusal.
+        TypeError: ``robot`` is not a name.
+    """
     _check_name("resume", robot)
 
     async def run() -> None:

@@ -1,5 +1,5 @@
-"""Recordings of a robot: every command, refusal, observation, safe frame and change of state, and
-their replay.
+"""Record a robot and replay the recording: every command, refusal, observation, safe frame and change of
+state.
 
 with record(robot, "run.mcap"):
     robot.send_action({"shoulder_pan": 10.0})
@@ -32,7 +32,7 @@ __all__ = ["Difference", "Outcome", "Recording", "RecordingError", "read", "reco
 
 
 def __getattr__(name: str) -> Any:
-    # Lazy: who records into something else than a file of this kind needs none of its packages.
+    # The modules are imported on first use. A recorder of episodes does not need the packages of MCAP files.
     if name in _WHERE:
         return getattr(import_module(f"{__name__}.{_WHERE[name]}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,5 +1,5 @@
-"""Which driver decided, and which code: a replay by other code may decide otherwise, and must say
-so."""
+"""Identify the driver and the code that made the decisions in a recording. A replay with other code may
+decide differently, and must report that."""
 
 from __future__ import annotations
 
@@ -26,30 +26,37 @@ if TYPE_CHECKING:
 
 SUFFIXES = (".py", ".toml")
 OF_THIS_PACKAGE = (PLAIN, MODEL, SIMULATION)
-"""Drivers of robots whose own driver is another: one of the drivers page, a model file, a simulation."""
+"""Drivers that serve robots of other drivers: one of the drivers page, a model file, a simulation."""
 
 
 def driver_class_of(description: dict[str, object]) -> type[Driver]:
-    """Return the registered class of the robot. One that only the file names is not loaded: a file
-    is no authority for what code to run. Raise ``RecordingError``."""
+    """Return the registered driver class of a robot. A class that is only named in a file is never loaded,
+    since a file must not decide which code runs.
+
+    Args:
+        description: The robot and its driver, as the recording has them.
+
+    Raises:
+        RecordingError: The driver is not installed, or is another one here.
+    """
     robot, named = str(description.get("robot")), description.get("class")
     if named in OF_THIS_PACKAGE:
         if named == SIMULATION:
             _require_known(robot, description.get("options"))
         own: type[Driver] = load(named)
         return own
-    found = get_native_driver_class(robot)
-    if found is None or not issubclass(found, Driver):
+    registered = get_native_driver_class(robot)
+    if registered is None or not issubclass(registered, Driver):
         raise RecordingError(f"there is no driver for {robot} here. install the package that has it")
-    where = describe_driver(found, robot, "", {})["class"]
+    where = describe_driver(registered, robot, "", {})["class"]
     if where != named:
         raise RecordingError(f"{robot} was driven by {named}, here it is {where}")
-    return found
+    return registered
 
 
 def _require_known(robot: str, options: object) -> None:
-    """Raise ``RecordingError`` unless the driver whose robot was simulated is the one of that name
-    here."""
+    """Raise ``RecordingError`` unless the driver of the simulated robot is registered here under the same
+    name."""
     simulated = options.get("class") if isinstance(options, Mapping) else None
     driver_class_of({"robot": robot, "class": simulated})
 
@@ -59,7 +66,11 @@ def build_driver(info: Info) -> Driver:
 
 
 def driver_from(attached: Attached) -> Driver:
-    """Raise ``RecordingError`` when the robot's driver is not here."""
+    """Build the driver of a recorded robot.
+
+    Raises:
+        RecordingError: The driver is not here, or does not accept the recorded options.
+    """
     description = attached.driver
     driver_class = driver_class_of(description)
     kind = str(description["robot"])
@@ -70,7 +81,8 @@ def driver_from(attached: Attached) -> Driver:
 
 
 def fingerprint(driver_class: type[Driver]) -> str:
-    """Of the gate, the watchdog and the driver with its tables: twelve hexadecimal digits."""
+    """Return the fingerprint of the gate, the watchdog and the driver with its tables, in twelve hexadecimal
+    digits."""
     digest = hashlib.sha256()
     for path in _sources(driver_class):
         digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")

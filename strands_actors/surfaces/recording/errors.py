@@ -1,7 +1,7 @@
-"""What recording and replaying refuse."""
+"""The error of recording and replaying."""
 
 from __future__ import annotations
 
 
 class RecordingError(Exception):
-    """One line: what cannot be recorded, read or replayed, and why."""
+    """Something cannot be recorded, read or replayed. The text is one line with the reason."""

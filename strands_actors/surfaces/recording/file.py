@@ -1,4 +1,4 @@
-"""A recording on disk: MCAP, with JSON rows and their schemas, and the journal a replay reads."""
+"""Write and read the file of a recording: MCAP, with JSON rows, their schemas, and the journal for replays."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import msgspec
 
 from strands_actors.contract.extras import require
 
-require("record", "a recording")  # before the imports below say only which module is not there
+require("record", "a recording")  # This error names the extra. The imports below would only name a module.
 
 import zstandard  # noqa: E402
 from mcap.exceptions import McapError  # noqa: E402
@@ -35,19 +35,28 @@ from .views import Row, View, decode_entries  # noqa: E402
 
 METADATA = "strands-actors"
 CHUNK_BYTES = 64 * 1024
-"""About a second: what a recorder that is killed has not written yet."""
+"""Size of a chunk: about a second, which is lost if the recorder is killed."""
 MAX_CHUNK_BYTES = 16 << 20
-"""A chunk ends with the first message beyond ``CHUNK_BYTES``."""
+"""Largest chunk that is read. A chunk ends with the first message beyond ``CHUNK_BYTES``."""
 FLOOR_BYTES, MOST_COMPRESSED = 1 << 20, 100
-"""What a whole file may become: so much, or so many times its size. Ours come to 10 to 20 times."""
+"""Largest decompressed size of a whole file: this many bytes, or this many times its size. Recordings of
+this package reach 10 to 20 times."""
 END = b"\x89MCAP0\r\n"
 
 encode_json = msgspec.json.Encoder().encode
 
 
 class Info(msgspec.Struct, frozen=True):
-    """What the file says of itself. ``code``: fingerprint of the code that decided; ``wall_ns``:
-    what to add to a time of the robot's clock for a date."""
+    """The description of a recording in its file.
+
+    Attributes:
+        format: The format of the journal.
+        version: The version of this package.
+        robot: The name of the robot.
+        code: The fingerprint of the code that made the decisions.
+        wall_ns: Wall-clock time minus the robot's clock.
+        attached: The robot's description of itself.
+    """
 
     format: int
     version: str
@@ -62,16 +71,22 @@ class Info(msgspec.Struct, frozen=True):
 
 
 class Recording(msgspec.Struct):
-    """What a replay needs, in the order of the file: the wire's journal, and where it is broken
-    off."""
+    """The wire's journal and its gaps, in the order of the file, for a replay."""
 
     info: Info
     parts: list[Journal | Gap]
 
 
 class RecordingFile:
-    """Writes one, for its owner alone: it has all that the robot was told. Raise ``OSError``; a file
-    that is there already is not overwritten."""
+    """Write a recording. Only its owner can read the file, since it has every message to the robot.
+
+    Args:
+        path: The new file. An existing one is not overwritten.
+        info: The description of the recording.
+
+    Raises:
+        OSError: The file exists already, or cannot be written.
+    """
 
     def __init__(self, path: Path, info: Info) -> None:
         self.path = path
@@ -99,7 +114,7 @@ class RecordingFile:
         self._rows(self._views[source].rows(decode_entries(data)))
 
     def lost(self, source: str, why: str) -> None:
-        """Nothing came any more from there."""
+        """Note that a source has stopped sending."""
         self._rows(self._views[source].lost(time.monotonic_ns(), why))
 
     def flush(self) -> None:
@@ -128,8 +143,12 @@ def new_info(robot: str, code: str, attached: Attached) -> Info:
 
 
 def read(path: str | os.PathLike[str]) -> Recording:
-    """Raise ``RecordingError`` for what is no path, and for a file that is damaged, or none of ours;
-    ``OSError`` when it cannot be read."""
+    """Read a recording.
+
+    Raises:
+        RecordingError: ``path`` is not a path, or the file is damaged or not a recording of this package.
+        OSError: The file cannot be read.
+    """
     path = path_of("read", "path", path)
     with path.open("rb") as stream:
         try:
@@ -146,7 +165,7 @@ _DAMAGE: tuple[type[Exception], ...] = (
     McapError, msgspec.MsgspecError, struct.error, zstandard.ZstdError, ValueError, KeyError, IndexError,
     RuntimeError, EOFError, MemoryError, OverflowError,
 )  # fmt: skip
-"""What the reader, the decompressors and the decoders raise for bytes that make no sense."""
+"""The exceptions of the reader, the decompressors and the decoders for damaged bytes."""
 
 
 def _read(path: Path, stream: IO[bytes]) -> Recording:
@@ -174,7 +193,7 @@ def _read(path: Path, stream: IO[bytes]) -> Recording:
                     parts.append(journal)
             elif topic == "gap":
                 gap = msgspec.json.decode(record.data, type=Gap)
-                if gap.source == "wire" and gap.missing < 0:  # the others stand in the journal
+                if gap.source == "wire" and gap.missing < 0:  # Other gaps are entries of the journal.
                     parts.append(gap)
     if info is None:
         raise RecordingError(f"{path} is no recording of strands-actors")
@@ -182,8 +201,8 @@ def _read(path: Path, stream: IO[bytes]) -> Recording:
 
 
 def _records(path: Path, stream: IO[bytes], size: int) -> Iterator[McapRecord]:
-    """Return what is in the file. A small file may say that it becomes a large one: it is believed
-    as far as recordings are compressed, and each chunk as far as ours are long."""
+    """Yield the records of a file. The sizes of decompressed chunks have limits, so that a small file cannot
+    fill the memory."""
     most = max(FLOOR_BYTES, MOST_COMPRESSED * size)
     for record in StreamReader(stream, emit_chunks=True, record_size_limit=size).records:
         if not isinstance(record, Chunk):

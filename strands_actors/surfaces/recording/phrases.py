@@ -1,4 +1,4 @@
-"""An encoded message in words: its name, and its fields by name."""
+"""Show an encoded message as text: its name, and its fields by name."""
 
 from __future__ import annotations
 
@@ -18,18 +18,19 @@ LONGEST = 400
 
 
 def _kinds() -> dict[str, type[Message]]:
-    found: dict[str, type[Message]] = {"Down": Down, "Refused": Refused}
+    kinds: dict[str, type[Message]] = {"Down": Down, "Refused": Refused}
     for module in (of_the_gate, of_the_root, of_the_standby, of_the_wire, watchdog):
         for name, value in vars(module).items():
             if isinstance(value, type) and issubclass(value, Message) and value is not Message:
-                found[name] = value
-    return found
+                kinds[name] = value
+    return kinds
 
 
 KINDS = _kinds()
 
 
 def in_words(body: bytes) -> str:
+    """Return an encoded message as text, cut after ``LONGEST`` characters."""
     text = _show(msgspec.msgpack.decode(body))
     return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
 

@@ -1,9 +1,12 @@
-"""Feed what was recorded through the same gate and watchdog, in the time of then, and compare every
-decision.
+"""Replay a recording: feed the recorded messages to a gate and a watchdog, with the recorded times, and
+compare every decision.
 
-A step is one message that an actor took up, with all that it did: its answer, its tells (to the
-transport, the guardian, the watchdog), the answers it settled. Bytes are compared, so that nothing
-is equal but the same.
+A step is one message to an actor, with all its effects: the answer, the messages that the actor sent (to
+the transport, the guardian, the watchdog), and the deferred answers that it settled. Effects are compared
+byte by byte.
+
+An actor is replayed from its first recorded memory on. A gap ends that: the steps up to the actor's next
+memory are skipped.
 """
 
 from __future__ import annotations
@@ -38,7 +41,7 @@ _EFFECTS = frozenset({Kind.ANSWERED, Kind.DEFERRED, Kind.SETTLED, Kind.SENT, Kin
 
 
 class Difference(msgspec.Struct):
-    """The first step that went another way."""
+    """The first step with different effects."""
 
     step: int
     at_s: float  # since the beginning of the recording
@@ -49,8 +52,17 @@ class Difference(msgspec.Struct):
 
 
 class Outcome(msgspec.Struct):
-    """``steps``: messages compared; ``skipped``: those cut off by a gap, or after one and before a
-    memory."""
+    """The result of a replay.
+
+    Attributes:
+        equal: True if all steps had the recorded effects.
+        steps: Number of messages that were replayed.
+        effects: Number of effects that were compared.
+        skipped: Number of messages that were skipped, at a gap or before a memory.
+        gaps: Number of gaps.
+        seconds: Length of the replayed part.
+        difference: The first difference; None if there is no difference.
+    """
 
     equal: bool
     steps: int
@@ -62,7 +74,7 @@ class Outcome(msgspec.Struct):
 
 
 class _Player:
-    """One actor in a replay context, and the step that is being gathered."""
+    """One actor in a replay context, and the step whose effects are being collected."""
 
     def __init__(self, actor: Actor, context: ReplayContext, effects: list[Effect], world: list[bytes]) -> None:
         self.actor = actor
@@ -74,10 +86,10 @@ class _Player:
         self.recorded: list[Effect] = []
 
     def play(self) -> list[Effect]:
-        """Return what it does with the message it has taken."""
+        """Give the taken message to the actor, and return its effects."""
         assert self.taken is not None
         self._effects.clear()
-        # What it saw of the world then, it sees again.
+        # The actor reads the recorded values of the world again.
         self._world[:] = [body for kind, _, _, body in self.recorded if kind == Kind.SAW]
         self.context.received_ns = self.taken.at_ns
         self.context.was_asked = bool(self.taken.number)
@@ -86,7 +98,12 @@ class _Player:
 
 
 class Replay:
-    """``driver``: built anew from what the file says, unless given."""
+    """A replay of one recording.
+
+    Args:
+        recording: The recording.
+        driver: The driver. Default: built from the recording.
+    """
 
     def __init__(self, recording: Recording, driver: Driver | None = None) -> None:
         self._recording = recording
@@ -146,14 +163,14 @@ class Replay:
         return difference
 
     def _finish(self, actor: str) -> Difference | None:
-        """The step of this actor is complete: play it and compare."""
+        """Play the step of an actor, which is now complete, and return the difference if there is one."""
         player = self._players.get(actor)
         if player is None or player.taken is None:
             return None
         taken, recorded = player.taken, player.recorded
         try:
             replayed = player.play()
-        except Exception as error:  # whatever it is, it did not happen then
+        except Exception as error:  # Any exception is a difference, since the recording has none.
             replayed = [(Kind.NOTED, 0, "", msgspec.msgpack.encode(f"raised {describe(error)}"))]
         player.taken, player.recorded = None, []
         self._steps += 1
@@ -170,7 +187,7 @@ class Replay:
         )
 
     def _break_off(self) -> None:
-        """From here to the next memories nothing is known; the last steps may be cut off."""
+        """Drop all actors up to their next memories. Their last steps may be incomplete, so skip these."""
         self._gaps += 1
         self._skipped += sum(player.taken is not None for player in self._players.values())
         self._players.clear()
@@ -208,7 +225,7 @@ class Replay:
 
 
 class _RecordedHeartbeat(Heartbeat):
-    """What the watchdog heard of the root then, it hears again."""
+    """The recorded heartbeats of the root, for the watchdog."""
 
     __slots__ = ("_world",)
 
@@ -216,13 +233,13 @@ class _RecordedHeartbeat(Heartbeat):
         self._world = world
 
     def beat(self, now_ns: int) -> None:
-        """Its context has written it down."""
+        """Do nothing, since the context notes the effects."""
 
     @property
     def heard_ns(self) -> int:
         seen = msgspec.msgpack.decode(self._world[0]) if self._world else None
         if not isinstance(seen, int):
-            return 0  # nothing new: only what is new was written down
+            return 0  # There is no new heartbeat. Only new ones are in the recording.
         del self._world[0]
         return seen
 
@@ -232,7 +249,7 @@ def _standing(world: list[bytes]) -> Standing | None:
 
 
 def _run_now(started: Callable[[], Coroutine[Any, Any, None]]) -> None:
-    """Run what waits for nothing."""
+    """Run a coroutine that does not wait. Raise ``RuntimeError`` if it does."""
     try:
         started().send(None)
     except StopIteration:
@@ -242,25 +259,36 @@ def _run_now(started: Callable[[], Coroutine[Any, Any, None]]) -> None:
 
 def effect_in_words(effect: Effect) -> str:
     kind, number, to, body = effect
-    said = in_words(body)
+    text = in_words(body)
     match kind:
         case Kind.SENT:
-            return f"tells {to}: {said}"
+            return f"tells {to}: {text}"
         case Kind.ANSWERED:
-            return f"answers: {said}"
+            return f"answers: {text}"
         case Kind.DEFERRED:
             return f"answers later (number {number})"
         case Kind.SETTLED:
-            return f"answers number {number}: {said}"
+            return f"answers number {number}: {text}"
         case Kind.SAW:
-            return f"sees: {said}"
+            return f"sees: {text}"
         case _:
-            return said
+            return text
 
 
 def replay(recording: Recording | str | os.PathLike[str], driver: Driver | None = None) -> Outcome:
-    """Once through a recording, or the file of one. Raise ``RecordingError`` when its driver is not
-    here, or it is of another version, and what ``read`` raises."""
+    """Replay a recording.
+
+    Args:
+        recording: The recording, or its file.
+        driver: The driver. Default: built from the recording.
+
+    Returns:
+        The result, with the first difference if there is one.
+
+    Raises:
+        RecordingError: Its driver is not here, it is of another version, or ``read`` has failed.
+        OSError: The file cannot be read.
+    """
     if not isinstance(recording, Recording):
         recording = read(path_of("replay", "recording", recording))
     try:

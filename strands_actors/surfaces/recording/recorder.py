@@ -1,10 +1,11 @@
-"""The recorder: a process of its own that attaches to a running robot and feeds a sink with what it
-is told: a file to look at and to replay (``to_file``), or episodes to learn from
+"""The recorder attaches to a running robot and passes its journal to a sink.
+
+It runs in a separate process. The sink is a file to view and replay (``to_file``), or episodes for training
 (``surfaces.dataset``).
 
-The robot waits for nothing of it. When it is slow, frozen or dead the robot's instruments fill up or close
-by themselves; when the robot's processes die it tells the sink, and attaches again as soon as
-there is somebody to attach to.
+The robot never waits for the recorder. If the recorder is slow, frozen or dead, the robot's instruments
+fill up or close by themselves. If a process of the robot ends, the recorder notes that in the sink, and
+attaches again when the next one is there.
 """
 
 from __future__ import annotations
@@ -46,26 +47,29 @@ FIRST_S = 5.0
 ASK_S = 0.5
 RETRY_S = 0.02
 GONE_S = 2.0
-"""A robot none of whose processes has answered for so long has ended."""
+"""A robot has ended if no process of it has answered for so long."""
 GONE = "the robot is gone"
 DETACH_S = 1.0
 LEAVE_S = 0.3
-"""For the same after a failure: of what is left nothing is wanted."""
+"""How long to wait for a detach after a failure, when the remaining entries are not needed."""
 FLUSH_S = 1.0
 
 
 class Sink(Protocol):
-    """What is recorded goes in here, in order. Raise ``OSError`` or ``RecordingError``: that ends
-    the recording, with its reason, and nothing else."""
+    """Receives the recorded batches in order.
+
+    A method may raise ``OSError`` or ``RecordingError``. That ends the recording with this reason, and
+    nothing else.
+    """
 
     def add(self, source: str, batch: Batch) -> None: ...
 
     def lost(self, source: str, why: str) -> None:
-        """Nothing came any more from there."""
+        """Note that a source has stopped sending."""
         ...
 
     def flush(self) -> None:
-        """Once a second."""
+        """Called once a second."""
         ...
 
     def close(self) -> None: ...
@@ -75,15 +79,22 @@ SomeSink = TypeVar("SomeSink", bound=Sink)
 
 
 class Ending(msgspec.Struct, frozen=True):
-    """How long a recording ran, and why it ended."""
+    """The length of a recording, and why it ended."""
 
     seconds: float
     why: str
 
 
 class Source(Actor):
-    """The recorder's end of one instrument. ``on_batch``, ``on_attached`` and ``on_lost`` are
-    called in order."""
+    """Receive the journal of one process from its instrument, and stay attached to it.
+
+    Args:
+        name: The process: ``wire`` or ``root``.
+        instrument: The address of its instrument.
+        on_batch: Called with each batch, in order.
+        on_attached: Called with each answer to an attach.
+        on_lost: Called with the reason when the attachment is lost.
+    """
 
     def __init__(
         self,
@@ -141,7 +152,7 @@ class Source(Actor):
             self._session += 1
             self._number = 0
             self._lost = trio.Event()
-            self.attached = True  # the first batch may overtake the answer
+            self.attached = True  # The first batch may arrive before the answer.
             try:
                 answer = await self._instrument.ask(
                     Attach(self.context.address, self._session, f"process {os.getpid()}", pid=os.getpid()),
@@ -166,7 +177,7 @@ class Source(Actor):
                 self._lose(f"nothing came from the {self._name} process for {SILENT_S:g} s")
 
     async def detach(self) -> None:
-        """Have the rest sent."""
+        """Detach from the instrument, which first sends its remaining entries."""
         if self.attached:
             try:
                 answer = await self._instrument.ask(Detach(self._session), DETACH_S)
@@ -178,9 +189,13 @@ class Source(Actor):
 
 
 class Recorder(Generic[SomeSink]):
-    """Feeds a sink with all that one robot is told, decides and does. ``open_sink`` is called when
-    wire and root have presented themselves, with what the wire said; ``on_progress`` once a second,
-    with the seconds it runs."""
+    """Pass the journals of one robot to a sink.
+
+    Args:
+        robot: The name of the robot.
+        open_sink: Makes the sink. It is called when wire and root have answered, with the wire's answer.
+        on_progress: Called once a second, with the seconds so far and the sink.
+    """
 
     def __init__(
         self,
@@ -191,23 +206,32 @@ class Recorder(Generic[SomeSink]):
         self._robot = robot
         self._open_sink = open_sink
         self._on_progress = on_progress
-        self._present: dict[str, Attached] = {}  # by source, until all are
-        self._early: list[tuple[str, Batch]] = []  # what came before all processes had presented themselves
+        self._present: dict[str, Attached] = {}  # answers by source, until all sources have answered
+        self._early: list[tuple[str, Batch]] = []  # batches that came before all sources had answered
         self._sink: SomeSink | None = None
         self._failure: Exception | None = None
         self._ended = ""
-        self._refused = ""  # what the robot has said last
+        self._refused = ""  # the robot's last refusal
         self._over = trio.Event()
         self._sources: list[Source] = []
         self._began = trio.current_time()
 
     def end(self, why: str) -> None:
+        """End the recording. The first reason counts."""
         self._ended = self._ended or why
         self._over.set()
 
     async def run(self, node: Node, seconds: float | None = None) -> Ending:
-        """Until ``seconds`` are over, ``end`` is called, or the robot is gone. Raise
-        ``RecordingError`` or ``OSError``."""
+        """Record until ``seconds`` are over, ``end`` is called, or the robot has ended.
+
+        Args:
+            node: A node that is joined to the robot (``visit``).
+            seconds: How long to record; None for no limit.
+
+        Raises:
+            RecordingError: The robot cannot be recorded, or has ended before the recording began.
+            OSError: The sink has failed.
+        """
         try:
             async with trio.open_nursery() as nursery:
                 for name in SOURCES:
@@ -216,7 +240,8 @@ class Recorder(Generic[SomeSink]):
                 with trio.move_on_after(float("inf") if seconds is None else seconds):
                     await self._over.wait()
                 self.end(f"{seconds} s are over")
-                # Also when it has failed: the next recorder would be told that this one is there.
+                # Detach after a failure, too. Otherwise the robot would refuse the next recorder, because
+                # this one is attached.
                 with trio.move_on_after(float("inf") if self._failure is None else LEAVE_S):
                     async with trio.open_nursery() as leaving:
                         for source in self._sources:
@@ -258,7 +283,7 @@ class Recorder(Generic[SomeSink]):
     def _attached(self, name: str, answer: Attached | Taken | Refused) -> None:
         if isinstance(answer, Taken | Refused):
             self._refused = f"{self._robot}: {answer.text}"
-            # The robot gives one up that was killed in a moment, and is asked again until then.
+            # If the attached recorder was killed, the robot drops it in a moment. Ask again until then.
             if self._sink is None and not _is_of_the_dead(answer):
                 self.fail(RecordingError(self._refused))
         elif self._sink is None and self._failure is None:
@@ -287,7 +312,7 @@ class Recorder(Generic[SomeSink]):
     # -- the sink
 
     def _written(self, write: Callable[..., None], *args: object) -> None:
-        """A full disk ends the recording and nothing else."""
+        """Write to the sink. A failure, such as a full disk, ends only the recording."""
         if self._failure is None:
             try:
                 write(*args)
@@ -295,6 +320,7 @@ class Recorder(Generic[SomeSink]):
                 self.fail(failure)
 
     def fail(self, failure: Exception) -> None:
+        """End the recording with an exception, which ``run`` raises."""
         self._failure = failure
         self._over.set()
 
@@ -309,7 +335,7 @@ class Recorder(Generic[SomeSink]):
 
 
 def _is_of_the_dead(answer: Taken | Refused) -> bool:
-    """Return whether the recorder that has the robot has ended."""
+    """Return True if the recorder that is attached to the robot has ended."""
     if not isinstance(answer, Taken) or not answer.pid:
         return False
     return not exists(answer.pid) or life_of(answer.pid).dying
@@ -317,11 +343,11 @@ def _is_of_the_dead(answer: Taken | Refused) -> bool:
 
 @asynccontextmanager
 async def visit(robot: str) -> AsyncIterator[Node]:
-    """A node joined to a running robot. Raise ``RecordingError`` when there is none of that
-    name."""
+    """Open a node that is joined to a running robot. Raise ``RecordingError`` if no robot of this user has
+    that name."""
     running = {note.robot: note for note in notes()}
     if robot not in running:
-        there = f". there are {', '.join(running)}" if running else ""
-        raise RecordingError(f"no robot {robot!r} of this user is running{there}")
+        listed = f". there are {', '.join(running)}" if running else ""
+        raise RecordingError(f"no robot {robot!r} of this user is running{listed}")
     async with open_node(f"recorder.{os.getpid()}", connect=running[robot].endpoints) as (node, _):
         yield node

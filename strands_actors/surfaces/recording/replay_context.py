@@ -1,7 +1,6 @@
-"""Where a replayed actor believes it lives: it is given messages and times, and all it does is
-written down.
+"""The context of an actor in a replay. It supplies recorded messages and times, and notes all effects.
 
-Nothing leaves, and there is no clock: an actor that read one would fail here.
+No message leaves the replay. There is no clock, so an actor that reads one fails.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from strands_actors.kernel.ticker import Ticker
 from strands_actors.supervisors.instrument import Kind, encode, name_of
 
 Effect = tuple[Kind, int, str, bytes]
-"""What an actor did: kind, number of a deferral, to whom, and the encoded body."""
+"""An effect of an actor: kind, number of a deferral, receiver, and the encoded body."""
 
 
 class ReplayDeferred(Deferred):
@@ -43,10 +42,10 @@ class ReplayRef(Ref):
 
 
 class ReplayTicker(Ticker):
-    """No ticker runs in a replay, so none is put off."""
+    """A ticker that does not run, since the recording has its ticks."""
 
     def brought(self) -> None:
-        """That a message stood for a tick follows from its number, and stands in the recording."""
+        """Do nothing. The message that replaced a tick is in the recording."""
 
 
 class ReplayContext(Context):
@@ -76,22 +75,21 @@ class ReplayContext(Context):
         self._effects.append((Kind.SAW, 0, "", encode(value)))
 
     def note(self, message: Message) -> None:
-        """Is no decision."""
+        """Do nothing, since a note is not a decision."""
 
     def watch(self, address: str) -> None:
-        """What it would be told stands in the recording."""
+        """Do nothing, since a ``Down`` would be in the recording."""
 
     def every(self, period_s: float, make: Callable[[int], Message]) -> Ticker:
-        """Its ticks stand in the recording."""
+        """Return a ticker that does not run. Its ticks are in the recording."""
         return ReplayTicker(VirtualClock(), period_s)
 
     def start_soon(self, task: Callable[..., Awaitable[Any]], *args: Any) -> None:
-        """What a task does beside the actor is no decision of its own: the message that starts it
-        is."""
+        """Do nothing. The work of a task is not a decision; the message that starts it is replayed."""
 
 
 def answer_effect(answer: object) -> list[Effect]:
-    """As a journal has it."""
+    """Return the effect of an answer, in the form of a journal."""
     if answer is None:
         return []
     if isinstance(answer, Deferred):

@@ -1,8 +1,9 @@
-"""What a file shows to people: one flat JSON row a line, in channels that Foxglove can plot and
-list.
+"""The rows of a recording that people read: flat JSON, in channels that Foxglove can plot and list.
 
-Pure: rows are made of journal entries, nothing is decided here. What a replay needs, exactly as it
-was, stands in the channel ``journal``.
+Pure: rows are derived from journal entries. The channel ``journal`` has the original entries, which a
+replay needs.
+
+The docstring of a row is the description in its JSON schema.
 """
 
 from __future__ import annotations
@@ -13,17 +14,17 @@ import msgspec
 
 
 class Command(msgspec.Struct):
-    """What somebody asked of the robot, and what came of it."""
+    """A command to the robot, and its outcome."""
 
     what: str  # setpoint, stop, resume, acquire or release
     by: str
-    outcome: str  # accepted, refused, or later: the answer is in safe or lifecycle
+    outcome: str  # accepted, refused, or later (the answer is in safe or lifecycle)
     lease: int = 0
     epoch: int = 0
     deadline_ns: int = 0
     latched: bool = False
     action: dict[str, Any] = {}
-    target: dict[str, float | None] = {}  # the whole target it became
+    target: dict[str, float | None] = {}  # the resulting target of all axes
     code: str = ""  # of a refusal
     reason: str = ""
     remedy: str = ""
@@ -39,7 +40,7 @@ class Refusal(msgspec.Struct):
 
 
 class Seen(msgspec.Struct):
-    """An observation: by axis, in the driver's units; null where nothing was read."""
+    """An observation by axis, in the driver's units; null for an axis that was not read."""
 
     t_ns: int
     position: dict[str, float | None]
@@ -59,13 +60,13 @@ class Motor(msgspec.Struct):
 
 
 class Safe(msgspec.Struct):
-    """A safe state was ordered, or what became of the order."""
+    """The order of a safe state, or its result."""
 
     what: str  # ordered or done
     safe_state: str
     reason: str
     epoch: int
-    path: str  # wire, or second: the root's own way
+    path: str  # wire, or stop_channel (the connection of the root)
     confirmed: bool
     took_ms: float
     motors: list[Motor]
@@ -84,7 +85,7 @@ class Lifecycle(msgspec.Struct):
 
 
 class Gap(msgspec.Struct):
-    """Something is missing here: ``missing`` entries, or an unknown number (-1)."""
+    """A place where ``missing`` entries are missing; -1 for an unknown number."""
 
     source: str  # wire or root
     missing: int
@@ -92,7 +93,7 @@ class Gap(msgspec.Struct):
 
 
 class Log(msgspec.Struct):
-    """As Foxglove's log panel reads it."""
+    """A line for Foxglove's log panel."""
 
     timestamp: dict[str, int]  # sec, nsec
     level: int  # 2 info, 3 warning, 4 error
@@ -103,7 +104,7 @@ class Log(msgspec.Struct):
 
 
 class Journal(msgspec.Struct):
-    """A batch as it came: msgpack, an array of entries."""
+    """An unchanged batch of the journal: an array of entries in msgpack."""
 
     source: str
     session: int
@@ -121,13 +122,13 @@ CHANNELS: dict[str, type[msgspec.Struct]] = {
     "log": Log,
     "journal": Journal,
 }
-"""Name of a channel to its rows; the topic is ``/<robot>/<name>``."""
+"""The type of the rows of each channel. The topic is ``/<robot>/<name>``."""
 
 SCHEMA_NAMES = {"log": "foxglove.Log"}
 
 
 def schema(row: type[msgspec.Struct]) -> dict[str, Any]:
-    """JSON schema of a row, an object at its root and without references."""
+    """Return the JSON schema of a row, with an object at its root and without references."""
     (root,), parts = msgspec.json.schema_components((row,), ref_template="{name}")
     plain: dict[str, Any] = _resolved(root, parts)
     return plain

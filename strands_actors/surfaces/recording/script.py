@@ -1,4 +1,4 @@
-"""``with record(robot, "run.mcap"):`` from a script: the recorder runs in a process of its own."""
+"""Record from a script, ``with record(robot, "run.mcap"):``. The recorder runs in a separate process."""
 
 from __future__ import annotations
 
@@ -29,9 +29,16 @@ class Named(Protocol):
 
 @contextmanager
 def record(robot: str | Named, path: str | Path) -> Iterator[None]:
-    """Record a robot, or the running one of that name, for as long as the block runs. A robot that
-    is not connected yet is connected first, as its first command would do. Raise ``RecordingError``
-    when it cannot be recorded; the robot does not notice."""
+    """Record a robot while the block runs. A failure of the recorder does not affect the robot.
+
+    Args:
+        robot: The robot, or the name of one that runs. An object that is not connected yet is connected
+            first, as its first command would do.
+        path: The new file.
+
+    Raises:
+        RecordingError: It cannot be recorded, or the recorder has failed.
+    """
     path = path_of("record", "path", path)
     name = started("record", robot)
     process = subprocess.Popen(
@@ -50,24 +57,24 @@ def record(robot: str | Named, path: str | Path) -> Iterator[None]:
     finally:
         process.send_signal(signal.SIGINT)
         try:
-            _, said = process.communicate(timeout=END_S)
+            _, error_text = process.communicate(timeout=END_S)
         except subprocess.TimeoutExpired:
             process.kill()
             process.communicate()
             raise RecordingError(f"the recorder did not finish {path} within {END_S:g} s") from None
     if process.returncode:
-        raise RecordingError(said.strip() or f"the recorder ended with code {process.returncode}")
+        raise RecordingError(error_text.strip() or f"the recorder ended with code {process.returncode}")
 
 
 def _why(process: subprocess.Popen[str]) -> str:
-    _, said = process.communicate(timeout=END_S)
-    return said.strip() or f"the recorder ended with code {process.returncode}"
+    _, error_text = process.communicate(timeout=END_S)
+    return error_text.strip() or f"the recorder ended with code {process.returncode}"
 
 
 def main() -> int:
-    """Entry of the recorder's process: the robot's name and the path."""
+    """Run the recorder's process. Its arguments are the robot's name and the path."""
     name, path = sys.argv[1:]
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # whoever started us may have it ignored
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # It is inherited as ignored from some parents.
 
     def started() -> None:
         print(STARTED, flush=True)

@@ -1,4 +1,4 @@
-"""Recording into a file, MCAP."""
+"""Record a robot into an MCAP file."""
 
 from __future__ import annotations
 
@@ -20,6 +20,8 @@ from .recorder import Ending, Recorder, visit
 
 
 class Summary(msgspec.Struct):
+    """The result of a recording: its size, and the number of rows of each kind."""
+
     path: str
     robot: str
     seconds: float
@@ -39,7 +41,19 @@ async def record_until_told(
     on_started: Callable[[], None],
     on_progress: Callable[[float, RecordingFile], None],
 ) -> Summary:
-    """Until Ctrl-C, SIGTERM, or as ``Recorder.run``. In the main thread."""
+    """Record until Ctrl-C, SIGTERM, or an end of ``Recorder.run``. Call it in the main thread.
+
+    Args:
+        robot: The name of a running robot.
+        path: The new file.
+        seconds: How long to record; None for no limit.
+        on_started: Called when the file is open.
+        on_progress: Called once a second, with the seconds so far and the file.
+
+    Raises:
+        RecordingError: The robot cannot be recorded, or the file cannot be made.
+        OSError: The file cannot be written.
+    """
     _require_free(path)
     files: list[RecordingFile] = []
 
@@ -62,7 +76,8 @@ async def record_until_told(
 
 
 def _require_free(path: Path) -> None:
-    """Before the robot is asked, which records for one at a time."""
+    """Raise ``RecordingError`` if the file cannot be made. This is checked before the robot is asked, which
+    serves only one recorder at a time."""
     if path.exists():
         raise RecordingError(f"{path} is there already. give another name, or remove it")
     folder = path.absolute().parent
@@ -76,7 +91,7 @@ def _fingerprint(attached: Attached) -> str:
     try:
         return fingerprint(driver_class_of(attached.driver))
     except RecordingError:
-        return ""  # driven by a class that is not registered: the rows are there, a replay is not
+        return ""  # The driver class is not registered. The file has rows, but cannot be replayed.
 
 
 def _summary(robot: str, file: RecordingFile, ending: Ending) -> Summary:

@@ -1,4 +1,4 @@
-"""From the journal of a process to the rows that people read. Pure."""
+"""Turn the journal of a process into rows that people read. Pure."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ INFO, WARNING, ERROR = 2, 3, 4
 decode_entries = msgspec.msgpack.Decoder(list[Entry]).decode
 
 Row = tuple[str, int, msgspec.Struct]
-"""Channel, CLOCK_MONOTONIC nanoseconds, what to write there."""
+"""Channel, time in CLOCK_MONOTONIC nanoseconds, and the row."""
 
 _COMMANDS = (Setpoint, Stop, Resume, Acquire, Release)
 _SHOWN = (
@@ -56,25 +56,31 @@ _BY_TAG = {kind.__name__: msgspec.msgpack.Decoder(kind).decode for kind in _SHOW
 
 
 def keys_pressed(entries: Iterable[Entry]) -> Iterator[EpisodeKey]:
-    """Return what the operator of a teleoperation asks of a recorder of episodes: in the root's
-    journal."""
+    """Yield the keys by which the operator of a teleoperation controls a recorder of episodes. They are in
+    the root's journal."""
     for entry in entries:
         if entry.kind == Kind.NOTED and isinstance(message := _decode(entry.body), EpisodeKey):
             yield message
 
 
 class View:
-    """Of one process's journal. ``wall_ns``: what to add to a time of the robot's clock for a
-    date."""
+    """The rows of one process's journal.
+
+    Args:
+        source: The process: ``wire`` or ``root``.
+        axes: The axes of the robot.
+        wall_ns: Wall-clock time minus the robot's clock.
+    """
 
     def __init__(self, source: str, axes: Sequence[str], wall_ns: int) -> None:
         self._source = source
         self._axes = axes
         self._wall_ns = wall_ns
         self._at_ns = 0
-        self._asked = ""  # what was taken up last
-        self._command: Command | None = None  # the same, while its outcome is to be added
-        self._waiting: dict[tuple[str, int], str] = {}  # whose acquire is answered later: by actor and number
+        self._asked = ""  # the newest command
+        self._command: Command | None = None  # its row, while the outcome is missing
+        # The sender of each acquire with a deferred answer, by actor and number.
+        self._waiting: dict[tuple[str, int], str] = {}
 
     def rows(self, entries: Iterable[Entry]) -> Iterator[Row]:
         for entry in entries:
@@ -87,13 +93,13 @@ class View:
             yield from self._timed(self._show(entry))
 
     def lost(self, at_ns: int, why: str) -> Iterator[Row]:
-        """Nothing came any more; the end of what was sent is unknown."""
+        """Yield the rows for a source that has stopped sending. Its last entries may be missing."""
         yield from self._timed(self._end_command())
         self._at_ns = at_ns
         yield from self._timed([("gap", Gap(self._source, -1, why))])
 
     def end(self) -> Iterator[Row]:
-        """Return what would wait for the next entry."""
+        """Yield the last row, which would otherwise wait for the next entry."""
         yield from self._timed(self._end_command())
 
     def _timed(self, shown: Iterable[tuple[str, msgspec.Struct]]) -> Iterator[Row]:
@@ -123,7 +129,7 @@ class View:
         elif kind == Kind.SETTLED:
             yield from self._settled(entry, message)
 
-    # -- commands, with what came of them
+    # -- commands and their outcomes
 
     def _taken(self, message: Message) -> Iterator[tuple[str, msgspec.Struct]]:
         self._asked = ""
@@ -187,7 +193,7 @@ class View:
             yield "refusal", _refusal(self._asked, answer)
 
     def _settled(self, entry: Entry, answer: Message) -> Iterator[tuple[str, msgspec.Struct]]:
-        holder = self._waiting.pop((entry.actor, entry.number), "")  # empty also where the journal has a gap
+        holder = self._waiting.pop((entry.actor, entry.number), "")  # It is also empty after a gap.
         if isinstance(answer, Lease):
             yield "command", Command("acquire", holder, "accepted", answer.id, answer.epoch)
             yield "lifecycle", Lifecycle("lease granted", epoch=answer.epoch, detail=holder)
@@ -202,7 +208,7 @@ class View:
             yield "command", self._command
             self._command = None
 
-    # -- what the actors do of themselves
+    # -- actions without a command
 
     def _sent(self, actor: str, message: Message) -> Iterator[tuple[str, msgspec.Struct]]:
         if isinstance(message, MakeSafe):
@@ -233,19 +239,19 @@ class View:
         )
 
     def _by_axis(self, values: Sequence[float]) -> dict[str, float | None]:
-        return dict(zip(self._axes, values, strict=False))  # a target may have more: speed, force
+        return dict(zip(self._axes, values, strict=False))  # A target may have further values: speed, force.
 
     def _log(self, channel: str, row: msgspec.Struct) -> Log | None:
-        said = _said(row)
-        if said is None:
+        line = _log_line(row)
+        if line is None:
             return None
-        level, text = said
+        level, text = line
         sec, nsec = divmod(self._at_ns + self._wall_ns, 1_000_000_000)
         return Log({"sec": sec, "nsec": nsec}, level, text, f"{self._source}/{channel}")
 
 
-def _said(row: msgspec.Struct) -> tuple[int, str] | None:
-    """Return the line of a row in the log, and how grave it is."""
+def _log_line(row: msgspec.Struct) -> tuple[int, str] | None:
+    """Return the level and the text of a row in the log; None if it has no line."""
     match row:
         case Refusal():
             return WARNING, f"{row.what} refused ({row.code}): {row.reason}"
@@ -305,7 +311,7 @@ def _refusal(what: str, refusal: Refused) -> Refusal:
 
 
 def _decode(body: msgspec.Raw) -> Message | None:
-    """Return the message, if people are shown it."""
+    """Return the message if it is shown to people; None otherwise."""
     decode: Callable[[Any], Message] | None = _BY_TAG.get(tag_of(body))
     return None if decode is None else decode(body)
 
