@@ -1,5 +1,9 @@
-"""The real driver of an SO-101, with a simulation behind its wire. No robot, no display, no
-download."""
+"""Run the real driver of an SO-101 against its twin, which a simulation moves.
+
+It needs no robot, no display and no download.
+
+python examples/twin.py
+"""
 
 from __future__ import annotations
 
