@@ -48,8 +48,7 @@ def run(robot: str, port: str | None, twin: bool, yes: bool, options: list[str],
 
 
 def _keywords(options: list[str]) -> dict[str, str]:
-    """``--option KEY=VALUE`` as the keywords of ``Robot``. Values are JSON where they are that,
-    text otherwise."""
+    """Return the options ``KEY=VALUE`` as keywords of ``Robot``. A value that is no valid JSON is text."""
     keywords = {}
     for option in options:
         key, equals, text = option.partition("=")
@@ -98,7 +97,7 @@ def _print(robot: str, outcome: Outcome, as_json: bool) -> None:
     from rich.text import Text
 
     console = Console()
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 0))  # 80 columns for the longest of everything
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 0))  # fits into 80 columns with the longest entries
     for title in ("step", "state", "safe", "bound", "confirmed", "after", "verdict"):
         left = title in ("step", "state", "verdict")
         table.add_column(title, justify="left" if left else "right", no_wrap=True)
@@ -113,7 +112,7 @@ def _print(robot: str, outcome: Outcome, as_json: bool) -> None:
             "ok" if figure.passed else "[bold red]FAILED[/]",
         )
     console.print(table)
-    for figure in outcome.figures:  # below it: in a column of their own they would be cut off
+    for figure in outcome.figures:  # below the table, since a column would cut them off
         if figure.detail:
             text = f"{figure.step}: {figure.detail}" if figure.passed else f"{figure.step} FAILED: {figure.detail}"
             console.print(Text(text, "" if figure.passed else "bold red"))

@@ -1,5 +1,5 @@
-"""``mcp``: a robot as a tool of an MCP client, which starts this command and speaks to it on its
-standard input."""
+"""``mcp``: serve a robot as a tool to an MCP client. The client starts this command, and uses its standard
+input and output."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def serve_mcp(robot: str, port: str | None, transport: str | None, allow_motion:
     try:
         interrupted = trio.run(_until_interrupted, wanted, allow_motion)
     except* BrokenPipeError:
-        pass  # the client is gone, and the robot safe
+        pass  # the client has ended, and the robot is safe
     except* ConnectionError as failures:
         problem = str(failures.exceptions[0])
     if interrupted:
@@ -37,9 +37,11 @@ def serve_mcp(robot: str, port: str | None, transport: str | None, allow_motion:
 
 
 async def _until_interrupted(wanted: Plan, allow_motion: bool) -> bool:
-    """Whether it was. The signal is received as an event: as an exception it could be raised
-    between two lines of the server's set-up or clearing away, which would then be left half
-    done."""
+    """Serve until the client or SIGINT ends it. Return True after SIGINT.
+
+    The signal is received as an event. A ``KeyboardInterrupt`` could be raised between any two lines of the
+    server's start or end, and would leave these half done.
+    """
     with trio.open_signal_receiver(signal.SIGINT) as signals, trio.CancelScope() as serving:
 
         async def interrupt() -> None:

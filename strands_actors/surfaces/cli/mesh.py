@@ -20,7 +20,7 @@ from .errors import Problem
 from .orders import configuration
 
 PRESENCE_S = 0.7
-"""Presence comes twice a second."""
+"""How long to wait for every robot's presence, in seconds. It is published twice per second."""
 
 
 def keys(
@@ -30,7 +30,8 @@ def keys(
         from strands_actors.surfaces.mesh.keys import NAMES, make
     except ModuleNotFoundError as error:
         raise Problem(f"{error.name} is not installed: pip install 'strands-actors[mesh]'") from error
-    # Beside an authority that is there already, what is named; first, who watches and commands, too.
+    # The first time, make the certificates of operator and viewer, too. With an existing authority, make only
+    # the named ones.
     usual = () if (directory / "ca.pem").exists() and (names or robots) else NAMES
     try:
         files = make(directory, tuple(dict.fromkeys((*usual, *names))), hosts, days, robots)
@@ -92,7 +93,8 @@ async def _status(mesh: Path | None) -> list[dict[str, Any]]:
 
 
 async def _ask(client: MeshClient, robot: str, told: dict[str, Any], found: dict[str, dict[str, Any]]) -> None:
-    await client.request(robot, Status())  # a robot that has not been asked for a while looks less often
+    # A robot without recent requests polls less often. So only the second request is timed.
+    await client.request(robot, Status())
     asked = trio.current_time()
     status = await client.request(robot, Status())
     took_ms = round(1e3 * (trio.current_time() - asked), 1)

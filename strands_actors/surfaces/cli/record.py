@@ -72,12 +72,12 @@ def replay(path: Path, as_json: bool) -> int:
     else:
         if mismatch:
             print(harmless(f"{path}: {mismatch}"), file=sys.stderr)
-        print("\n".join(map(harmless, _told(path, outcome).split("\n"))))
+        print("\n".join(map(harmless, _text(path, outcome).split("\n"))))
     return 0 if outcome.equal else DIFFERENT
 
 
 def _mismatch(info: Info, driver: Driver) -> str:
-    """Return what is not the same as when it was recorded; empty: nothing."""
+    """Return how the code differs from that of the recording; empty if it does not."""
     if info.version != __version__:
         return f"recorded by strands-actors {info.version}, replayed by {__version__}"
     code = fingerprint(type(driver))
@@ -86,7 +86,7 @@ def _mismatch(info: Info, driver: Driver) -> str:
     return ""
 
 
-def _told(path: Path, outcome: Outcome) -> str:
+def _text(path: Path, outcome: Outcome) -> str:
     aside = ""
     if outcome.gaps:
         aside = f"; {outcome.gaps} gaps, {outcome.skipped} messages not compared"
