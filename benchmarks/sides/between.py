@@ -192,8 +192,8 @@ def _publisher(session: Any, key: str) -> Any:
 def zenoh_into_trio(short: bool) -> Figures:
     """Measure the same two puts if each is handed to a trio loop first, with a deadline.
 
-    This is the least cost of keeping a process' state in one loop. Typed tells are measured, too: each is a
-    put that the loop decodes and counts.
+    This is the least cost of keeping a process' state in one loop. Typed messages without an answer are
+    measured, too: each is a put that the loop decodes and counts.
     """
     with _answered_by("loop-server") as (session, put):
         return trio.run(_asked_in_trio, session, put, short)
