@@ -38,10 +38,12 @@ class Scripted(Model):
         raise NotImplementedError
 
     async def stream(self, messages, tool_specs=None, system_prompt=None, **_):
+        # Print the result of the previous tool call.
         for block in messages[-1]["content"]:
             if "toolResult" in block:
                 content = block["toolResult"]["content"][0]
                 print(f"   {block['toolResult']['status']}: {content.get('text') or summary(content['json'])}")
+        # Answer with the next tool call, in the events of Strands; at the end of the script with a text.
         yield {"messageStart": {"role": "assistant"}}
         number, line = next(self.script, (0, None))
         if line is None:
@@ -57,10 +59,12 @@ class Scripted(Model):
 
 
 def summary(answer):
+    """Return the parts of a tool's result that the example prints."""
     return {key: answer[key] for key in ("commanded", "stopped", "safe_state", "unconfirmed") if key in answer}
 
 
 def approve(request):
+    """Ask the operator. This one always refuses."""
     print(f"   operator: {request}? no")
     return False
 

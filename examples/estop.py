@@ -27,6 +27,7 @@ def main() -> None:
         # Until it is resumed, each robot refuses to move.
         for arm in arms:
             print(arm.send_action({"shoulder_pan": 0.0})["content"][0]["text"])
+        # ``resume`` lifts the lock and energises the arm. It starts no motion.
         for arm in arms:
             resume(arm.name)
             print(f"{arm.name}, after a resume: {arm.send_action({'shoulder_pan': 0.0})['status']}")

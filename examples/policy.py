@@ -3,7 +3,7 @@
 python examples/policy.py                  the twin, no robot needed
 python examples/policy.py /dev/ttyACM0     a real SO-101
 
-At the end the arm is stopped and its motors have no torque.
+At the end the arm is stopped and its motors have no torque. A real arm then sinks, so support it.
 """
 
 import math
