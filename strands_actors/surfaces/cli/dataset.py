@@ -126,8 +126,8 @@ def record(order: Order, keys: str | None, as_json: bool) -> int:
 
 
 def is_achieved(order: Order, summary: Summary) -> bool:
-    """Return True if the recording is complete. It is also if the user ended it early by a key or Ctrl-C,
-    but not if the robot ended."""
+    """Return True unless the robot ended before all requested episodes were saved. A user who ends the recording
+    by a key or Ctrl-C does not want more episodes."""
     has_all = order.episodes is None or len(summary.episodes) >= order.episodes
     return summary.ended != GONE or (has_all and not summary.left)
 
@@ -169,6 +169,7 @@ def _line(one: EpisodeSummary) -> str:
 
 
 def show(root: Path, as_json: bool) -> int:
+    """Print the contents and the defects of a dataset. Return the exit code."""
     try:
         shown = look_at(root)
     except RecordingError as problem:
@@ -212,6 +213,7 @@ def _print(shown: Shown) -> None:
 
 
 def repair(root: Path, drop: bool, as_json: bool) -> int:
+    """Repair a dataset, and print the result. Return 1 if it still has defects, else 0."""
     try:
         report = do_repair(root, drop)
     except DamagedError as damage:
@@ -241,10 +243,12 @@ def _not_achieved(command: str, damage: DamagedError) -> int:
 
 
 def compact(root: Path, out: Path, as_json: bool) -> int:
+    """Copy a dataset into few files. Return 1 if it is damaged, else 0."""
     return _copy("compact", make_compact, root, out, as_json)
 
 
 def convert(root: Path, out: Path, as_json: bool) -> int:
+    """Copy a dataset of version 2 as version 3. Return 1 if it is damaged, else 0."""
     return _copy("convert", do_convert, root, out, as_json)
 
 

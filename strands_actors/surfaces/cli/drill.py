@@ -25,6 +25,19 @@ Have it at rest on its support, hands off, your hand near its power switch.
 
 
 def run(robot: str, port: str | None, twin: bool, yes: bool, options: list[str], as_json: bool) -> int:
+    """Run the drill after the user's consent.
+
+    Args:
+        robot: The type of the robot.
+        port: The port or address of a real robot; None for the twin.
+        twin: Drill the twin.
+        yes: The user has consented elsewhere.
+        options: ``KEY=VALUE`` keywords of ``Robot``.
+        as_json: Print JSON.
+
+    Returns:
+        The exit code: 0 if the drill was passed, else 1.
+    """
     if (port is None) != twin:
         raise Problem("drill: say which robot: --port PORT for a real one, --twin for its twin")
     keywords = _keywords(options)

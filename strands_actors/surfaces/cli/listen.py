@@ -46,6 +46,7 @@ def echo(what: str, mesh: Path | None, as_json: bool, count: int | None, timeout
 
 
 def hz(what: str, mesh: Path | None, as_json: bool, seconds: float | None) -> None:
+    """Print the rate of each topic: once after ``seconds``, or every second if that is None."""
     trio.run(_hz, what, mesh, as_json, seconds)
 
 

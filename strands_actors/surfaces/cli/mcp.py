@@ -17,6 +17,18 @@ from .errors import Problem
 
 
 def serve_mcp(robot: str, port: str | None, transport: str | None, allow_motion: bool) -> None:
+    """Serve a robot until the client ends.
+
+    Args:
+        robot: The type of the robot.
+        port: The port or address of a real robot.
+        transport: ``twin`` for the twin. Without it and without a port, a simulation is served.
+        allow_motion: Energise the robot, and accept motion.
+
+    Raises:
+        Problem: The robot cannot be connected.
+        KeyboardInterrupt: It was interrupted.
+    """
     require("mcp", "mcp")
     given = {name: value for name, value in (("port", port), ("transport", transport)) if value is not None}
     try:

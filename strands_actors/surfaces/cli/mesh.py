@@ -26,6 +26,16 @@ PRESENCE_S = 0.7
 def keys(
     directory: Path, robots: Sequence[str], hosts: Sequence[str], names: Sequence[str], days: int, as_json: bool
 ) -> None:
+    """Make an authority, unless there is one, and certificates. Print the paths of the files.
+
+    Args:
+        directory: The folder for the files.
+        robots: Names of robots on the mesh.
+        hosts: Host names under which these robots are reached.
+        names: Names of further viewers or operators.
+        days: Validity of the certificates.
+        as_json: Print JSON.
+    """
     try:
         from strands_actors.surfaces.mesh.keys import NAMES, make
     except ModuleNotFoundError as error:
@@ -44,6 +54,7 @@ def keys(
 
 
 def status(mesh: Path | None, as_json: bool) -> None:
+    """Print the robots on the mesh and their states."""
     robots = trio.run(_status, mesh)
     if as_json:
         print(json.dumps({"robots": robots}))

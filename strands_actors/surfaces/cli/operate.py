@@ -82,9 +82,14 @@ def locked_until(robot: str, problem: str) -> str:
 
 
 def _lock_the_next(robot: str, port: str = "") -> str:
-    """Lock a robot without an answer from its tree, so that at least its next tree is locked.
+    """Lock a robot whose tree has not answered, so that at least its next tree is locked.
 
-    Any robot on the same port is locked, too. Return why this failed; empty if it succeeded.
+    Args:
+        robot: The robot's name.
+        port: Its port. The next robot on it is locked, too, under any name. Empty if not known.
+
+    Returns:
+        Why this failed; empty if it succeeded.
     """
     try:
         Locks(locks_dir(), robot, port).put(by())

@@ -20,6 +20,7 @@ from .errors import Problem
 
 
 def play(root: Path, robot: str, episode: int, units: str, resume: bool, mesh: Path | None, as_json: bool) -> int:
+    """Move a robot along an episode of a dataset. Return 1 if it did not reach the end, else 0."""
     done: dict[str, Any] = {}
     try:
         played = read_episode(root, episode)

@@ -25,6 +25,7 @@ DIFFERENT = 1
 
 
 def record(robot: str, out: Path, seconds: float | None, as_json: bool) -> int:
+    """Record a robot into a new file, for ``seconds`` or until Ctrl-C. Return the exit code."""
     is_terminal = sys.stderr.isatty() and not as_json
 
     def started() -> None:
@@ -58,6 +59,7 @@ def _summed_up(summary: Summary) -> str:
 
 
 def replay(path: Path, as_json: bool) -> int:
+    """Repeat every decision of a recording. Return 1 if a decision differs, else 0."""
     try:
         recording = read(path)
         driver = build_driver(recording.info)

@@ -90,6 +90,17 @@ def serve_twin(
     control: Path | None,
     options: list[str],
 ) -> None:
+    """Serve the twin of a robot or a leader until interrupted.
+
+    Args:
+        robot: The type of the robot or leader.
+        port_file: The file to which the twin writes its port or address.
+        log: The file for the frames on the wire, one JSON line each.
+        fault: A fault from the beginning, ``WORD`` or ``WORD:servo``.
+        parent_fd: A descriptor; the twin ends when its other end is closed.
+        control: A socket by which the joints are moved, as by hand.
+        options: ``KEY=VALUE`` options of the twin.
+    """
     leader = leader_name(robot)
     driver_class = get_native_driver_class(robot) if leader is None else list_leaders()[leader]
     if driver_class is None or not issubclass(driver_class, Driver):

@@ -18,6 +18,10 @@ from .errors import Problem
 
 
 def send(robot: str, pairs: Sequence[str], seconds: float, resume: bool, mesh: Path | None, as_json: bool) -> int:
+    """Send targets ``joint=number`` to a robot, and keep its lease for ``seconds``. Then the robot holds.
+
+    Return 1 if the robot refused, else 0.
+    """
     return trio.run(_send, robot, parse(pairs), seconds, resume, mesh, as_json)
 
 

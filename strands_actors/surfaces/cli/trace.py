@@ -83,6 +83,7 @@ def _type_of(head: Frame) -> str:
 
 
 def trace(robot: str, as_json: bool, count: int | None, seconds: float | None) -> None:
+    """Print the messages between a robot's actors, until ``count`` messages or ``seconds``, if given."""
     trio.run(_trace, _note_of(robot), as_json, count, seconds)
 
 
