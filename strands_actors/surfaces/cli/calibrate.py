@@ -95,13 +95,13 @@ def setup_motors(robot: str, port: str, joints: Sequence[str], as_json: bool) ->
     known = {axis.key: axis for axis in setup.axes}
     if wrong := [joint for joint in joints if joint not in known]:
         raise Problem(f"setup-motors: {name} has no {', '.join(wrong)}. it has {', '.join(known)}")
-    wanted = [axis for key, axis in reversed(known.items()) if not joints or key in joints]
+    chosen = [axis for key, axis in reversed(known.items()) if not joints or key in joints]
     person = Terminal(quiet=as_json)
-    told = []
+    servos = []
 
     async def run() -> None:
         try:
-            for axis in wanted:
+            for axis in chosen:
                 await person.ready(f"connect the servo of {axis.key}, and no other")
                 found = await setup.seek()
                 if len(found) != 1:
@@ -110,14 +110,14 @@ def setup_motors(robot: str, port: str, joints: Sequence[str], as_json: bool) ->
                         f"setup-motors: there must be one servo, and there is {there}. Connect one alone"
                     )
                 await setup.adopt(found[0], axis)
-                told.append({"joint": axis.key, "was": found[0].id, "id": axis.id})
+                servos.append({"joint": axis.key, "was": found[0].id, "id": axis.id})
                 person.say(f"{axis.key}: id {found[0].id} -> {axis.id}")
         finally:
             setup.close()
 
     _run(run, "setup-motors")
     if as_json:
-        print(json.dumps({"robot": name, "servos": told}))
+        print(json.dumps({"robot": name, "servos": servos}))
     return 0
 
 

@@ -135,12 +135,12 @@ def check_load() -> Iterator[Check]:
     """Check whether this computer has time for a robot now."""
     from strands_actors.kernel.health.busy import machine
 
-    seen = machine()
-    if seen.busy:
+    load = machine()
+    if load.busy:
         remedy = "close other programs, or give the robot a computer that does nothing else: docs/safety.md"
-        yield Check(LOAD, WEAK, f"this computer is busy: {seen.text}", remedy)
+        yield Check(LOAD, WEAK, f"this computer is busy: {load.text}", remedy)
     else:
-        yield Check(LOAD, OK, seen.text)
+        yield Check(LOAD, OK, load.text)
 
 
 def check_memory() -> Iterator[Check]:
@@ -259,9 +259,9 @@ def check_gl() -> Iterator[Check]:
         absent, _, remedy = lacking.partition(". ")
         yield Check("gl", WEAK, absent, remedy)
         return
-    wanted = os.environ.get("MUJOCO_GL")
+    requested = os.environ.get("MUJOCO_GL")
     why = []
-    for backend in (wanted,) if wanted else ("egl", "osmesa"):
+    for backend in (requested,) if requested else ("egl", "osmesa"):
         try:
             done = subprocess.run(
                 [*PYTHON, "-c", _PICTURE],

@@ -78,8 +78,8 @@ def _consent(robot: str, port: str, keywords: dict[str, str]) -> None:
     from strands_actors.caller.plan import plan
 
     try:
-        wanted = plan(robot, "real", port=port, **keywords)
-        driver = wanted.driver_class(wanted.robot, port, wanted.options)
+        planned = plan(robot, "real", port=port, **keywords)
+        driver = planned.driver_class(planned.robot, port, planned.options)
     except (ValueError, TypeError) as refusal:
         raise Problem(f"drill: {refusal}") from refusal
     safe_states = ", ".join(
@@ -101,8 +101,8 @@ def _consent(robot: str, port: str, keywords: dict[str, str]) -> None:
 def _print(robot: str, outcome: Outcome, as_json: bool) -> None:
     if as_json:
         figures = [msgspec.to_builtins(figure) for figure in outcome.figures]
-        told = {"robot": robot, "passed": outcome.passed, "figures": figures}
-        print(json.dumps(told | {"certificate": None if outcome.path is None else str(outcome.path)}))
+        report = {"robot": robot, "passed": outcome.passed, "figures": figures}
+        print(json.dumps(report | {"certificate": None if outcome.path is None else str(outcome.path)}))
         return
     from rich import box
     from rich.console import Console

@@ -66,15 +66,15 @@ async def _echo(what: str, mesh: Path | None, as_json: bool, count: int | None, 
 
     async with open_mesh(configuration(mesh)) as client:
         await _subscribe(client, what, on_sample)
-        told = False
+        is_announced = False
         while not done.is_set():
             with trio.move_on_after(LOOK_S):
                 await done.wait()
             silent_s = time.monotonic() - last_s
             if timeout_s is not None and silent_s >= timeout_s and not done.is_set():
                 raise Problem(f"nothing came of {what} for {timeout_s:g} s. {_who(client)}")
-            if not (seen or told) and silent_s >= SILENT_S:
-                told = True
+            if not (seen or is_announced) and silent_s >= SILENT_S:
+                is_announced = True
                 print(f"nobody publishes {what} so far; waiting, Ctrl-C ends it. {_who(client)}", file=sys.stderr)
 
 

@@ -32,12 +32,12 @@ def serve_mcp(robot: str, port: str | None, transport: str | None, allow_motion:
     require("mcp", "mcp")
     given = {name: value for name, value in (("port", port), ("transport", transport)) if value is not None}
     try:
-        wanted = plan(robot, "real" if given else "sim", **given)
+        planned = plan(robot, "real" if given else "sim", **given)
     except (ValueError, TypeError) as refusal:
         raise Problem(f"mcp: {refusal}") from refusal
     interrupted, problem = False, ""
     try:
-        interrupted = trio.run(_until_interrupted, wanted, allow_motion)
+        interrupted = trio.run(_until_interrupted, planned, allow_motion)
     except* BrokenPipeError:
         pass  # the client has ended, and the robot is safe
     except* ConnectionError as failures:
@@ -48,7 +48,7 @@ def serve_mcp(robot: str, port: str | None, transport: str | None, allow_motion:
         raise Problem(f"mcp: {problem}")
 
 
-async def _until_interrupted(wanted: Plan, allow_motion: bool) -> bool:
+async def _until_interrupted(planned: Plan, allow_motion: bool) -> bool:
     """Serve until the client or SIGINT ends it. Return True after SIGINT.
 
     The signal is received as an event. A ``KeyboardInterrupt`` could be raised between any two lines of the
@@ -62,13 +62,13 @@ async def _until_interrupted(wanted: Plan, allow_motion: bool) -> bool:
 
         async with open_background() as nursery:
             nursery.start_soon(interrupt)
-            await _serve(wanted, allow_motion)
+            await _serve(planned, allow_motion)
     return serving.cancelled_caught
 
 
-async def _serve(wanted: Plan, allow_motion: bool) -> None:
+async def _serve(planned: Plan, allow_motion: bool) -> None:
     from strands_actors.surfaces.agents.mcp_server import serve
 
-    approval = approval_of(wanted.driver_class, (), ask_on_terminal, APPROVE_S)
-    async with open_tree(wanted, arm=allow_motion) as tree:
+    approval = approval_of(planned.driver_class, (), ask_on_terminal, APPROVE_S)
+    async with open_tree(planned, arm=allow_motion) as tree:
         await serve(AsyncRobot(tree, approval), allow_motion)

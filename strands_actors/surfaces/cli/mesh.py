@@ -86,9 +86,9 @@ async def _status(mesh: Path | None) -> list[dict[str, Any]]:
     found: dict[str, dict[str, Any]] = {}
 
     def on_presence(received: Received) -> None:
-        told = msgspec.json.decode(received.payload)
-        if isinstance(told, dict):
-            presence[received.key.split("/")[1]] = told
+        message = msgspec.json.decode(received.payload)
+        if isinstance(message, dict):
+            presence[received.key.split("/")[1]] = message
         if set(client.robots) <= set(presence):
             seen.set()
 
@@ -103,7 +103,7 @@ async def _status(mesh: Path | None) -> list[dict[str, Any]]:
     return [found[robot] for robot in sorted(found)]
 
 
-async def _ask(client: MeshClient, robot: str, told: dict[str, Any], found: dict[str, dict[str, Any]]) -> None:
+async def _ask(client: MeshClient, robot: str, presence: dict[str, Any], found: dict[str, dict[str, Any]]) -> None:
     # A robot without recent requests polls less often. So only the second request is timed.
     await client.request(robot, Status())
     asked = trio.current_time()
@@ -113,10 +113,10 @@ async def _ask(client: MeshClient, robot: str, told: dict[str, Any], found: dict
     found[robot] = {
         "robot": robot,
         "reachable": reachable,
-        "state": told.get("state", "unreachable"),
-        "hw": told.get("hw", ""),
-        "host": told.get("hostname", ""),
-        "epoch": told.get("epoch", 0),
+        "state": presence.get("state", "unreachable"),
+        "hw": presence.get("hw", ""),
+        "host": presence.get("hostname", ""),
+        "epoch": presence.get("epoch", 0),
         "rtt_ms": took_ms if reachable else None,
     }
     if not isinstance(status, Refused):

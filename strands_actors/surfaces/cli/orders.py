@@ -77,25 +77,25 @@ async def _run(
     async with open_mesh(mesh if to_stop else configuration(mesh), to_stop=to_stop) as client:
         if verb is not _estop:  # an e-stop does not wait until robots are found
             await client.settle()
-        told = await verb(client, None if every else [str(robot)])
+        results = await verb(client, None if every else [str(robot)])
         there = ", ".join(client.robots)
-    if not told:
+    if not results:
         missing = "no robot" if every else f"no robot {robot!r}"
         raise Problem(f"{missing} is on the mesh of this user{f'. there are {there}' if there else ''}")
     if as_json:
-        print(json.dumps({"robots": [{"robot": each.robot, "done": each.done, **each.facts} for each in told]}))
+        print(json.dumps({"robots": [{"robot": each.robot, "done": each.done, **each.facts} for each in results]}))
     else:
-        for each in told:
+        for each in results:
             print(f"{each.robot}: {each.line}", file=sys.stdout if each.done else sys.stderr, flush=True)
-    return 0 if all(each.done for each in told) else NOT_CONFIRMED
+    return 0 if all(each.done for each in results) else NOT_CONFIRMED
 
 
 async def _stop(client: MeshClient, robots: list[str] | None) -> list[Told]:
     async def one(robot: str) -> Told:
         return await _insist(await client.stop(robot, operate.by()), operate.VERBS["stop"])
 
-    told = await _each(client, robots, one, [stray.robot for stray in strays()])
-    return [*told, *map(_tell, client.not_looked_for())]
+    results = await _each(client, robots, one, [stray.robot for stray in strays()])
+    return [*results, *map(_tell, client.not_looked_for())]
 
 
 async def _estop(client: MeshClient, robots: list[str] | None) -> list[Told]:
@@ -143,16 +143,16 @@ async def _each(
         verb: Acts on one robot.
         others: Further robots, which are not on the mesh.
     """
-    told: list[Told] = []
+    results: list[Told] = []
 
     async def run(robot: str) -> None:
-        told.append(await verb(robot))
+        results.append(await verb(robot))
 
     async with trio.open_nursery() as nursery:
         for robot in {*client.robots, *others}:
             if robots is None or robot in robots:
                 nursery.start_soon(run, robot)
-    return sorted(told, key=lambda each: each.robot)
+    return sorted(results, key=lambda each: each.robot)
 
 
 async def _insist(outcome: Outcome, verb: operate.Verb) -> Told:

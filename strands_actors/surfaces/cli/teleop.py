@@ -152,13 +152,13 @@ def _connected(arm: RealRobot) -> Iterator[None]:
 
 def _run(arm: RealRobot, keys: Keys | None, is_arm: bool, is_terminal: bool, quiet: bool) -> dict[str, Any]:
     """Wait until the teleoperation has ended. Return its last status."""
-    shown_s, told = 0.0, _status(arm)
+    shown_s, status = 0.0, _status(arm)
     shown: tuple[str, ...] = ()
     try:
         with _keys_at_once() if is_terminal else contextlib.nullcontext():
             if not quiet:
                 print(_help(keys, is_arm, is_terminal), file=sys.stderr)
-            while told["running"]:
+            while status["running"]:
                 if is_terminal and not _read(arm, keys):
                     break
                 if not is_terminal:
@@ -168,9 +168,9 @@ def _run(arm: RealRobot, keys: Keys | None, is_arm: bool, is_terminal: bool, qui
                     arm.operate(hold.held, **hold.rates)
                 if time.monotonic() >= shown_s:
                     shown_s = time.monotonic() + SHOW_S
-                    told = _status(arm)
+                    status = _status(arm)
                     if not quiet:
-                        shown = _show(told, shown)
+                        shown = _show(status, shown)
     except KeyboardInterrupt:
         pass
     finally:
@@ -199,30 +199,30 @@ def _read(arm: RealRobot, keys: Keys | None) -> bool:
 
 
 def _status(arm: RealRobot) -> dict[str, Any]:
-    told: dict[str, Any] = arm.get_task_status()["content"][0]["json"]
-    return {"teleop": {}, **told}
+    status: dict[str, Any] = arm.get_task_status()["content"][0]["json"]
+    return {"teleop": {}, **status}
 
 
-def _show(told: dict[str, Any], shown: tuple[str, ...]) -> tuple[str, ...]:
+def _show(status: dict[str, Any], shown: tuple[str, ...]) -> tuple[str, ...]:
     """Show a status. In a file it is only written if it differs from ``shown``. Return the shown status."""
-    teleop = told["teleop"]
+    teleop = status["teleop"]
     if not teleop:
         return shown
     ends = f"; at its end: {', '.join(teleop['at_end'])}" if teleop["at_end"] else ""
-    line = f"{teleop['state']:9} {told['steps']:6} setpoints {teleop['refused']:4} refused  {teleop['why']}{ends}"
-    if is_lost(told):
+    line = f"{teleop['state']:9} {status['steps']:6} setpoints {teleop['refused']:4} refused  {teleop['why']}{ends}"
+    if is_lost(status):
         line = f"{teleop['state']:9} {teleop['leader']}"
     if sys.stderr.isatty():
         width = shutil.get_terminal_size().columns - 1
         print(f"\r\x1b[K{line[:width]}", end="", file=sys.stderr, flush=True)
-    elif shown != (now := _brief(told)):
+    elif shown != (now := _brief(status)):
         print(line, file=sys.stderr, flush=True)
         return now
     return shown
 
 
-def _brief(told: dict[str, Any]) -> tuple[str, ...]:
-    teleop = told["teleop"]
+def _brief(status: dict[str, Any]) -> tuple[str, ...]:
+    teleop = status["teleop"]
     return teleop["state"], teleop["why"], teleop["leader"]
 
 

@@ -95,16 +95,16 @@ def _note_of(robot: str) -> Note:
 
 
 async def _trace(note: Note, as_json: bool, count: int | None, seconds: float | None) -> None:
-    reader, done, left, heard = Reader(note.robot), trio.Event(), count, False
+    reader, done, left, has_received = Reader(note.robot), trio.Event(), count, False
 
     def on_sample(received: Received) -> None:
-        nonlocal left, heard
+        nonlocal left, has_received
         age_ms = round(1e3 * (time.time() - received.sent_s), 2) if received.sent_s else None
-        told = None if done.is_set() else reader.read(received.payload, age_ms)
-        if told is None:
+        message = None if done.is_set() else reader.read(received.payload, age_ms)
+        if message is None:
             return
-        heard = True
-        print(json.dumps(msgspec.to_builtins(told)) if as_json else line(told), flush=True)
+        has_received = True
+        print(json.dumps(msgspec.to_builtins(message)) if as_json else line(message), flush=True)
         if left is not None:
             left -= 1
             if left <= 0:
@@ -112,7 +112,7 @@ async def _trace(note: Note, as_json: bool, count: int | None, seconds: float | 
 
     async def say_that_it_waits() -> None:
         await trio.sleep(SILENT_S)
-        if not heard:
+        if not has_received:
             line = f"the actors of {note.robot} tell each other nothing so far; waiting, Ctrl-C ends it"
             print(line, file=sys.stderr, flush=True)
 

@@ -52,18 +52,18 @@ def show_trees(as_json: bool) -> int:
 
 
 async def _ask_all() -> list[TreeReport]:
-    found: dict[str, TreeReport] = {}
+    reports: dict[str, TreeReport] = {}
     async with directory.join() as joined, trio.open_nursery() as nursery:
 
         async def ask(note: Note) -> None:
-            found[note.robot] = await joined.tree(note)
+            reports[note.robot] = await joined.tree(note)
 
         for note in joined.notes:
             nursery.start_soon(ask, note)
     for stray in strays():  # trees that cannot be asked
         root = ProcessInfo("root", stray.root, 0)
-        found.setdefault(stray.robot, TreeReport(stray.robot, directory.UNREACHABLE, 0, (root,), ()))
-    return [found[robot] for robot in sorted(found)]
+        reports.setdefault(stray.robot, TreeReport(stray.robot, directory.UNREACHABLE, 0, (root,), ()))
+    return [reports[robot] for robot in sorted(reports)]
 
 
 def draw(report: TreeReport, states: Mapping[int, str] | None = None, introspection: bool = True) -> Tree:

@@ -101,14 +101,14 @@ class Layout(msgspec.Struct, frozen=True):
 
     def features(self) -> dict[str, Any]:
         """Return the features as in ``info.json``."""
-        found: dict[str, Any] = {}
+        features: dict[str, Any] = {}
         for vector in (ACTION, REQUESTED, STATE, AGE):
             names = self.names_of(vector)
-            found[vector] = {"dtype": "float32", "shape": [len(names)], "names": list(names)}
+            features[vector] = {"dtype": "float32", "shape": [len(names)], "names": list(names)}
             if units := self.units_of(vector):
-                found[vector][UNITS] = list(units)  # LeRobot keeps this key, but does not read it
+                features[vector][UNITS] = list(units)  # LeRobot keeps this key, but does not read it
         for camera in self.cameras:
-            found[camera.key] = {
+            features[camera.key] = {
                 "dtype": "video",
                 "shape": [camera.height, camera.width, 3],
                 "names": ["height", "width", "channels"],
@@ -123,9 +123,9 @@ class Layout(msgspec.Struct, frozen=True):
                     "has_audio": False,
                 },
             }
-        found["timestamp"] = {"dtype": "float32", "shape": [1], "names": None}
-        found |= {name: {"dtype": "int64", "shape": [1], "names": None} for name in COUNTERS}
-        return found
+        features["timestamp"] = {"dtype": "float32", "shape": [1], "names": None}
+        features |= {name: {"dtype": "int64", "shape": [1], "names": None} for name in COUNTERS}
+        return features
 
     def typed_features(self) -> dict[str, Feature]:
         return msgspec.convert(self.features(), dict[str, Feature])

@@ -91,7 +91,7 @@ class Encoder:
     """
 
     def __init__(self, path: Path, camera: CameraShape, fps: int, codec: str) -> None:
-        how = require_codec(codec, [camera])
+        spec = require_codec(codec, [camera])
         self._shape = (camera.height, camera.width, 3)
         self._base = Fraction(1, fps)
         options = {
@@ -100,7 +100,7 @@ class Encoder:
             "flush_packets": "1",  # a fragment in a buffer of this process would be lost with it
         }
         self._container = _writer(path, fps, options)
-        self._stream = cast(VideoStream, self._container.add_stream(how.encoder, rate=fps, options=how.options))
+        self._stream = cast(VideoStream, self._container.add_stream(spec.encoder, rate=fps, options=spec.options))
         self._stream.width, self._stream.height, self._stream.pix_fmt = camera.width, camera.height, PIXELS
         self._stream.time_base = self._base
         self._stream.gop_size = KEY_EVERY
