@@ -97,7 +97,7 @@ def serve_twin(
         port_file: The file to which the twin writes its port or address.
         log: The file for the frames on the wire, one JSON line each.
         fault: A fault from the beginning, ``WORD`` or ``WORD:servo``.
-        parent_fd: A descriptor; the twin ends when its other end is closed.
+        parent_fd: A descriptor. The twin ends shortly after its other end was closed.
         control: A socket by which the joints are moved, as by hand.
         options: ``KEY=VALUE`` options of the twin.
     """

@@ -206,7 +206,7 @@ class _Copy:
     # -- the index
 
     def _figures_of(self, one: _New) -> dict[str, Figures]:
-        """Return the source's figures. Those that a version 2 lacks (2.0 has no figures) are computed."""
+        """Return the source's figures. For version 2, missing ones are computed (2.0 has no figures)."""
         found = {key: figures for key, figures in one.source.figures.items() if key in self._info.features}
         missing = [key for key in self._info.features if key not in found] if self._info.is_older else []
         if missing:

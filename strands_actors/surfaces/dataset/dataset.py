@@ -138,8 +138,8 @@ class Dataset:
             layout: The layout of the new episode.
 
         Returns:
-            The dataset's layout, which may be older and then gets the units of the new one. For the
-            first episode, ``layout``.
+            The dataset's layout. If it states no units, they are taken from ``layout``. For the first
+            episode, ``layout`` itself.
 
         Raises:
             DatasetError: The dataset has another layout.
