@@ -1,5 +1,5 @@
-"""``python -m benchmarks [NAME ...]``: ask the questions of this folder, all or those named, and
-print answers."""
+"""``python -m benchmarks [NAME ...]``: run all benchmarks of this folder, or the named ones, and print the
+results."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def main() -> int:
                 say(f"wrote {flames.record(question, chosen.short)}")
                 continue
             result = house.run(question, rounds, chosen.short, chosen.seed, say)
-        except Exception as error:  # the other questions are still worth an answer
+        except Exception as error:  # run the other questions nevertheless
             say(f"{name} failed: {type(error).__name__}: {error}")
             failed.append(name)
             continue

@@ -1,4 +1,4 @@
-"""How long does an ask take between two processes, and how many typed tells a second go there?"""
+"""How long does an ask take between two processes, and how many typed messages per second arrive?"""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Six Dynamixel servos read (fast sync read) and written as fast as it goes, beside the vendor's
-SDK."""
+"""How fast can six Dynamixel servos be read (fast sync read) and written, compared with the vendor's SDK?"""
 
 from __future__ import annotations
 

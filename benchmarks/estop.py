@@ -1,4 +1,4 @@
-"""How long does a stop take between two processes beside telemetry that is sent flat out?"""
+"""How long does a stop take between two processes while telemetry is sent at full speed?"""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Six Feetech servos read and written as fast as it goes, beside the vendor's SDK and lerobot's
-bus."""
+"""How fast can six Feetech servos be read and written, compared with the vendor's SDK and lerobot's bus?"""
 
 from __future__ import annotations
 

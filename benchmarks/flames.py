@@ -1,9 +1,8 @@
-"""Where our side spends its time: ``python -m benchmarks --flames [NAME ...]``.
+"""Profile our side of a question: ``python -m benchmarks --flames [NAME ...]``.
 
-Our side of a question runs once more, under py-spy, which looks at the stacks of all its processes
-250 times a second and counts those that compute. What it saw is kept in
-``benchmarks/results/flames`` and drawn as a flame graph: the width of a function is its share of
-the processor's time, what it called stands above it.
+Our side runs once more, under py-spy, which samples the stacks of all its processes 250 times per second and
+counts those that compute. The samples are kept in ``benchmarks/results/flames`` and drawn as a flame graph:
+the width of a function is its share of the processor time, and the functions that it called are above it.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from .house import OURS, RESULTS, Question, beneath
 KEPT = RESULTS / "flames"
 RATE_HZ = 250
 LEAST = 0.004
-"""Of all: what is narrower is not drawn."""
+"""Functions with a smaller share of the time are not drawn."""
 WIDTH, ROW, LETTER = 1000, 17, 6.4
 COLOURS = {"strands_actors": "#fdba74", "benchmarks": "#bbf7d0", "trio": "#bfdbfe"}
 OTHERS = "#e2e8f0"
@@ -31,14 +30,25 @@ LINE = re.compile(r":\d+\)$")
 FRAME = re.compile(r" \([^()]+\)$")
 WAY_IN = ("process ", "_run_code", "_run_module")
 COMMAND = "(<string>)"
-"""Where what ``python -c`` was given stands."""
+"""The file name in frames of a ``python -c`` program."""
 
 Stacks = Counter[tuple[str, ...]]
-"""From the outermost function to the one that computed: how often that was seen."""
+"""Number of samples per stack. A stack goes from the outermost function to the one that computed."""
 
 
 def record(question: Question, short: bool) -> Path:
-    """Look at our side once. Raise ``RuntimeError`` without py-spy, or when the side fails."""
+    """Profile our side once, and keep the samples.
+
+    Args:
+        question: The question.
+        short: Run its short form.
+
+    Returns:
+        The file with the samples.
+
+    Raises:
+        RuntimeError: py-spy is not installed, or the side has failed.
+    """
     spy = shutil.which(
         "py-spy", path=os.pathsep.join((str(Path(sys.executable).parent), os.environ.get("PATH", "")))
     )
@@ -50,8 +60,7 @@ def record(question: Question, short: bool) -> Path:
 
         def watched(command: list[str]) -> list[str]:
             seen.append(Path(directory) / f"{len(seen)}.txt")
-            # nonblocking: a tree notices that one of its processes is stopped, be it to look at its
-            # stack
+            # nonblocking: py-spy must not stop the processes, since a tree notices that.
             options = ["--nonblocking", "--rate", f"{RATE_HZ}", "--subprocesses", "--function", "--format", "raw"]
             return [spy, "record", *options, "--output", str(seen[-1]), "--", *command]
 
@@ -68,8 +77,11 @@ def record(question: Question, short: bool) -> Path:
 
 
 def read(text: str) -> Stacks:
-    """As py-spy writes them, without processes (whose commands may have semicolons), line numbers,
-    the way into the interpreter, and programs of one line, which only take processors away."""
+    """Return the stacks in py-spy's output.
+
+    Left out are processes (their commands may contain semicolons), line numbers, the interpreter's start,
+    and ``python -c`` programs, which only occupy processors.
+    """
     stacks: Stacks = Counter()
     for line in text.splitlines():
         stack, _, count = line.rpartition(" ")
@@ -85,7 +97,8 @@ def _imports(frame: str) -> bool:
 
 
 def written(stacks: Stacks) -> str:
-    """Ends of stacks too narrow to be drawn are cut off: their time stays with what called them."""
+    """Return the stacks as text. Functions too narrow to be drawn are cut off, and their time counts for
+    their caller."""
     least = LEAST / 2 * stacks.total()
     wide = inclusive(stacks)
     short: Stacks = Counter()
@@ -98,7 +111,7 @@ def written(stacks: Stacks) -> str:
 
 
 def inclusive(stacks: Stacks) -> Stacks:
-    """Each function where it stands, with all that it called."""
+    """Return the samples of each function at its place, including those of the functions that it called."""
     found: Stacks = Counter()
     for stack, count in stacks.items():
         for depth in range(1, len(stack) + 1):
@@ -107,7 +120,8 @@ def inclusive(stacks: Stacks) -> Stacks:
 
 
 def heaviest(stacks: Stacks, most: int = 6) -> list[tuple[str, float]]:
-    """Functions by the share of time that they spent themselves, what they called in C included."""
+    """Return the functions with the most time of their own, and their shares. Calls into C count as own
+    time."""
     own: Counter[str] = Counter()
     for stack, count in stacks.items():
         own[stack[-1]] += count

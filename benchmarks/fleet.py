@@ -1,5 +1,5 @@
-"""Twelve arms from one process, each commanded twenty times a second, twins and all on this
-machine."""
+"""Do twelve arms run from one process, each commanded 20 times per second, with their twins on the same
+computer?"""
 
 from __future__ import annotations
 

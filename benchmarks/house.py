@@ -1,8 +1,8 @@
-"""What every benchmark is made of: a question, its sides, its goals, and one way of running them.
+"""The parts of every benchmark (a question, its sides, its goals), and the code that runs them.
 
-All sides of a question run in the same minutes: each round runs every side once, in an order
-shuffled by a seed, so that what the machine does meanwhile meets all of them. A ratio is taken
-within a round; its median is what a goal judges.
+All sides of a question run within the same minutes. Each round runs every side once, in an order that is
+shuffled by a seed, so that other load on the computer affects all sides. A ratio is taken within a round, and
+a goal judges its median.
 """
 
 from __future__ import annotations
@@ -26,19 +26,18 @@ from typing import Any
 HOUSE = Path(__file__).resolve().parent
 RESULTS = HOUSE / "results"
 OURS = "ours"
-"""The side that goals are about; every question has it."""
+"""The side that the goals judge. Every question has it."""
 
 Figures = dict[str, float]
-"""Figure to value, for example ``{"ask_p50_us": 9.9}``; the unit ends the name."""
+"""Values by the name of the figure, for example ``{"ask_p50_us": 9.9}``. The name ends with the unit."""
 
 Side = Callable[[bool], Figures]
-"""One round of one side; the argument asks for the short form (seconds at most)."""
+"""Runs one round of one side. The argument selects the short form (seconds at most)."""
 
 
 @dataclass(frozen=True)
 class Goal:
-    """A bound on ``ours[figure] / beside[figure]``, or on ``ours[figure]`` itself where ``beside``
-    is empty."""
+    """A bound on ``ours[figure] / beside[figure]``; on ``ours[figure]`` itself if ``beside`` is empty."""
 
     figure: str
     beside: str
@@ -50,7 +49,7 @@ class Goal:
             raise ValueError(f"a goal for {self.figure} needs exactly one of at_most and at_least")
 
     def met(self, value: float) -> bool:
-        """Return whether ``value`` is within the bound."""
+        """Return True if ``value`` is within the bound."""
         if self.at_most is not None:
             return value <= self.at_most
         assert self.at_least is not None
@@ -64,15 +63,15 @@ class Question:
     sides: Mapping[str, Side]
     goals: tuple[Goal, ...]
     limit: str
-    """What limits our figure now, and the evidence: Markdown, one to four sentences."""
+    """The present limit of our figure, with the evidence: Markdown, one to four sentences."""
     rounds: int = 5
     short: bool = True
-    """Whether its short form runs in CI."""
+    """True if its short form runs in CI."""
     imports: bool = False
-    """Whether importing is part of what is asked: flame graphs of the others leave it out."""
+    """True if the question includes importing. Flame graphs of other questions leave imports out."""
     ground: str = ""
-    """The side on which ours stands: the least that must happen, without what we add. It is judged
-    like ours."""
+    """The side with the least work that is possible, without the parts that we add. It is judged like
+    ours."""
 
     def __post_init__(self) -> None:
         if OURS not in self.sides:
@@ -82,7 +81,7 @@ class Question:
             raise ValueError(f"{self.name} has goals beside {', '.join(unknown)}: not among its sides")
 
     def among(self, *sides: str) -> Question:
-        """The same question to fewer sides, with the goals that these can answer."""
+        """Return the question with fewer sides, and with the goals that these can answer."""
         kept = {name: side for name, side in self.sides.items() if name == OURS or name in sides}
         ground = self.ground if self.ground in kept else ""
         return replace(
@@ -105,7 +104,7 @@ class Spread:
 class Verdict:
     goal: Goal
     value: float
-    """The median over the rounds: of the ratio, or of the figure where nothing stands beside it."""
+    """The median over the rounds, of the ratio, or of the figure if the goal has no other side."""
 
     @property
     def met(self) -> bool:
@@ -114,7 +113,7 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Machine:
-    """Where and when; ``load_before`` is the one-minute load average as the first round began."""
+    """The computer and the date. ``load_before`` is the one-minute load average before the first round."""
 
     processor: str
     cores: int
@@ -142,7 +141,7 @@ class Machine:
 
 @dataclass(frozen=True)
 class Result:
-    """Every figure of every round: ``rounds[i][side][figure]``."""
+    """All figures of all rounds: ``rounds[i][side][figure]``."""
 
     name: str
     short: bool
@@ -154,14 +153,21 @@ class Result:
         return Spread.of(values) if values else None
 
     def figures(self) -> list[str]:
-        """Every figure that a side has given, in the order of their first appearance, ours
-        first."""
+        """Return the names of all figures, in the order of their first appearance, ours first."""
         sides = [each[side] for each in self.rounds for side in sorted(each, key=lambda side: side != OURS)]
         return list(dict.fromkeys(figure for side in sides for figure in side))
 
     def ratio(self, figure: str, beside: str, of: str = OURS) -> Spread:
-        """One over another, taken within each round; ``KeyError`` where a side did not give that
-        figure."""
+        """Return the ratio of two sides' figures, taken within each round.
+
+        Args:
+            figure: The name of the figure.
+            beside: The side in the denominator; empty for the figure itself.
+            of: The side in the numerator.
+
+        Raises:
+            KeyError: A side has no such figure.
+        """
         return Spread.of([each[of][figure] / (each[beside][figure] if beside else 1.0) for each in self.rounds])
 
     def verdicts(self, goals: tuple[Goal, ...]) -> list[Verdict]:
@@ -184,8 +190,8 @@ _beneath: Callable[[list[str]], list[str]] = list
 
 @contextlib.contextmanager
 def beneath(wrap: Callable[[list[str]], list[str]]) -> Iterator[None]:
-    """Meanwhile ``beside`` runs what ``wrap`` makes of its command: the same beneath another
-    program."""
+    """During the block, ``beside`` runs the result of ``wrap`` for its command, for example the command under
+    a profiler."""
     global _beneath
     before, _beneath = _beneath, wrap
     try:
@@ -195,11 +201,20 @@ def beneath(wrap: Callable[[list[str]], list[str]]) -> Iterator[None]:
 
 
 def beside(module: str, *args: str, python: str = sys.executable, timeout_s: float = 120) -> Figures:
-    """Run ``python -m module args`` from the checkout; the last JSON object on its stdout has its
-    figures.
+    """Run ``python -m module args`` from the checkout.
 
-    Raises ``RuntimeError`` with what it wrote to stderr when it fails or takes longer than
-    ``timeout_s``: a peer that is not installed is an error, never a gap in the table.
+    Args:
+        module: The module to run.
+        *args: Its arguments.
+        python: The interpreter.
+        timeout_s: Longest run time, in seconds.
+
+    Returns:
+        The figures, from the last JSON object on its stdout.
+
+    Raises:
+        RuntimeError: It failed or was too slow. The text has its stderr. A peer that is not installed is an
+            error, too, and never a gap in the table.
     """
     environment = os.environ | {
         "PYTHONPATH": os.pathsep.join([str(HOUSE.parent), os.environ.get("PYTHONPATH", "")])
@@ -218,7 +233,7 @@ def beside(module: str, *args: str, python: str = sys.executable, timeout_s: flo
 
 
 def side_of(module: str, name: str) -> Side:
-    """What ``benchmarks.sides.<module>`` measures when it is told ``name``."""
+    """Return the side that runs ``benchmarks.sides.<module>`` with the argument ``name``."""
 
     def side(short: bool) -> Figures:
         return beside(f"benchmarks.sides.{module}", name, *(["short"] if short else []))
@@ -233,7 +248,7 @@ def run(
     seed: int = 0,
     progress: Callable[[str], None] = lambda line: None,
 ) -> Result:
-    """Ask a question: every side once a round, in an order shuffled by ``seed``."""
+    """Run a question: every side once per round, in an order shuffled by ``seed``."""
     machine = Machine.here()
     order = list(question.sides)
     shuffled = random.Random(seed)
@@ -249,7 +264,7 @@ def run(
 
 
 def questions() -> dict[str, Question]:
-    """Every question of this folder, by name: the modules that export ``QUESTION``."""
+    """Return all questions of this folder by name, from the modules that have a ``QUESTION``."""
     modules = [
         importlib.import_module(f"{__package__}.{found.name}")
         for found in pkgutil.iter_modules([str(HOUSE)])

@@ -1,5 +1,5 @@
-"""A G1 at 500 Hz: LowState in, LowCmd out, beside a process of cyclonedds that does nothing
-else."""
+"""How regular is a G1 at 500 Hz (LowState in, LowCmd out), compared with a process that only runs
+cyclonedds?"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How fast does an actor's process start, and how fast is what died there again?"""
+"""How fast does an actor's process start, and how fast is a dead one replaced?"""
 
 from __future__ import annotations
 

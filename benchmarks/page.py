@@ -1,5 +1,4 @@
-"""``docs/benchmarks.md`` and its plots, made from the results that are kept in
-``benchmarks/results``."""
+"""Make ``docs/benchmarks.md`` and its plots from the results in ``benchmarks/results``."""
 
 from __future__ import annotations
 
@@ -29,9 +28,9 @@ UNITS = {
     "x": "×",
 }
 WIDE = 12
-"""A table of more figures is turned round."""
+"""A table with more figures is transposed."""
 LOG_FROM = 20.0
-"""A panel whose values differ by more than this factor gets a logarithmic axis (and says so)."""
+"""If values differ by more than this factor, the panel gets a logarithmic axis, and its title states this."""
 
 PREFACE = """# Benchmarks
 
@@ -45,8 +44,8 @@ can do without; what is missed there, too, is not ours to meet.
 
 
 def unit(figure: str) -> tuple[str, str]:
-    """``"ask_p50_us"`` as (``"ask p50"``, ``"µs"``); a figure without a known unit keeps its whole
-    name."""
+    """Return the name and the unit of a figure: ``"ask p50"`` and ``"µs"`` for ``"ask_p50_us"``. Without a
+    known unit, the name stays whole and the unit is empty."""
     for suffix, name in UNITS.items():
         if figure.endswith(f"_{suffix}"):
             return figure.removesuffix(f"_{suffix}").replace("_", " "), name
@@ -59,7 +58,7 @@ def label(figure: str) -> str:
 
 
 def number(value: float) -> str:
-    """Three significant digits, thousands apart, no exponent."""
+    """Return a number with three significant digits and separated thousands, without an exponent."""
     if value == 0 or not math.isfinite(value):
         return f"{value:g}"
     digits = max(0, 2 - math.floor(math.log10(abs(value))))
@@ -89,7 +88,7 @@ def row(cells: Sequence[str]) -> str:
 
 
 def table(result: Result) -> list[str]:
-    """Side by figure, ours first; of many figures, figure by side."""
+    """Return the table: one row per side, ours first. With many figures, one row per figure."""
     sides = sorted(result.rounds[0], key=lambda side: (side != OURS, side))
     figures = result.figures()
     several = len(result.rounds) > 1
@@ -124,7 +123,7 @@ def goals(question: Question, result: Result) -> list[str]:
 
 
 def summary(asked: Mapping[str, Question], results: Sequence[Result]) -> list[str]:
-    """A line a question: how many of its goals are met."""
+    """Return a table with one row per question: its number of goals, and of those that are met."""
     lines = ["| question | goals | met |", "| --- | --- | --- |"]
     for result in results:
         question = asked[result.name]
@@ -156,21 +155,23 @@ def section(question: Question, result: Result) -> str:
 
 
 def where_it_goes(question: Question) -> list[str]:
-    """The flame graph of our side, if there is one, and who computes most."""
+    """Return the flame graph of our side, if there is one, and the functions that compute most."""
     kept = flames.KEPT / f"{question.name}.txt"
     if not kept.exists():
         return []
     shares = flames.heaviest(flames.read(kept.read_text()))
     most = ", ".join(f"`{frame.partition(' (')[0]}` {share:.0%}" for frame, share in shares)
     drawing = f"![Where our side computes](benchmarks/flames/{question.name}.svg)"
-    told = paragraph(f"Who computes in our side, by function, with what each calls in C: {most}.")
-    return [told, "", drawing, ""]
+    text = paragraph(f"Who computes in our side, by function, with what each calls in C: {most}.")
+    return [text, "", drawing, ""]
 
 
 def plot(question: Question, result: Result, path: Path) -> None:
-    """One panel per figure that a goal names (or all). Bars begin at zero; where the sides are too
-    far apart for that the axis is logarithmic and has points, since the length of a bar would mean
-    nothing there."""
+    """Draw one panel per figure that a goal names, or per figure if there are no goals.
+
+    Bars begin at zero. If the sides are too far apart for bars, the axis is logarithmic and has points,
+    since the length of a bar has no meaning there.
+    """
     os.environ.setdefault("MPLBACKEND", "svg")
     import matplotlib
 
@@ -192,7 +193,7 @@ def plot(question: Question, result: Result, path: Path) -> None:
 
 
 def _draw(panel: Any, spreads: dict[str, Spread]) -> bool:
-    """Median, lowest and highest of each side; whether on a logarithmic axis."""
+    """Draw the median, lowest and highest value of each side. Return True for a logarithmic axis."""
     sides = list(spreads)[::-1]
     each = [spreads[side] for side in sides]
     medians = [spread.median for spread in each]
@@ -232,7 +233,7 @@ def with_figure(result: Result, sides: list[str], figure: str) -> dict[str, Spre
 
 
 def write(asked: Mapping[str, Question]) -> Path:
-    """Make the page anew from all results of questions that are still asked."""
+    """Write the page from the results of all existing questions. Return its path."""
     kept = [result for path in sorted(RESULTS.glob("*.json")) if (result := Result.read(path)).name in asked]
     sections = [section(asked[result.name], result) for result in kept]
     for seen in sorted(flames.KEPT.glob("*.txt")):

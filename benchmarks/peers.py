@@ -1,7 +1,7 @@
-"""``python -m benchmarks.peers [NAME ...]``: the environments of peers that cannot share ours.
+"""``python -m benchmarks.peers [NAME ...]``: make the environments of peers that cannot share ours.
 
-Each is a virtual environment in ``benchmarks/.peers/<name>/`` of the Python it runs on. A benchmark
-that needs one which is not there says so and fails: nothing is installed behind anybody's back.
+Each is a virtual environment in ``benchmarks/.peers/<name>/``, with the Python that the peer needs. A
+benchmark fails with a message if the environment that it needs is missing. It never installs one itself.
 """
 
 from __future__ import annotations
@@ -21,16 +21,21 @@ PLACE = Path(__file__).resolve().parent / ".peers"
 
 @dataclass(frozen=True)
 class Peer:
-    """``alone``: packages whose own requirements are left out, because they want what no benchmark
-    uses."""
+    """The environment of one peer.
+
+    Attributes:
+        python: The version of Python.
+        packages: Packages that are installed with their requirements.
+        alone: Packages that are installed without their requirements, which no benchmark uses.
+        proof: Modules that must be importable afterwards.
+        empty: Modules that the peer imports but does not use here. Empty files replace them.
+    """
 
     python: str
     packages: tuple[str, ...]
     alone: tuple[str, ...] = ()
     proof: str = ""
-    """An import that must succeed."""
     empty: tuple[str, ...] = ()
-    """Modules that are imported, and used for nothing here."""
 
 
 PEERS = {
@@ -53,20 +58,20 @@ PEERS = {
         ("strands-robots==0.5.3",),
         "strands_robots, rtde_control",
     ),
-    # without torch: its buses use none, and it is 800 MB
+    # Without torch, which has 800 MB and which its buses do not use.
     "lerobot": Peer(
         "3.11",
         ("numpy", "pyserial", "deepdiff", "tqdm", "feetech-servo-sdk==1.0.0"),
         ("lerobot==0.4.4",),
         "scservo_sdk, deepdiff",
     ),
-    # the release that Unitree's SDK asks for; its wheels end at this Python
+    # The release that Unitree's SDK requires. This is the newest Python with wheels of it.
     "cyclonedds": Peer("3.10", ("cyclonedds==0.10.2",), (), "cyclonedds.idl"),
-    # GPL: it stays in here
+    # It is under the GPL, so it is only installed in this environment.
     "cflib": Peer("3.11", ("cflib==0.1.34",), (), "cflib.crazyflie"),
     "microduck": Peer("3.12", ("microduck-cli==0.9.7",), (), "microduck_cli.ipc.client"),
-    # Reachy Mini's own daemon, for ``python -m tests peers``; without PyGObject, which is compiled
-    # against the system's GStreamer
+    # Reachy Mini's daemon, for ``python -m tests peers``. PyGObject is left out, since it is compiled against
+    # the system's GStreamer.
     "reachy": Peer(
         "3.12",
         (
@@ -103,17 +108,17 @@ PEERS = {
         ("reachy-mini==1.13.0",),
         "mujoco, uvicorn, reachy_mini_motor_controller",
     ),
-    # what it says that it needs has audio, point clouds and a camera's SDK besides
+    # Its stated requirements also include audio, point clouds and a camera's SDK.
     "stretch_body": Peer("3.11", vendor.NEEDS, (vendor.CLIENT,), "stretch_body, aioserial", vendor.NOT_THERE),
 }
 
 
 class Missing(RuntimeError):
-    """A peer, or what it is made of, is not there. The text says what to do."""
+    """A peer or its Python is not installed. The text has the remedy."""
 
 
 def python(name: str) -> str:
-    """The interpreter of a peer. Raise ``Missing`` when it has not been made."""
+    """Return the path of a peer's interpreter. Raise ``Missing`` if its environment was not made."""
     place = PLACE / name / "bin" / "python"
     if not (PLACE / name / "ready").exists():
         raise Missing(f"{name} is not installed here: run python -m benchmarks.peers {name}")
@@ -121,7 +126,8 @@ def python(name: str) -> str:
 
 
 def make(name: str) -> None:
-    """Make the environment of a peer anew. Raise ``Missing`` when its Python is not to be found."""
+    """Make the environment of a peer, and replace an existing one. Raise ``Missing`` if its Python is not
+    found."""
     peer = PEERS[name]
     place = PLACE / name
     shutil.rmtree(place, ignore_errors=True)
@@ -139,7 +145,8 @@ def make(name: str) -> None:
 
 
 def find(version: str) -> str:
-    """An interpreter of this version: from PATH, or of pyenv."""
+    """Return an interpreter of this version, from PATH or from pyenv. Raise ``Missing`` if there is no such
+    interpreter."""
     for candidate in _candidates(version):
         asked = [candidate, "-c", "import sys; print('%d.%d' % sys.version_info[:2])"]
         done = subprocess.run(asked, capture_output=True, text=True)

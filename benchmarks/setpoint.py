@@ -1,5 +1,5 @@
-"""From ``send_action`` to the first byte on the wire, beside the reference's call in the caller's
-own thread."""
+"""How long does it take from ``send_action`` to the first byte on the wire, compared with a call in the
+caller's own thread?"""
 
 from __future__ import annotations
 
@@ -18,8 +18,7 @@ QUESTION = Question(
         "a process with the SDK": at_twins(ROBOTS, "setpoint", "process"),
     },
     goals=(
-        # late: the p99; beside us that of the reference and the millisecond that we may be behind
-        # it
+        # ``late`` is the p99. For the reference, it is its p99 plus 1 ms, the allowed difference.
         Goal("feetech_late_us", "strands-robots", at_most=1.0),
         Goal("ur_late_us", "strands-robots", at_most=1.0),
     ),

@@ -1,5 +1,4 @@
-"""What questions about robots share: a twin, and the side that drives it as a process of its
-own."""
+"""Run a side that drives a robot's twin, in a separate process. Questions about robots share this."""
 
 from __future__ import annotations
 
@@ -17,8 +16,15 @@ from .house import HOUSE, Figures, Side, beside
 
 
 def at_twin(robot: str, module: str, *args: str, peer: str = "", timeout_s: float = 120) -> Figures:
-    """Run ``benchmarks.sides.<module>`` with the twin's port and the path of its wire log behind
-    ``args``; in our own interpreter, or in a peer's."""
+    """Run a side at a robot's twin.
+
+    Args:
+        robot: The robot.
+        module: The side, ``benchmarks.sides.<module>``.
+        *args: Its first arguments. The twin's port and the path of its wire log follow.
+        peer: The peer with the interpreter; empty for ours.
+        timeout_s: Longest run time, in seconds.
+    """
     python = {"python": peers.python(peer)} if peer else {}
     with tempfile.TemporaryDirectory(prefix="sa-") as directory, Twin(robot, Path(directory)) as twin:
         return beside(
@@ -27,8 +33,15 @@ def at_twin(robot: str, module: str, *args: str, peer: str = "", timeout_s: floa
 
 
 def at_twins(robots: dict[str, str], module: str, *args: str, peer: str = "", timeout_s: float = 120) -> Side:
-    """A side that asks ``module`` once for each robot; its figures get the prefix given for that
-    robot."""
+    """Return a side that runs ``module`` once for each robot.
+
+    Args:
+        robots: The prefix of the figures' names, by robot.
+        module: As for ``at_twin``.
+        *args: As for ``at_twin``; the length and the robot follow.
+        peer: As for ``at_twin``.
+        timeout_s: As for ``at_twin``, for each robot.
+    """
 
     def side(short: bool) -> Figures:
         figures: Figures = {}
@@ -42,7 +55,7 @@ def at_twins(robots: dict[str, str], module: str, *args: str, peer: str = "", ti
 
 
 def at_line(robot: str, module: str, *args: str, peer: str = "", timeout_s: float = 60) -> Figures:
-    """As ``at_twin``, at a servo bus that is never late (``sides.line``); there is no log."""
+    """Run a side as ``at_twin`` does, at a servo bus that is never late (``sides.line``) and has no log."""
     python = {"python": peers.python(peer)} if peer else {}
     with tempfile.TemporaryDirectory(prefix="sa-") as directory:
         where = Path(directory) / "port"
@@ -61,7 +74,10 @@ def at_line(robot: str, module: str, *args: str, peer: str = "", timeout_s: floa
 
 
 def at_home(home: str = "") -> None:
-    """Keep our own robots of this process, and the locks of their e-stops, apart from any others of
-    this user's: in ``home``, else in a new directory."""
+    """Keep the robots of this process, and the locks of their e-stops, apart from this user's other ones.
+
+    Args:
+        home: The directory to use; empty for a new one.
+    """
     os.environ["STRANDS_ACTORS_RUN"] = home = home or tempfile.mkdtemp(prefix="sa-")
     os.environ["STRANDS_ACTORS_DATA"] = f"{home}/data"

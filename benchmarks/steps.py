@@ -1,4 +1,4 @@
-"""How many steps of physics a second does a simulated SO-101 make, through the verbs?"""
+"""How many physics steps per second does a simulated SO-101 make through the verbs?"""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""From a stop to the safe frame, whatever the policy does, and from an e-stop over the mesh."""
+"""How long does it take from a stop to the safe frame, under several policies, and from an e-stop over the
+mesh?"""
 
 from __future__ import annotations
 
@@ -22,7 +23,7 @@ def side(who: str, peer: str = "") -> Side:
 
 
 def legs(who: str) -> Side:
-    """The reference's G1 needs no twin: a stand-in for the SDK is enough."""
+    """Return the side with a G1. The reference's one needs no twin, since a stand-in replaces the SDK."""
     if who == "ours":
         return at_twins({LEGS: "g1"}, "stop", who)
 

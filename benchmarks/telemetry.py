@@ -1,4 +1,4 @@
-"""How many robots' telemetry one machine carries, and what each costs."""
+"""Of how many robots does one computer publish the telemetry, and how much does each cost?"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How many seconds of a robot's whole tree pass in one of ours, in virtual time?"""
+"""How many seconds of a robot's whole tree pass per real second, in virtual time?"""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""The wires that came after the first five: a command, a stop and the processor, beside the client
-that each robot's users mostly have."""
+"""How fast are a command and a stop, and how much processor time do they take, on the wires after the first
+five? The other side is the client that most users of the robot have."""
 
 from __future__ import annotations
 
@@ -46,9 +46,14 @@ read by themselves."""
 
 @dataclass(frozen=True)
 class Compared:
-    """``client``: a module of ``sides/wire_clients``; empty: there is none to be had. ``peer``: the
-    environment it runs in; empty: ours. ``service``: the robot is a client of somebody's server.
-    ``twin``: options that this client needs."""
+    """The client of a robot that ours is compared with.
+
+    Attributes:
+        client: A module of ``sides/wire_clients``; empty if no client is available.
+        peer: The environment of the client; empty for ours.
+        service: True if the robot is behind a server process.
+        twin: Options of the twin that this client needs.
+    """
 
     client: str = ""
     peer: str = ""
@@ -58,7 +63,7 @@ class Compared:
 
 WIRES: dict[str, Compared] = {
     "xarm7": Compared("xarm"),
-    "kinova_gen3": Compared(),  # the vendor's client is on no package index
+    "kinova_gen3": Compared(),  # the vendor's client is not on a package index
     "kuka_iiwa": Compared(),  # the vendor's licence ties its client to its robots
     "panda": Compared("panda"),
     "fr3": Compared("fr3"),
@@ -79,11 +84,11 @@ QUICKER: dict[str, tuple[float, Mapping[str, object]]] = {
     "kinova_gen3": (100.0, {}),
     "kuka_iiwa": (100.0, {"sample_ms": 2}),
 }
-"""The quickest control rate that an arm's driver takes, and what its twin needs for that."""
+"""The highest control rate that an arm's driver accepts, in Hz, and the options of its twin for this."""
 
 
 def at_twin(robot: str, who: str, length: str) -> Figures:
-    """One side at one robot's twin."""
+    """Run one side at one robot's twin."""
     compared = WIRES[robot]
     ours = who == OURS
     python = {} if ours or not compared.peer else {"python": peers.python(compared.peer)}
@@ -105,7 +110,7 @@ def at_twin(robot: str, who: str, length: str) -> Figures:
 
 
 def at_quicker_twin(robot: str, who: str, length: str) -> Figures:
-    """Ours at the quickest control rate there is."""
+    """Run our side at the highest control rate."""
     hz, options = QUICKER[robot]
     usual_hz = driver_of(robot).timing.control_hz
     with (
@@ -116,7 +121,8 @@ def at_quicker_twin(robot: str, who: str, length: str) -> Figures:
 
 
 def patiently(ask: Callable[[str, str, str], Figures], robot: str, who: str, length: str) -> Figures:
-    """Again, and said so, when a machine that is busy with others starts something too late."""
+    """Run a side. If it fails because the computer is busy, print this and run it again, ``TRIES`` times in
+    all."""
     for left in reversed(range(TRIES)):
         try:
             return ask(robot, who, length)
@@ -128,8 +134,10 @@ def patiently(ask: Callable[[str, str, str], Figures], robot: str, who: str, len
 
 
 class LateLine:
-    """``sides.late_answers`` before a twin, as long as the ``with`` block; the twin's port, and
-    what stands behind a ?, through it."""
+    """Runs ``sides.late_answers`` between a client and a twin, during a ``with`` block.
+
+    ``port`` is the address for the client. A query after a ``?`` is the twin's.
+    """
 
     def __init__(self, port: str, directory: Path, flag: Path) -> None:
         self._there, query, self._more = port.partition("?")
@@ -165,8 +173,8 @@ def side(who: str) -> Side:
 
 
 def goals_of(robot: str) -> tuple[Goal, ...]:
-    """The bound that its driver publishes, for each stop; of a twin that goes on, that of a link that
-    is back."""
+    """Return the goals of a robot. The bound of each stop is the one that its driver publishes. After a
+    twin was frozen, it is the bound of a returned link."""
     bound_ms = driver_of(robot).bound_s * 1e3
     goals = {"stop_worst_ms": bound_ms}
     if WIRES[robot].service:

@@ -1,5 +1,7 @@
-"""An agent moves an arm's twin. Its model is a script, so it needs no network and no key: put yours
-in its place.
+"""Let a Strands agent move the twin of an SO-101.
+
+The agent's model is a fixed script here, so that the example needs no network and no API key. Replace
+``Scripted`` by a real model to use it with your own prompts.
 
 pip install 'strands-actors[agent]'
 python examples/agent.py
@@ -13,15 +15,15 @@ from strands.models import Model
 from strands_actors import Robot
 
 SCRIPT = [
-    {"action": "move_to", "targets": {"shoulder_pan": 400.0}},  # refused: past the joint's travel
+    {"action": "move_to", "targets": {"shoulder_pan": 400.0}},  # refused: beyond the joint's range
     {"action": "move_to", "targets": {"shoulder_pan": 20.0}},
-    {"action": "set_torque", "enabled": True},  # guarded below: the operator says no
-    {"action": "stop"},  # nobody is asked
+    {"action": "set_torque", "enabled": True},  # guarded (see below); the operator refuses
+    {"action": "stop"},  # a stop needs no approval
 ]
 
 
 class Scripted(Model):
-    """Uses the tool with each line of the script, and hears what came of it."""
+    """A model that calls the tool with each line of a script, and prints each result."""
 
     def __init__(self, script):
         self.script = iter(enumerate(script))
@@ -36,10 +38,12 @@ class Scripted(Model):
         raise NotImplementedError
 
     async def stream(self, messages, tool_specs=None, system_prompt=None, **_):
+        # Print the result of the previous tool call.
         for block in messages[-1]["content"]:
             if "toolResult" in block:
                 content = block["toolResult"]["content"][0]
                 print(f"   {block['toolResult']['status']}: {content.get('text') or summary(content['json'])}")
+        # Answer with the next tool call, in the events of Strands; at the end of the script with a text.
         yield {"messageStart": {"role": "assistant"}}
         number, line = next(self.script, (0, None))
         if line is None:
@@ -55,13 +59,16 @@ class Scripted(Model):
 
 
 def summary(answer):
+    """Return the parts of a tool's result that the example prints."""
     return {key: answer[key] for key in ("commanded", "stopped", "safe_state", "unconfirmed") if key in answer}
 
 
 def approve(request):
+    """Ask the operator. This one always refuses."""
     print(f"   operator: {request}? no")
     return False
 
 
+# The robot is a tool of the agent. Actions listed in ``guarded`` run only if ``approve`` returns True.
 with Robot("so101", mode="real", transport="twin", guarded=("set_torque",), approve=approve) as arm:
     Agent(model=Scripted(SCRIPT), tools=[arm], callback_handler=None)("wave at me")

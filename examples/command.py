@@ -1,7 +1,12 @@
-"""Move a robot with plain zenoh, no import of strands-actors: python examples/command.py ROBOT
-JOINT=VALUE ...
+"""Move a robot with plain zenoh, without importing strands-actors.
 
-The robot runs on this host, as this user; its own script has released it: arm.release().
+python examples/command.py ROBOT JOINT=VALUE ...
+
+The robot must run on this host and under this user. The script that started it must have called
+``arm.release()``, since only the holder of the lease may move a robot.
+
+The sequence of requests is: sync (read the robot's clock), acquire (get the lease), move, release. Each
+request is answered with a result or an error.
 """
 
 import json
@@ -13,25 +18,26 @@ import zenoh
 from telemetry import endpoints
 
 ME = f"example-{secrets.token_hex(4)}"
-PROOF = secrets.token_hex(16)  # ours alone: the same name with another proof is another sender
+# A secret of this program. A robot treats the same sender_id with another proof as another sender.
+PROOF = secrets.token_hex(16)
 
 
 def ask(session: zenoh.Session, robot: str, **command: object) -> dict:
-    """Ask a robot for something; its result."""
-    question = {"sender_id": ME, "turn_id": secrets.token_hex(8), "proof": PROOF, "command": command}
-    print(json.dumps(question))
-    for reply in session.get(f"strands/{robot}/cmd/{ME}", payload=json.dumps(question), timeout=2.0):
+    """Send a command to a robot and return its result. Exit with the robot's error if it refuses."""
+    request = {"sender_id": ME, "turn_id": secrets.token_hex(8), "proof": PROOF, "command": command}
+    print(json.dumps(request))
+    for reply in session.get(f"strands/{robot}/cmd/{ME}", payload=json.dumps(request), timeout=2.0):
         if reply.ok is not None:
-            answer = json.loads(reply.ok.payload.to_string())
-            print(json.dumps(answer))
-            if answer["type"] == "error":
-                raise SystemExit(answer["error"])
-            return answer["result"]
+            response = json.loads(reply.ok.payload.to_string())
+            print(json.dumps(response))
+            if response["type"] == "error":
+                raise SystemExit(response["error"])
+            return response["result"]
     raise SystemExit(f"{robot} does not answer")
 
 
 def wait_for(session: zenoh.Session, robot: str) -> None:
-    """Until it is seen: links are made while this program runs on."""
+    """Wait up to 5 s until the robot is visible: zenoh connects in the background."""
     until = time.monotonic() + 5.0
     while not any(reply.ok for reply in session.liveliness().get(f"strands/{robot}/alive", timeout=0.5)):
         if time.monotonic() > until:
@@ -46,18 +52,22 @@ def main(robot: str, targets: dict[str, float]) -> None:
     with zenoh.open(config) as session:
         wait_for(session, robot)
         clock = ask(session, robot, action="sync")
-        ahead_ns = clock["robot_ns"] - time.monotonic_ns()  # of the robot's clock; never too much
+        # By how much the robot's clock is ahead of ours. The response took some time to arrive, so this is
+        # at most the true difference, and deadlines are never later than intended.
+        ahead_ns = clock["robot_ns"] - time.monotonic_ns()
 
-        def dated(seconds: float) -> dict:
-            """Return until when something may be done, by the robot's clock."""
+        def deadline_in(seconds: float) -> dict:
+            """Return the deadline of a request, by the robot's clock."""
             deadline_ns = time.monotonic_ns() + ahead_ns + int(seconds * 1e9)
             return {"clock": clock["clock"], "deadline_ns": deadline_ns}
 
-        had = ask(session, robot, action="acquire", **dated(0.5))
-        lease = {"lease": had["lease"], "epoch": had["epoch"]}
-        ask(session, robot, action="move", targets=targets, **lease, **dated(1.0))
-        time.sleep(0.7)  # it is on its way. the lease ends after a second without "beat"
-        ask(session, robot, action="release", lease=lease["lease"])  # it holds, and others may move it
+        granted = ask(session, robot, action="acquire", **deadline_in(0.5))
+        lease = {"lease": granted["lease"], "epoch": granted["epoch"]}
+        ask(session, robot, action="move", targets=targets, **lease, **deadline_in(1.0))
+        # The robot moves. The lease ends after 1 s without a request "beat", so release it before.
+        time.sleep(0.7)
+        # After the release the robot holds its position, and other programs may acquire the lease.
+        ask(session, robot, action="release", lease=lease["lease"])
 
 
 if __name__ == "__main__":

@@ -1,8 +1,10 @@
-"""Stop a fleet: two arms on their twins, one e-stop, a report on each: python examples/estop.py
+"""Stop two arms (their twins) with one e-stop, and print a report of each.
 
-It stops every robot of this user on this host, also those of other scripts. An e-stop locks a robot
-by its name until somebody resumes it, a real one of that name too, and also when the script has
-ended: so the example resumes its own two.
+python examples/estop.py
+
+Caution: the e-stop stops every robot of this user on this host, also the robots of other scripts. It
+locks each robot's name until ``resume(name)``. The lock outlives the script, and applies to a real robot
+of that name, too. Therefore the example resumes its own two arms at the end.
 """
 
 from __future__ import annotations
@@ -18,11 +20,14 @@ def main() -> None:
         for arm in arms:
             arm.send_action({"shoulder_pan": 20.0})
 
+        # One call stops all robots. It returns what each robot has confirmed.
         for outcome in estop(by="the example"):
             print(f"{outcome.robot}: {outcome.outcome}, {outcome.safe_state}, {len(outcome.motors)} motors")
 
+        # Until it is resumed, each robot refuses to move.
         for arm in arms:
             print(arm.send_action({"shoulder_pan": 0.0})["content"][0]["text"])
+        # ``resume`` lifts the lock and energises the arm. It starts no motion.
         for arm in arms:
             resume(arm.name)
             print(f"{arm.name}, after a resume: {arm.send_action({'shoulder_pan': 0.0})['status']}")

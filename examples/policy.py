@@ -1,8 +1,9 @@
-"""Two policies drive an arm, one in this process and one in a process of its own. The arm ends
-released.
+"""Run two policies on an arm: one in this process, one in a separate process.
 
-python examples/policy.py                  its twin: no robot needed
+python examples/policy.py                  the twin, no robot needed
 python examples/policy.py /dev/ttyACM0     a real SO-101
+
+At the end the arm is stopped and its motors have no torque. A real arm then sinks, so support it.
 """
 
 import math
@@ -13,8 +14,10 @@ from strands_actors import Robot
 
 
 class Wave:
-    """A chunk of ten actions at a time, 50 a second: two degrees to either side of where the arm
-    was."""
+    """A policy that moves one joint by two degrees to either side of its first position, at 0.5 Hz.
+
+    It returns chunks of ten actions, for a rollout at 50 actions per second.
+    """
 
     def __init__(self, joint: str) -> None:
         self.joint = joint
@@ -32,6 +35,7 @@ class Wave:
 
 
 def wait(arm) -> dict:
+    """Wait until the rollout has ended, and return its result."""
     while (task := arm.get_task_status()["content"][0]["json"])["running"]:
         time.sleep(0.05)
     return task
@@ -39,14 +43,17 @@ def wait(arm) -> dict:
 
 port = sys.argv[1] if len(sys.argv) > 1 else None
 with Robot("so101", mode="real", port=port, transport=None if port else "twin") as arm:
+    # A policy object runs in this process. ``run_policy`` returns at once.
     arm.run_policy(Wave("shoulder_pan"), "wave", duration=2.0, control_frequency=50)
     task = wait(arm)
     print(f"in this process: {task['steps']} steps, {task['hz']:.0f} Hz, ended by {task['exit_reason']}")
 
+    # A policy that is given by name runs in a separate process.
     arm.start_task("wave", policy_provider="mock", duration=1.0)
     task = wait(arm)
     print(f"in its own:      {task['steps']} steps, {task['hz']:.0f} Hz, ended by {task['exit_reason']}")
 
+    # The gate refuses a jump of 90 degrees, which ends the rollout.
     arm.run_policy(lambda observation: {"shoulder_pan": observation["shoulder_pan"] + 90.0})
     print("too fast:       ", wait(arm)["exit_detail"])
 

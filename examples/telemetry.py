@@ -1,8 +1,8 @@
-"""Watch this user's robots with plain zenoh, no import of strands-actors: python
-examples/telemetry.py [SECONDS]
+"""Print the state of this user's robots with plain zenoh, without importing strands-actors.
 
-A robot leaves a note of where it can be reached in the directory where robots meet; its topics are
-JSON.
+python examples/telemetry.py [SECONDS]
+
+Each running robot writes a file with its zenoh endpoints into the run directory. Its topics carry JSON.
 """
 
 import json
@@ -16,7 +16,7 @@ import zenoh
 
 
 def endpoints() -> list[str]:
-    """Of the robots that have left a note."""
+    """Return the zenoh endpoints of all robots that have a file in the run directory."""
     base = os.environ.get("XDG_RUNTIME_DIR")
     default = (
         Path(base) / "strands-actors" if base else Path(tempfile.gettempdir()) / f"strands-actors-{os.getuid()}"
@@ -26,15 +26,18 @@ def endpoints() -> list[str]:
 
 
 def show(sample: zenoh.Sample) -> None:
-    told = json.loads(sample.payload.to_string())
+    """Print one sample of a topic ``strands/<robot>/state``. The attachment has its sequence number."""
+    state = json.loads(sample.payload.to_string())
     stamp = json.loads(sample.attachment.to_bytes()) if sample.attachment else {}
+    # Each position is listed twice: as ``shoulder_pan`` and as ``shoulder_pan.pos``. Print it once.
     joints = " ".join(
-        f"{joint}={value:.1f}" for joint, value in told["joints"].items() if not joint.endswith(".pos")
+        f"{joint}={value:.1f}" for joint, value in state["joints"].items() if not joint.endswith(".pos")
     )
-    print(f"{sample.key_expr} #{stamp.get('seq')} {told['state']}: {joints}", flush=True)
+    print(f"{sample.key_expr} #{stamp.get('seq')} {state['state']}: {joints}", flush=True)
 
 
 def main(seconds: float) -> None:
+    # Connect to the endpoints directly. Robots do not answer multicast scouting.
     config = zenoh.Config()
     config.insert_json5("scouting/multicast/enabled", "false")
     config.insert_json5("connect/endpoints", json.dumps(endpoints()))

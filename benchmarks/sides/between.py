@@ -1,7 +1,7 @@
 """Asks and tells between two processes: ``python -m benchmarks.sides.between SIDE [short]``.
 
-An ask has a deadline of a second. Tells are typed states of 217 bytes, and as many are on the way
-as a mailbox holds: after each window the sender asks how many came.
+An ask has a deadline of 1 s. Tells are typed states of 217 bytes. They are sent in windows that a mailbox can
+hold, and after each window the sender asks how many have arrived.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def rate(messages: int, began_s: float) -> Figures:
 
 
 def serve(args: dict[str, Any], sock: socket.socket) -> None:
-    """Entry of our child: a counter, reachable over zenoh as root and wire are."""
+    """Run our child process: a counter that is reached over zenoh, as root and wire are."""
     from strands_actors.kernel.channels.zenoh_session import hand_over
 
     hand_over()
@@ -72,7 +72,7 @@ async def _serve(args: dict[str, Any]) -> None:
 
 @asynccontextmanager
 async def reached() -> AsyncIterator[Ref]:
-    """A counter in another process, answering over zenoh."""
+    """Start a counter in another process. Yield a reference to it, over zenoh."""
     from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh
     from strands_actors.kernel.channels.zenoh_session import hand_over, unix_endpoint
 
@@ -122,12 +122,12 @@ async def ours(short: bool) -> Figures:
 
 
 def zenoh_pair(short: bool) -> Figures:
-    """A put and the put that answers it, by plain callbacks; real-time and express, like ours."""
+    """Measure a put and the put that answers it, with plain callbacks, real-time and express, as ours."""
     import zenoh
 
     with _answered_by("zenoh-server") as (session, put):
         answers = session.declare_subscriber("bench/back", zenoh.handlers.FifoChannel(1024))
-        time.sleep(0.3)  # the way back is known then, too
+        time.sleep(0.3)  # until the route back is known, too
 
         def ask() -> None:
             put(QUESTION)
@@ -138,7 +138,7 @@ def zenoh_pair(short: bool) -> Figures:
 
 @contextmanager
 def _answered_by(server: str) -> Iterator[tuple[Any, Callable[[bytes], None]]]:
-    """A session, and how to put what a child that runs ``server`` will answer."""
+    """Start a child that runs ``server``. Yield a session, and a function that puts a message to it."""
     import subprocess
 
     with tempfile.TemporaryDirectory() as directory:
@@ -166,7 +166,7 @@ def zenoh_server(path: str) -> None:
 
 
 def _session(listen: list[str], connect: list[str]) -> Any:
-    """As a user opens it: zenoh's defaults, without a search of the network."""
+    """Open a session with zenoh's defaults, as users do, but without scouting."""
     import zenoh
 
     config = zenoh.Config()
@@ -190,9 +190,11 @@ def _publisher(session: Any, key: str) -> Any:
 
 
 def zenoh_into_trio(short: bool) -> Figures:
-    """The same put and put, each handed to a loop of trio before it is answered or taken, with a
-    deadline: what anyone pays who keeps the state of a process in one loop. And typed tells, each a
-    put that the loop decodes and counts."""
+    """Measure the same two puts if each is handed to a trio loop first, with a deadline.
+
+    This is the least cost of keeping a process' state in one loop. Typed messages without an answer are
+    measured, too: each is a put that the loop decodes and counts.
+    """
     with _answered_by("loop-server") as (session, put):
         return trio.run(_asked_in_trio, session, put, short)
 
@@ -205,7 +207,7 @@ async def _asked_in_trio(session: Any, put: Callable[[bytes], None], short: bool
                 put(QUESTION)
                 return int.from_bytes(await answers.receive(), "little")
 
-        await trio.sleep(0.3)  # the way back is known then, too
+        await trio.sleep(0.3)  # until the route back is known, too
         spans_ns = await _timed(asks(short), counted)
         began_s = time.perf_counter()
         for number in range(windows(short)):
@@ -230,7 +232,7 @@ async def loop_server(path: str) -> None:
 
 @contextmanager
 def _taken(session: Any, key: str) -> Iterator[trio.MemoryReceiveChannel[bytes]]:
-    """What comes on a key, in trio's loop."""
+    """Yield the samples of a key as a channel of the trio loop."""
     import zenoh
 
     sends, receives = trio.open_memory_channel[bytes](1024)
@@ -247,7 +249,7 @@ def _taken(session: Any, key: str) -> Iterator[trio.MemoryReceiveChannel[bytes]]
 
 
 def unix_socket(short: bool) -> Figures:
-    """Eight bytes there and back through a blocking socket pair."""
+    """Measure eight bytes there and back through a blocking socket pair."""
     ours, theirs = socket.socketpair()
     if (pid := os.fork()) == 0:
         ours.close()
@@ -300,7 +302,7 @@ def ray(short: bool) -> Figures:
                 return self.n
 
         actor = Counter.remote()  # type: ignore[attr-defined]
-        ray.get(actor.count.remote(), timeout=60)  # its process is being started
+        ray.get(actor.count.remote(), timeout=60)  # until its process has started
         spans_ns = timed(asks(short), lambda: ray.get(actor.count.remote(), timeout=DEADLINE_S))
         began_s = time.perf_counter()
         some = max(1, windows(short) // 10)
@@ -308,9 +310,9 @@ def ray(short: bool) -> Figures:
             for _ in range(WINDOW):
                 actor.state.remote(msgspec.msgpack.encode(STATE))
             ray.get(actor.count.remote(), timeout=60)
-        told = rate(some * WINDOW, began_s)
+        figures = rate(some * WINDOW, began_s)
         assert ray.get(actor.count.remote()) == some * WINDOW
-        return percentiles("ask", spans_ns) | told
+        return percentiles("ask", spans_ns) | figures
     finally:
         ray.shutdown()
 

@@ -1,10 +1,11 @@
-"""``bus WHO LENGTH ROBOT PORT``: read six servos, write six, as fast as it goes. WHO: ours, wire,
-sdk, lerobot, floor, loop (the floor in a loop of trio).
+"""``bus WHO LENGTH ROBOT PORT``: read and write six servos as fast as possible.
 
-The other end (``line``) lets every byte take the time it takes at 1 Mbaud. All ask the same
-question, the positions of all servos in one sync read, and write the same goals in one sync write;
-``wire`` is what a robot of ours does in every cycle: it reads all that a servo reports of itself,
-decodes it into an observation, and writes behind a permit."""
+WHO is one of ours, wire, sdk, lerobot, floor, loop (the floor in a trio loop).
+
+The other end (``line``) delays every byte as 1 Mbaud does. All sides send the same requests: the positions of
+all servos in one sync read, and the same goals in one sync write. ``wire`` is the full cycle of our robots:
+it reads all values that a servo reports, decodes them into an observation, and writes with a permit.
+"""
 
 from __future__ import annotations
 
@@ -31,8 +32,8 @@ LIMIT_HZ = {
     # fast sync read: 14 + n asked, 8 + n x (4 + 4) answered; sync write: 14 + n x 5
     DYNAMIXEL: 1 / (BYTE_S * ((14 + 6 + 8 + 6 * 8) + (14 + 6 * 5))),
 }
-"""Cycles a second if the bus never fell silent. facts of both protocols; servos answer without
-delay."""
+"""Cycles per second if the bus were never silent. It follows from both protocols, with servos that answer
+without delay."""
 
 Cycle = Callable[[int], None]
 
@@ -42,14 +43,13 @@ def goal(number: int) -> int:
 
 
 class Laps:
-    """Numbers, one for each cycle, for so many seconds; then ``figures``, of what passed between
-    them."""
+    """Yields the number of each cycle, for so many seconds. Then ``figures`` has the times of the cycles."""
 
     def __init__(self, seconds: float) -> None:
         self._seconds = seconds
 
     def __iter__(self) -> Iterator[int]:
-        yield from range(50)  # not counted
+        yield from range(50)  # warm-up, not counted
         took_us: list[float] = []
         used_s, began_s = time.process_time(), time.perf_counter()
         while time.perf_counter() - began_s < self._seconds:
@@ -61,7 +61,7 @@ class Laps:
 
 
 def told(cycle: Cycle, seconds: float) -> dict[str, float]:
-    """Run it so long; cycles a second, processor time."""
+    """Repeat a cycle for so many seconds. Return cycles per second and processor time."""
     laps = Laps(seconds)
     for number in laps:
         cycle(number)
@@ -146,8 +146,8 @@ def dynamixel_sdk(port: str, seconds: float) -> dict[str, float]:
 
 
 def _unless_lost(found: dict[str, float], lost: list[int]) -> dict[str, float]:
-    """A reply that was given up waiting for now and then is the machine's doing; more is a fault of
-    the set-up."""
+    """Raise ``RuntimeError`` if too many readings had no reply. A few are caused by a busy computer, but more
+    mean that the setup is wrong."""
     if len(lost) > 0.02 * found["cycles_hz"]:
         raise RuntimeError(f"{len(lost)} readings were not answered")
     return found | {"lost": float(len(lost))}
@@ -177,7 +177,7 @@ def lerobot(port: str, robot: str, seconds: float) -> dict[str, float]:
 
 
 def _without_torch() -> None:
-    """lerobot's buses use none of these; modules beside them import them."""
+    """Replace modules that lerobot's buses do not use, but that other modules of lerobot import."""
     import types
 
     for name in ("torch", "accelerate", "datasets", "datasets.utils", "datasets.utils.logging"):
@@ -186,11 +186,11 @@ def _without_torch() -> None:
         sys.modules[name] = module
 
 
-# -- the least there is
+# -- the least work that is possible
 
 
 def _made(robot: str) -> tuple[bytes, int, list[bytes]]:
-    """A question, the bytes of its answer, and goals, made in advance."""
+    """Return a request, the number of bytes of its answer, and frames of goals, all made in advance."""
     if robot == FEETECH:
         from strands_actors.drivers.feetech import protocol as feetech
 
@@ -203,7 +203,7 @@ def _made(robot: str) -> tuple[bytes, int, list[bytes]]:
 
 
 def floor(robot: str, port: str, seconds: float) -> dict[str, float]:
-    """Answers are counted and not looked at, blocking: what terminal and machine leave."""
+    """Measure blocking reads that only count bytes: the limit of the terminal and the computer."""
     import termios
 
     import serial
@@ -227,7 +227,7 @@ def floor(robot: str, port: str, seconds: float) -> dict[str, float]:
 
 
 def loop(robot: str, port: str, seconds: float) -> dict[str, float]:
-    """As ``floor``, in a loop of trio that could serve others meanwhile."""
+    """Measure as ``floor`` does, in a trio loop, which could run other tasks meanwhile."""
     import serial
     import trio
 
@@ -275,7 +275,7 @@ async def _ours(robot: str, port: str, seconds: float, whole_wire: bool) -> dict
 
 class _Permit:
     def check(self) -> None:
-        """As the transport's: something is compared before each write."""
+        """Do a comparison before each write, as the transport's permit does."""
         if time.monotonic_ns() < 0:
             raise RuntimeError
 
@@ -285,7 +285,7 @@ def _bus(wire: Any, robot: str, lost: list[int]) -> Callable[[int], Any]:
     position, permit = codec.POSITION, _Permit()
     if robot == FEETECH:
         request, expected = codec.sync_read(ids, position.address, position.size), dict.fromkeys(ids, position.size)
-    else:  # all answer in one frame; its first error byte and its last checksum are not params
+    else:  # all answer in one frame; its first error byte and last checksum do not count as parameters
         request = codec.fast_sync_read(ids, position.address, position.size)
         expected = {codec.BROADCAST: len(ids) * (4 + position.size) - 3}
 

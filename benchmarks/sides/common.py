@@ -1,4 +1,4 @@
-"""What the sides share: messages, percentiles, and how a side says what it measured."""
+"""Messages, percentiles and the output of figures, for all sides."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from strands_actors.kernel.node import Node, Ref
 
 
 class State(Message, frozen=True):
-    """A reading of seven joints: 217 bytes in a frame."""
+    """A reading of seven joints. It has 217 bytes in a frame."""
 
     seq: int
     stamp_ns: int
@@ -37,7 +37,7 @@ class Count(Message, frozen=True):
 
 
 class Counter(Actor):
-    """Counts states; an ask says how many there were, after all that were told before it."""
+    """Counts states. An ask returns their number, after all earlier states were handled."""
 
     def __init__(self) -> None:
         self.n = 0
@@ -54,7 +54,7 @@ STATE = State(1, 2, "arm/left", (0.1,) * 7, (0.2,) * 7, (0.3,) * 7)
 
 @asynccontextmanager
 async def hosted(actor: Callable[[], Actor], capacity: int | None = None) -> AsyncIterator[tuple[Ref, Cell]]:
-    """A node with one actor: a reference to it, and its cell."""
+    """Run a node with one actor. Yield a reference to the actor, and its cell."""
     node = Node("bench", MonotonicClock())
     async with trio.open_nursery() as nursery:
         await nursery.start(node.run)
@@ -67,7 +67,7 @@ async def hosted(actor: Callable[[], Actor], capacity: int | None = None) -> Asy
 
 
 def percentiles(name: str, spans_ns: list[int]) -> Figures:
-    """``<name>_p50_us`` and ``<name>_p99_us`` of spans in nanoseconds."""
+    """Return ``<name>_p50_us`` and ``<name>_p99_us`` of spans in nanoseconds."""
     ordered = sorted(spans_ns)
     return {
         f"{name}_p50_us": ordered[len(ordered) // 2] / 1e3,
@@ -76,5 +76,5 @@ def percentiles(name: str, spans_ns: list[int]) -> Figures:
 
 
 def answer(sides: Mapping[str, Callable[[bool], Any]]) -> None:
-    """Run the side that the command line names (``side [short]``) and print its figures."""
+    """Run the side that the command line names (``side [short]``), and print its figures as JSON."""
     print(json.dumps(sides[sys.argv[1]]("short" in sys.argv[2:])), flush=True)

@@ -1,4 +1,4 @@
-"""Erlang's side of a question: ``erlang_peer.escript``, compiled as it starts."""
+"""Erlang's side of a question: run ``erlang_peer.escript``, which is compiled when it starts."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _SCRIPT = Path(__file__).with_name("erlang_peer.escript")
 
 
 def erlang(workload: str, short: bool) -> Figures:
-    """Raise ``RuntimeError`` when it is not installed or fails."""
+    """Run a workload in Erlang, and return its figures. Raise ``RuntimeError`` if Erlang is missing or fails."""
     if shutil.which("escript") is None:
         raise RuntimeError("Erlang is not installed: apt-get install erlang-base")
     command = ["escript", str(_SCRIPT), workload, *(["short"] if short else [])]

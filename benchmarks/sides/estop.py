@@ -1,8 +1,7 @@
-"""A stop from a process that sends telemetry flat out: ``python -m benchmarks.sides.estop SIDE
-[short]``.
+"""A stop from a process that sends telemetry at full speed: ``python -m benchmarks.sides.estop SIDE [short]``.
 
-The span runs from before the stop is sent to its handler. The telemetry is readings of 1 kB;
-whoever hears them does 5 us of work for each that he takes.
+The span is from before the stop is sent to its handler. The telemetry consists of readings of 1 kB. The
+receiver works 5 us for each reading that it takes.
 """
 
 from __future__ import annotations
@@ -59,7 +58,7 @@ def figures(spans_ns: list[int], taken: int, began_s: float) -> Figures:
 
 
 def send(args: dict[str, Any], sock: socket.socket) -> None:
-    """Entry of our child: telemetry flat out from a thread, stops from the loop."""
+    """Run our child process: a thread sends telemetry at full speed, and the loop sends stops."""
     trio.run(_send, args)
 
 
@@ -131,12 +130,12 @@ async def ours(short: bool) -> Figures:
             result = figures(spans_ns, taken, began_s)
             await child.fence()
             nursery.cancel_scope.cancel()
-        mesh.close()  # what is closed cannot be polled any more
+        mesh.close()  # only now, since a closed session cannot be polled
         topics.close()
     return result
 
 
-# -- plain zenoh: a callback for the readings and one for the stops, as its examples show
+# -- plain zenoh: one callback for the readings and one for the stops, as in its examples
 
 
 def plain(short: bool) -> Figures:
@@ -200,4 +199,4 @@ if __name__ == "__main__":
     else:
         answer({"ours": lambda short: trio.run(ours, short), "plain zenoh": plain})
         sys.stdout.flush()
-        os._exit(0)  # callbacks of zenoh's would hold the end up
+        os._exit(0)  # zenoh's callbacks would delay a normal exit

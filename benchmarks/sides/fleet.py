@@ -1,9 +1,7 @@
-"""``fleet LENGTH``: many arms from one process. N SO-101 twins with their trees, each commanded at
-a steady rate.
+"""``fleet LENGTH``: many arms from one process. N SO-101 twins with their trees are commanded at a steady rate.
 
-``--robots``, ``--hz`` and ``--seconds`` ask something else. A robot that left ``armed`` (its status
-said so, or its wire shows a safe frame after it was armed) counts as ``left_armed``; what happened
-goes to stderr.
+``--robots``, ``--hz`` and ``--seconds`` change the defaults. A robot counts as ``left_armed`` if its status
+was other than ``armed``, or its wire shows a safe frame after it was armed. The events are printed on stderr.
 """
 
 from __future__ import annotations
@@ -30,18 +28,18 @@ from strands_actors.testing import WireLog
 from .wire import percentile, processor_s
 
 SIZES = {"short": (2, 4.0), "long": (12, 20.0)}
-"""Robots, seconds."""
+"""Number of robots, and seconds."""
 
 LOOK_S = 0.25
 SWING_DEG = 20.0
 SWING_HZ = 0.25
 TOLD = 10
-"""How many of the events are printed."""
+"""Number of events that are printed."""
 
 
 @dataclass
 class Arm:
-    """One robot, what was seen of it, and the thread that commands it."""
+    """One robot, its events, and the function of the thread that commands it."""
 
     robot: RealRobot
     log: WireLog
@@ -59,7 +57,8 @@ class Arm:
             self.answers_s.append(time.monotonic() - asked_s)
             if answer["status"] != "success":
                 self.note(began_s, f"refused: {answer['content'][0]['text']}")
-            step = max(step + 1, math.ceil((time.monotonic() - began_s) * hz))  # what was missed is not made up for
+            # Skip the steps that were missed.
+            step = max(step + 1, math.ceil((time.monotonic() - began_s) * hz))
 
     def look(self, began_s: float) -> None:
         status = self.robot.get_status()["content"][0]["json"]
@@ -90,7 +89,7 @@ def drive(arms: list[Arm], hz: float, seconds: float) -> None:
     end = threading.Event()
     began_s = time.monotonic()
     threads = [
-        # Spread over the period, as robots that know nothing of each other are.
+        # The commands are spread over the period, as those of independent robots.
         threading.Thread(target=arm.command, args=(hz, began_s + at / hz / len(arms), end))
         for at, arm in enumerate(arms)
     ]
@@ -106,7 +105,7 @@ def drive(arms: list[Arm], hz: float, seconds: float) -> None:
 
 
 def processes(arms: list[Arm]) -> dict[str, set[int]]:
-    """Pids by role."""
+    """Return the pids by role."""
     found: dict[str, set[int]] = {}
     for arm in arms:
         for process in (arm.robot.tree() or {"processes": ()})["processes"]:
@@ -128,7 +127,7 @@ def cpu_s(pids: set[int]) -> float:
 
 
 def pss_mb(pids: set[int]) -> float:
-    """What processes share is counted once."""
+    """Return the proportional set size of processes, in which shared memory counts once."""
     total_kb = 0
     for pid in pids:
         with contextlib.suppress(FileNotFoundError):
@@ -138,8 +137,8 @@ def pss_mb(pids: set[int]) -> float:
 
 
 def wire_summary(arm: Arm, until_ns: int) -> tuple[int, int, float]:
-    """Setpoints, safe frames, and the longest pause between two setpoints in ms, from armed until
-    then."""
+    """Return the numbers of setpoints and safe frames, and the longest pause between two setpoints in ms, from
+    arming until ``until_ns``."""
     setpoints, safe = [], 0
     for entry in arm.log.entries(arm.armed_ns):
         if entry.sender != "host" or entry.t_ns > until_ns:
@@ -187,7 +186,7 @@ def run(count: int, hz: float, seconds: float, directory: Path) -> dict[str, flo
 
 
 def _shortened(events: list[str]) -> list[str]:
-    """The first of each kind."""
+    """Return the first event of each kind."""
     seen: Counter[str] = Counter()
     first = []
     for event in events:
@@ -208,8 +207,8 @@ def main() -> None:
     robots, seconds = SIZES[options.length]
     with tempfile.TemporaryDirectory(prefix="sa-") as directory:
         at_home(f"{directory}/run")
-        told = run(options.robots or robots, options.hz, options.seconds or seconds, Path(directory))
-    print(json.dumps(told), flush=True)
+        figures = run(options.robots or robots, options.hz, options.seconds or seconds, Path(directory))
+    print(json.dumps(figures), flush=True)
 
 
 if __name__ == "__main__":

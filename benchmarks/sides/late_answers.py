@@ -1,7 +1,7 @@
-"""``late_answers FROM TO FLAG``: a line to a service whose answers come 0.3 s late while the file
-FLAG exists. FROM and TO are ``host:port``, or paths of unix sockets.
+"""``late_answers FROM TO FLAG``: a proxy to a service that delays its answers by 0.3 s while file FLAG exists.
 
-What goes to the service goes at once. Prints where it listens.
+FROM and TO are ``host:port``, or paths of unix sockets. Requests are forwarded at once. The proxy prints the
+address at which it listens.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ async def listen(here: str) -> trio.SocketListener:
 
 
 async def carry(client: trio.SocketStream, there: str, flag: Path) -> None:
-    """One connection, until either end is gone."""
+    """Forward one connection, until either end is closed."""
     service = await connect(there)
     kept, come = trio.open_memory_channel[tuple[float, bytes | bytearray]](10_000)
 

@@ -1,5 +1,4 @@
-"""``legs_bare LENGTH``: what a tick of trio's at 500 Hz takes of a core on this machine, with
-nothing in it."""
+"""``legs_bare LENGTH``: the share of a core that an empty trio tick at 500 Hz takes on this computer."""
 
 from __future__ import annotations
 
@@ -14,7 +13,7 @@ SECONDS = {"short": 2.0, "long": 15.0}
 
 
 def share_of_ticks(period_s: float, seconds: float) -> float:
-    """Of a core, that a loop takes which only wakes so often."""
+    """Return the share of a core (0 to 1) of a trio loop that only wakes up once per period."""
 
     async def tick() -> None:
         began_s = trio.current_time()

@@ -1,9 +1,7 @@
-"""``legs_cyclone LENGTH PORT LOG``: LowState in, LowCmd out at 500 Hz, as Unitree's Python SDK does
-it: cyclonedds.
+"""``legs_cyclone LENGTH PORT LOG``: LowState in, LowCmd out at 500 Hz, by cyclonedds as in Unitree's Python SDK.
 
-Nothing else is in this process: no policy, no gate, no limits, nobody who watches it. Types are
-Unitree's (unitree_hg), written down here; the checksum is made as the SDK makes it, over the packed
-C struct.
+The process does nothing else: it has no policy, no gate, no limits, and is not supervised. The types are
+Unitree's (unitree_hg), copied here. As in the SDK, the checksum is over the packed C struct.
 """
 
 import array
@@ -103,7 +101,7 @@ REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
 
 def checksum(command: LowCmd) -> int:
-    """CRC-32/MPEG-2 over the words of the C struct but the last."""
+    """Return the CRC-32/MPEG-2 over all words of the C struct except the last."""
     values = [command.mode_pr, command.mode_machine]
     for motor in command.motor_cmd:
         values += [motor.mode, motor.q, motor.dq, motor.tau, motor.kp, motor.kd, motor.reserve]

@@ -1,5 +1,4 @@
-"""``legs_ours LENGTH PORT LOG``: a G1 of ours at 500 Hz, its policy keeping its own interpreter's
-lock busy."""
+"""``legs_ours LENGTH PORT LOG``: our G1 at 500 Hz, with a policy that keeps its interpreter's lock busy."""
 
 from __future__ import annotations
 
@@ -19,11 +18,11 @@ SECONDS = {"short": 4.0, "long": 60.0}
 GAP_MS = 4.0
 SPIN_S = 0.03
 CHUNK = 25
-"""Actions an inference: 50 ms of them, worked out in 30."""
+"""Actions per inference: 50 ms of actions, computed in 30 ms."""
 
 
 class Spinner:
-    """Stands where it is first seen, and computes without letting go of the lock."""
+    """A policy that holds the first pose, and computes without releasing the interpreter's lock."""
 
     def __init__(self) -> None:
         self._action: dict[str, Any] = {}

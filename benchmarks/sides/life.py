@@ -1,10 +1,10 @@
-"""Births and deaths: ``python -m benchmarks.sides.life SIDE [short]``.
+"""Start and restart of actors: ``python -m benchmarks.sides.life SIDE [short]``.
 
-Ours is as the product starts policies, and what died: by the root's spawner, a process that was
-forked from the parent before anything ran there, and supervised.
+Our side starts processes as the product starts policies and replaces dead processes: by the root's spawner, a
+process that was forked from the parent before anything ran there, and with supervision.
 
-``spawn``    from the order to start a process to the first message of its actor, in the parent's actor
-``recover``  from SIGKILL to an answer of the actor's next incarnation, restarted by supervision
+``spawn``    from the order to start a process until the parent's actor has its actor's first message
+``recover``  from SIGKILL to an answer of the actor's next incarnation, which supervision has started
 ``restart``  the same for an actor of this process that raises
 """
 
@@ -54,7 +54,7 @@ def milliseconds(name: str, spans_s: list[float]) -> Figures:
 
 
 class Parent(Actor):
-    """Hears of each incarnation."""
+    """Receives a message from each incarnation of the child."""
 
     def __init__(self) -> None:
         self.heard = trio.Event()
@@ -64,7 +64,7 @@ class Parent(Actor):
 
 
 def ours(short: bool) -> Figures:
-    spawner = Spawner()  # now: this process has one thread, and nothing is open yet
+    spawner = Spawner()  # it forks now, while this process has one thread and nothing open
     return trio.run(_ours, spawner, short)
 
 
@@ -142,8 +142,8 @@ async def restarts(short: bool) -> Figures:
 
 
 async def trio_restarts(short: bool) -> Figures:
-    """A task that takes from a channel and raises, a loop that starts it anew, an answer of the new
-    one with a deadline: no budget, no backoff, nobody told."""
+    """Measure the least that trio needs: a task that takes from a channel and raises, a loop that restarts
+    it, and an answer with a deadline. There is no budget, no backoff and no notice."""
     spans_ns = []
     asks, asked = trio.open_memory_channel[trio.Event | None](1)
 

@@ -1,7 +1,7 @@
-"""The actor that is born and dies in ``benchmarks.sides.life``, in a process of its own.
+"""The actor that ``benchmarks.sides.life`` starts and kills, in a separate process.
 
-The parent imports this, so that what it forks children from has it in memory, as a robot's root has
-what its children run.
+The parent imports this module, so that the spawner has it in memory when it forks, as a robot's root has the
+code of its children.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Child(Actor):
 
 
 def live(args: dict[str, Any], sock: socket.socket) -> None:
-    """Entry of the process."""
+    """Run the process."""
     trio.run(_live, sock)
 
 

@@ -1,9 +1,10 @@
-"""``line ROBOT FILE``: a servo bus of ours that is never late. The port's path goes to FILE.
+"""``line ROBOT FILE``: a twin of a servo bus that is never late. It writes the path of its port to FILE.
 
-It is the twin of the robot, its servos and its physics, but not its loop: this one never sleeps, so
-that it adds no wake-up of a core to the time of the bytes. What a byte needs through a
-pseudo-terminal (a kernel thread carries it, 40 us here; no UART has one) is measured first and
-taken off each way. Runs until it is killed."""
+It has the servos and the physics of the robot's twin, but another loop. This loop never sleeps, so that no
+wake-up of a core adds to the time of the bytes. A pseudo-terminal also delays bytes (a kernel thread carries
+them, 40 us here; a UART has no such delay). This delay is measured first, and subtracted in each direction.
+The process runs until it is killed.
+"""
 
 from __future__ import annotations
 
@@ -22,16 +23,15 @@ NS_PER_BYTE = 10_000
 
 BUSES = {"so101": "feetech:FeetechBus", "koch": "dynamixel:DynamixelBus"}
 RETURN_DELAY = {"so101": 7, "koch": 9}
-"""Set to 0 in every servo, as its users do: from the factory each waits half a millisecond before
-it answers."""
+"""Register of the return delay. It is set to 0 in every servo, as users do. The factory setting is half a
+millisecond."""
 
 
 HOPS = 200
 
 
 def hop_ns(master: int, slave: int) -> int:
-    """From a write on one end of a pseudo-terminal until it can be read on the other: the
-    median."""
+    """Return the median time from a write at one end of a pseudo-terminal until it can be read at the other."""
     took = []
     for _ in range(HOPS):
         time.sleep(0.0005)

@@ -1,10 +1,13 @@
-"""``estop WHO LENGTH ROBOT PORT LOG``: an e-stop over the mesh, to the first safe frame of another
-process' robot.
+"""``mesh_stop WHO LENGTH ROBOT PORT LOG``: the time from an e-stop over the mesh to the first safe frame of
+another process' robot.
 
-Two processes, a robot each; WHO: ours, strands, or bare: plain zenoh between the least that could
-be at either end, a ``put`` and a process with the vendor's SDK. This one gives the e-stop, while
-the policy of its own robot answers at once (``idle``) or does not come back (``blocked``). The
-other's is on the wire; its rollout is begun again each time."""
+WHO is ours, strands or bare (plain zenoh with the least at either end: a ``put``, and a process with the
+vendor's SDK).
+
+There are two processes with a robot each. This process sends the e-stop, while the policy of its own robot
+answers at once (``idle``) or does not return (``blocked``). The other process' robot is the one at the twin,
+and its rollout is started again each time.
+"""
 
 from __future__ import annotations
 
@@ -29,9 +32,9 @@ COUNT = {"short": 1, "long": 16}
 CASES = ("idle", "blocked")
 AGAIN_S = 0.5
 MEET_S = 3.0
-"""What two processes need to find each other."""
+"""Time for two processes to find each other, in seconds."""
 MOVING_S = 0.5
-"""How long the other robot moves before it is stopped."""
+"""How long the other robot moves before it is stopped, in seconds."""
 
 HERE = Path(__file__).resolve().parent
 
@@ -49,7 +52,7 @@ def robot_of(who: str, robot: str, port: str, name: str) -> Any:
 
 
 def keep_moving(who: str, robot: str, port: str) -> None:
-    """The process of the robot that is to be stopped: it moves again whenever it was stopped."""
+    """Run the process with the robot that gets the e-stop. It starts to move again after each stop."""
     arm = robot_of(who, robot, port, "other")
     problem = arm.connect_eagerly()
     if problem is not None:
@@ -77,7 +80,7 @@ def other(who: str, robot: str, port: str) -> Iterator[None]:
 
 
 def bare(length: str, port: str, log: Log) -> dict[str, float]:
-    """Nobody's policy is asked for a stop here: one case, told as each."""
+    """Measure plain zenoh. It has no policy, so both cases get the same figure."""
     from .between import _session
 
     with tempfile.TemporaryDirectory() as directory:
@@ -104,20 +107,21 @@ def bare(length: str, port: str, log: Log) -> dict[str, float]:
 
 
 def with_sdk(port: str, path: str) -> None:
-    """Repeats a target at the control rate; a stop ends that, for a second."""
+    """Repeat a target at the control rate. A stop interrupts this for a second."""
     from .between import _session
     from .setpoint import CYCLE_S, ur_arm
 
     control, _, again = ur_arm(port.partition(":")[0])
-    told = threading.Event()
+    stopped = threading.Event()
     session = _session([path], [])
-    _subscriber = session.declare_subscriber("bench/stop", lambda _: told.set())  # dropped, it would hear nothing
+    # Keep the subscriber: without a reference it would be undeclared.
+    _subscriber = session.declare_subscriber("bench/stop", lambda _: stopped.set())
     while True:
         again()
-        if told.wait(CYCLE_S["ur5e"]):
+        if stopped.wait(CYCLE_S["ur5e"]):
             control.servoStop()
             time.sleep(1.0)
-            told.clear()
+            stopped.clear()
 
 
 def main(who: str, length: str, robot: str, port: str, log_path: str) -> None:
@@ -145,12 +149,12 @@ def main(who: str, length: str, robot: str, port: str, log_path: str) -> None:
         if who == "ours":
             from strands_actors.surfaces.mesh import estop_button
 
-            with estop_button(by="a benchmark") as press:  # the reference's mesh is joined in advance, too
+            with estop_button(by="a benchmark") as press:  # joins the mesh in advance, as the reference does
                 figures = measure(own, press, log, COUNT[length])
         else:
             figures = measure(own, own.mesh.emergency_stop, log, COUNT[length])
     print(json.dumps(figures), flush=True)
-    os._exit(0)  # the reference's blocked policies are not waited for
+    os._exit(0)  # do not wait for the reference's blocked policies
 
 
 def measure(own: Any, press: Callable[[], object], log: Log, count: int) -> dict[str, float]:
@@ -169,7 +173,7 @@ def measure(own: Any, press: Callable[[], object], log: Log, count: int) -> dict
             began_ns = time.monotonic_ns()
             press()
             took.append(first_safe_ms(log, began_ns))
-            time.sleep(3.0)  # the issuer's policy comes back
+            time.sleep(3.0)  # until the issuer's policy has returned
         figures[f"estop_{case}_ms"] = statistics.median(took)
     return figures
 

@@ -1,5 +1,4 @@
-"""Policies that every side of a question is given alike. Their chunks last 50 ms; the elbow rises a
-little each step."""
+"""Policies that all sides of a question use. Their chunks last 50 ms, and raise the elbow a little per step."""
 
 from __future__ import annotations
 
@@ -9,14 +8,14 @@ from typing import Any
 
 CHUNK_S = 0.05
 STEP_RAD = 1e-5
-"""A whole chunk of them is within a UR's step at 1 kHz: the reference takes the first action of
-each only."""
+"""A whole chunk of such steps is within a UR's step gate at 1 kHz, because the reference takes only the first
+action of each chunk."""
 COMPUTE_S = 0.03
 ELBOW = "elbow_joint"
 
 
 class Still:
-    """Answers at once."""
+    """A policy that answers at once."""
 
     def __init__(self, hz: float = 125.0, **_: Any) -> None:
         self._size = max(2, round(hz * CHUNK_S))
@@ -34,7 +33,7 @@ class Still:
 
 
 class Busy(Still):
-    """Needs 30 ms of Python for 50 ms of actions."""
+    """A policy that computes 30 ms in Python for 50 ms of actions."""
 
     def compute(self) -> None:
         until_s = time.perf_counter() + COMPUTE_S

@@ -1,7 +1,6 @@
-"""``setpoint WHO LENGTH ROBOT PORT LOG``: from the call to the first byte that the twin reads. WHO:
-ours, strands, sdk, process.
+"""``setpoint WHO LENGTH ROBOT PORT LOG``: the time from the call to the first byte that the twin reads.
 
-All speak to the same twin over the same wire, in units of their own.
+WHO is ours, strands, sdk or process. All sides use the same twin over the same wire. Each has its usual units.
 """
 
 from __future__ import annotations
@@ -19,21 +18,20 @@ from .wire import Log, delays_us, percentile
 COUNT = {"short": 60, "long": 300}
 JOINT = {"so101": "shoulder_pan", "ur5e": "elbow_joint"}
 STEP = {"so101": 2.0, "ur5e": 0.01}
-"""Degrees, radians. Small enough for every step gate of a stream at 30 and 125 Hz."""
+"""In degrees and radians. The steps pass every step gate of a stream at 30 and 125 Hz."""
 
 ALLOWANCE_US = 1000.0
-"""How much later than the in-thread reference our p99 may be."""
+"""Our p99 may be so much later than that of the reference, which runs in the caller's thread."""
 
 CYCLE_S = {"so101": 1 / 30, "ur5e": 1 / 125}
-"""In which a robot is read (Feetech) or given its last setpoint again (UR), if nothing else is to
-be done."""
+"""Period in which an otherwise idle process reads the robot (Feetech), or sends its last setpoint again (UR)."""
 
 Send = Callable[[int], int]
 Cycle = Callable[[], object]
 
 
 def wave(robot: str, number: int) -> float:
-    """Never twice the same in a row."""
+    """Return the offset of a setpoint. Successive ones differ."""
     return STEP[robot] * (1 + number % 3)
 
 
@@ -78,8 +76,11 @@ def sdk(robot: str, port: str) -> tuple[Send, Callable[[], object]]:
 
 
 def process(robot: str, port: str) -> tuple[Send, Callable[[], object]]:
-    """The SDK in a process that nothing can hold up, which keeps the robot's cycle, and a pipe to
-    it: what it costs to outlive the caller, without actors, gates, leases and deadlines."""
+    """Return a side with the SDK in a separate process, which keeps the robot's cycle, and a pipe to it.
+
+    This is the least cost of a process that outlives the caller. It has no actors, gates, leases and
+    deadlines.
+    """
     context = multiprocessing.get_context("fork")
     here, there = context.Pipe()
     child = context.Process(target=_keep, args=(there, robot, port), daemon=True)
@@ -94,13 +95,13 @@ def process(robot: str, port: str) -> tuple[Send, Callable[[], object]]:
     return send, child.kill
 
 
-def _keep(told: Connection, robot: str, port: str) -> None:
+def _keep(pipe: Connection, robot: str, port: str) -> None:
     send, cycle, _ = _sdk(robot, port)
-    told.send("ready")
+    pipe.send("ready")
     due_s = time.monotonic()
     while True:
-        if told.poll(max(0.0, due_s - time.monotonic())):
-            send(told.recv())
+        if pipe.poll(max(0.0, due_s - time.monotonic())):
+            send(pipe.recv())
         else:
             cycle()
             due_s += CYCLE_S[robot]
@@ -135,8 +136,8 @@ def _feetech_sdk(port: str) -> tuple[Send, Cycle, Callable[[], object]]:
 
 
 def ur_arm(host: str) -> tuple[Any, list[float], Cycle]:
-    """The SDK's control of an arm that stands; a target, at first where it is; what sends it
-    there."""
+    """Return the SDK's control of an arm, a target (first the present position), and a function that sends
+    the target."""
     from rtde_control import RTDEControlInterface
     from rtde_receive import RTDEReceiveInterface
 
@@ -172,7 +173,7 @@ def main(who: str, length: str, robot: str, port: str, log: str) -> None:
         return began_ns
 
     wire = Log(log)
-    for number in range(20):  # nothing is measured cold
+    for number in range(20):  # warm-up
         send(number)
         time.sleep(0.02)
     delays = delays_us(timed, wire, COUNT[length])

@@ -1,8 +1,6 @@
-"""A robot of ours without hardware: its wire appends the time and the value of every frame to a
-file.
+"""A robot without hardware. Its wire appends the time and the value of every frame to a file.
 
-It is the tree that is measured with it: gate, watchdog, transport, leases and beats are as for any
-robot.
+It serves to measure the tree: gate, watchdog, transport, leases and heartbeats are those of any robot.
 """
 
 from __future__ import annotations
@@ -30,7 +28,7 @@ AXES = (
 )
 LIMIT = 6.28
 RECORD = struct.Struct("<qd?7x")
-"""CLOCK_MONOTONIC ns, the first value, whether it is a safe frame."""
+"""Nanoseconds of CLOCK_MONOTONIC, the elbow's value, and whether the frame is a safe one."""
 
 
 class Stamper(Driver):
@@ -51,7 +49,7 @@ class Stamper(Driver):
         quick = hz > 100.0
         self.timing = Timing(
             control_hz=hz,
-            keepalive_s=0.9 / hz if quick else 0.05,  # as the legs' driver: who is on time is not doubled
+            keepalive_s=0.9 / hz if quick else 0.05,  # as in the legs' driver: not sent again if on time
             tick_s=0.002 if quick else 0.01,
         )
 

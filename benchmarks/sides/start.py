@@ -1,8 +1,8 @@
-"""Imports, and a robot's way up: ``python -m benchmarks.sides.start SIDE [short]``.
+"""The time of the import and of a robot's start: ``python -m benchmarks.sides.start SIDE [short]``.
 
-Each import runs in a new process with warm byte code; the time is the import's alone, the
-interpreter's start is not part of it. ``armed`` is from the constructor to an answer that the
-robot's motors are energised.
+Each import runs in a new process with compiled byte code. The time is that of the import alone, without the
+interpreter's start. ``armed`` is the time from the constructor until a status shows that the robot's motors are
+energised.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ TIMED = "import time; began = time.perf_counter(); {}; print(time.perf_counter()
 
 
 def imported(statement: str, short: bool) -> Figures:
-    """Median over new processes."""
+    """Return the median import time over several new processes."""
     spans_s = [
         float(subprocess.check_output([sys.executable, "-c", TIMED.format(statement)], text=True))
         for _ in range(3 if short else 9)
-    ][1:]  # the first may have had to compile
+    ][1:]  # the first one may have compiled the byte code
     return {"import_ms": statistics.median(spans_s) * 1e3}
 
 
@@ -62,5 +62,5 @@ def parts(short: bool) -> Figures:
 
 
 if __name__ == "__main__":
-    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # as a machine is on which it was installed
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # as on a computer where it is installed
     answer({"ours": ours, "trio and msgspec": parts})

@@ -1,5 +1,4 @@
-"""The reference's import, in its own environment: ``python -m benchmarks.sides.start_strands
-[short]``."""
+"""The time of the reference's import, in its environment: ``python -m benchmarks.sides.start_strands [short]``."""
 
 from __future__ import annotations
 
@@ -13,7 +12,7 @@ TIMED = f"import time; began = time.perf_counter(); {STATEMENT}; print(time.perf
 
 
 def imported(short: bool) -> dict[str, float]:
-    """Median over new processes; the first may have had to compile."""
+    """Return the median over several new processes, without the first, which may have compiled byte code."""
     spans_s = [
         float(subprocess.check_output([sys.executable, "-c", TIMED], text=True).splitlines()[-1])
         for _ in range(3 if short else 9)

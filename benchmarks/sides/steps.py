@@ -1,9 +1,8 @@
-"""Steps of an SO-101's physics: ``python -m benchmarks.sides.steps SIDE [short]``.
+"""Physics steps of an SO-101: ``python -m benchmarks.sides.steps SIDE [short]``.
 
-The arm is sent somewhere and the physics steps, in turn: a control period (20 ms), a second, ten
-seconds at a time. Through the verbs that is ``step`` with an action. ``piped`` is the least that
-anybody can do whose physics is not in the script's own process: the same model behind a socket,
-asked with bytes, and nothing else.
+The arm gets a target, and then the physics steps for a control period (20 ms), a second or ten seconds. With
+the verbs this is ``step`` with an action. ``piped`` is the least work if the physics runs outside the script's
+process: the same model behind a socket, with requests of a few bytes.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from benchmarks.house import Figures
 from .common import answer
 
 SIZES = {"control_period_per_s": 10, "second_per_s": 500, "ten_seconds_per_s": 5000}
-"""Steps at a time."""
+"""Steps per call."""
 
 
 def span_s(short: bool) -> float:
@@ -37,7 +36,12 @@ def target_deg(number: int) -> float:
 
 
 def rates(go: Callable[[int, int], None], short: bool) -> Figures:
-    """``go(number, steps)``: to another target, and so many steps."""
+    """Return the steps per second of each size.
+
+    Args:
+        go: ``go(number, steps)`` sets another target and makes so many steps.
+        short: Run the short form.
+    """
     figures: Figures = {}
     for figure, steps in SIZES.items():
         go(0, steps)
@@ -70,7 +74,7 @@ def verbs(short: bool) -> Figures:
 
 
 def armed() -> Any:
-    """The same model; MuJoCo as it is installed, with its stopwatch, which our twins take off."""
+    """Return the same model, armed. MuJoCo keeps its internal timer here, which our twins remove."""
     import mujoco
 
     library = next(Path(mujoco.__file__).parent.glob("libmujoco*"))

@@ -1,11 +1,12 @@
-"""``stop WHO LENGTH ROBOT PORT LOG``: from a stop to the first safe frame that the twin reads. WHO:
-ours, strands. The reference's G1 has no twin (PORT and LOG are empty): its frame counts when
-Unitree's SDK would have got it.
+"""``stop WHO LENGTH ROBOT PORT LOG``: the time from a stop to the first safe frame that the twin reads.
 
-A rollout runs. Its policy is ``idle`` (answers at once), ``blocked`` (does not come back for 2.5 s,
-as from a server that hangs) or ``computing`` (30 ms of Python for each 50 ms of actions, in the
-caller's process). ``stop`` is the verb that a user, or an agent, stops a robot with; ``task`` is
-``stop_task``."""
+WHO is ours or strands. The reference's G1 has no twin (PORT and LOG are empty). Its frame counts when it is
+passed to the stand-in for Unitree's SDK.
+
+A rollout runs. Its policy is ``idle`` (answers at once), ``blocked`` (does not return for 2.5 s, as with a
+server that hangs) or ``computing`` (30 ms of Python for each 50 ms of actions, in the caller's process).
+``stop`` is the verb by which users and agents stop a robot; ``task`` is ``stop_task``.
+"""
 
 from __future__ import annotations
 
@@ -28,18 +29,18 @@ COUNT = {"short": 2, "long": 4}
 JOINT = {"so101": "shoulder_pan", "ur5e": "elbow_joint", "unitree_g1": "left_shoulder_pitch"}
 STEP = {"so101": 0.1, "ur5e": 1e-4, "unitree_g1": 1e-4}
 BLOCK_S = {"so101": 2.5, "ur5e": 2.5, "unitree_g1": 6.0}
-"""The reference writes a G1's last frame when the policy has come back, the others' after it has
-waited 2 s."""
+"""How long a blocked policy blocks. The reference writes a G1's last frame when the policy has returned, and
+those of other robots after a wait of 2 s."""
 RUN_S = 0.4
 CHUNK = 16
 CASES = ("idle", "blocked", "computing")
 VERBS = {"so101": ("stop",), "ur5e": ("stop", "task"), "unitree_g1": ("task",)}
-"""The reference's ``stop_task`` of a Feetech arm writes nothing: there is no frame to wait for."""
+"""The measured verbs. The reference's ``stop_task`` of a Feetech arm writes nothing, so it is not measured."""
 HERE = Path(__file__).resolve().parent
 
 
 class Policy:
-    """As ``case`` says. ``begun`` is set once it blocks."""
+    """A policy of one of ``CASES``. ``blocking`` is set once it blocks."""
 
     def __init__(self, robot: str, base: float, case: str) -> None:
         self._joint, self._base, self._step, self._case = JOINT[robot], base, STEP[robot], case
@@ -64,7 +65,8 @@ class Policy:
 
 
 def position(arm: Any, robot: str) -> float:
-    """The reference's G1 gives none: the stand-in's joints are at zero."""
+    """Return the position of the robot's joint. The reference's G1 reports none, so it is 0, as in the
+    stand-in."""
     seen = arm.get_observation() if hasattr(arm, "get_observation") else {}
     return float(seen.get(JOINT[robot], seen.get(f"{JOINT[robot]}.pos", 0.0)))
 
@@ -78,14 +80,18 @@ def begin(arm: Any, robot: str, case: str) -> Policy:
 
 
 def stop_once(arm: Any, robot: str, case: str, verb: Callable[[], object], log: Log, number: int) -> float | None:
-    """Milliseconds from the call to the frame; None when the robot had been made safe before the
-    call: its processes stood in line for longer than they may."""
+    """Return the milliseconds from the call to the frame.
+
+    It is None if the robot was made safe before the call, because its processes had to wait too long for a
+    processor.
+    """
     policy = begin(arm, robot, case)
     if case != "blocked":
         time.sleep(RUN_S)
-    elif not policy.blocking.wait(5.0):  # not later: a tree makes its robot safe without a stop when no more comes
+    # Stop as soon as the policy blocks. Without setpoints, a tree soon makes its robot safe without a stop.
+    elif not policy.blocking.wait(5.0):
         raise RuntimeError(f"the policy was not asked: {arm.get_task_status()}")
-    time.sleep(0.003 * (number * 7 % 10))  # not always in the same moment of a chunk
+    time.sleep(0.003 * (number * 7 % 10))  # at varying moments of a chunk
     began_ns = time.monotonic_ns()
     verb()
     safe = log.first("safe", began_ns, within_s=10.0)
@@ -98,7 +104,7 @@ def stop_once(arm: Any, robot: str, case: str, verb: Callable[[], object], log: 
 
 
 class Stood(Log):
-    """What the stand-in was given."""
+    """The log of the stand-in's frames."""
 
     def __init__(self, given: list[tuple[int, float]]) -> None:
         super().__init__("")
@@ -142,7 +148,7 @@ def strands(robot: str, port: str) -> tuple[Any, Callable[[str], Callable[[], ob
         asyncio.run(run())
 
     def again() -> None:
-        """Until the blocked policy has come back no other rollout is admitted."""
+        """Wait until a blocked policy has returned, because no other rollout is accepted before."""
         until_s = time.monotonic() + 2 * BLOCK_S[robot]
         while arm.get_task_status()["content"][0]["json"]["running"] and time.monotonic() < until_s:
             time.sleep(0.02)

@@ -1,9 +1,11 @@
-"""``telemetry WHO LENGTH``: how many robots' states reach a subscriber whole and young. WHO: ours,
-strands.
+"""``telemetry WHO LENGTH``: of how many robots do the states reach a subscriber complete and in time?
 
-Robots without hardware are started in this process until, of the ten states a second that each
-publishes, 1 % are missing or the oldest hundredth is over 50 ms old on arrival, in another process.
-Figures per robot are of the first step."""
+WHO is ours or strands.
+
+Each robot (without hardware, in this process) publishes ten states per second to a subscriber in another
+process. More robots are started until more than 1 % of the states are missing, or the 99th percentile of
+their age on arrival exceeds 50 ms. The figures per robot are those of the first step.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,7 @@ KEY = "strands/*/state"
 HERE = Path(__file__).resolve().parent
 
 
-# -- the subscriber, a process of its own
+# -- the subscriber, a separate process
 
 
 class Window:
@@ -116,12 +118,12 @@ def our_robot(number: int) -> Any:
     from .stamper import ROBOT
 
     path = f"{os.environ['STRANDS_ACTORS_RUN']}/frames{number}"
-    options: dict[str, Any] = {"hz": 30.0}  # of its own driver
+    options: dict[str, Any] = {"hz": 30.0}  # an option of its driver
     return Robot(ROBOT, mode="real", port=path, tool_name=f"arm{number}", **options)
 
 
 def processes() -> list[int]:
-    """This one and all below it."""
+    """Return the pids of this process and all its descendants."""
     parents = {}
     for path in Path("/proc").glob("[0-9]*/stat"):
         with contextlib.suppress(OSError):
@@ -134,7 +136,7 @@ def processes() -> list[int]:
 
 
 def memory_mb(pids: list[int]) -> float:
-    """Proportional set size: what they share is counted once."""
+    """Return the proportional set size of processes, in which shared memory counts once."""
     total_kb = 0
     for pid in pids:
         with contextlib.suppress(OSError):
@@ -152,7 +154,7 @@ def cpu_s(pids: list[int]) -> float:
 
 
 def threads() -> int:
-    """Of the caller, Python's and others'."""
+    """Return the number of threads of this process, Python's and others."""
     return len(list(Path("/proc/self/task").iterdir()))
 
 
@@ -183,7 +185,7 @@ def main(who: str, length: str) -> None:
         finally:
             listener.kill()
     print(json.dumps(figures), flush=True)
-    os._exit(0)  # the trees see it and end
+    os._exit(0)  # the trees notice it and end
 
 
 def ask(listener: subprocess.Popen[str], line: str = "") -> str:
@@ -202,7 +204,7 @@ def ramp(start: Any, listener: subprocess.Popen[str], steps: tuple[int, ...]) ->
     robots: list[Any] = []
     first: dict[str, float] = {}
     most = 0
-    start_one(start, robots)  # what the first brings is the process's own, not a robot's
+    start_one(start, robots)  # the first one also starts what the robots share, so it is not counted
     below = processes()
     base_threads, base_mb = threads(), memory_mb([pid for pid in below if pid != listener.pid])
     for count in steps:
@@ -210,7 +212,7 @@ def ramp(start: Any, listener: subprocess.Popen[str], steps: tuple[int, ...]) ->
             while len(robots) < count:
                 start_one(start, robots)
         except ConnectionError:
-            break  # the machine takes no more of them: that is its limit, too
+            break  # the computer cannot start another one, which is a limit, too
         time.sleep(SETTLE_S)
         pids = [pid for pid in processes() if pid != listener.pid]
         used_s, began_s = cpu_s(pids), time.monotonic()

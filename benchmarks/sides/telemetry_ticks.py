@@ -1,7 +1,9 @@
-"""``telemetry_ticks LENGTH``: what is left of a robot's tree with nothing in it: two processes,
-each a loop of trio that wakes a hundred times a second, as wire and root do to see whether the
-other lives. As many robots at a time as the first steps of ``telemetry`` have; ``robots_per_core``
-is what a whole core would carry, if nothing else ran."""
+"""``telemetry_ticks LENGTH``: the cost of an empty tree.
+
+A tree here is two processes, each with a trio loop that wakes 100 times per second, as wire and root do to
+watch each other. There are as many trees as in the first steps of ``telemetry``. ``robots_per_core`` is the
+number that a whole core would run if it did nothing else.
+"""
 
 from __future__ import annotations
 

@@ -15,8 +15,8 @@ from strands_actors.kernel.mailbox import CAPACITY
 from .common import STATE, Count, Counter, GetCount, answer, hosted
 
 WINDOW = CAPACITY - 1
-"""Told before the sender asks, where the bound is the mailbox's own: asking is how it waits for
-room."""
+"""Messages that are sent before the sender asks, with a mailbox of the usual size. By asking, the sender waits
+until the mailbox is empty."""
 
 
 def amount(short: bool) -> int:
@@ -78,7 +78,7 @@ async def trio_channel(short: bool) -> Figures:
 
 
 def bare(short: bool) -> Figures:
-    """A deque in and out, and the handler's own call, in bursts as a mailbox holds them."""
+    """Measure a deque and the handler's call, in bursts that a mailbox can hold."""
     n = amount(short) - amount(short) % WINDOW
     waiting: deque[Any] = deque()
     counter = Counter()

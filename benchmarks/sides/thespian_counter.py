@@ -1,4 +1,4 @@
-"""Thespian's counter: its processes import it by name."""
+"""Thespian's counter. It has a module, because Thespian's processes import it by name."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""A stop behind 10 000 messages of 20 us each: ``python -m benchmarks.sides.urgent SIDE
-[short]``."""
+"""A stop behind 10 000 messages of 20 us each: ``python -m benchmarks.sides.urgent SIDE [short]``."""
 
 from __future__ import annotations
 
@@ -28,7 +27,7 @@ class Stop(Message, frozen=True):
 
 
 class Worker:
-    """Works off messages until it has seen the stop; then it only drains."""
+    """Works 20 us for each message until the stop comes. Later messages cost nothing."""
 
     def __init__(self, spans_ns: list[int]) -> None:
         self.spans_ns = spans_ns
@@ -66,7 +65,7 @@ async def ours(short: bool) -> Figures:
         async with hosted(Busy, capacity=QUEUED) as (one, _):
             for _ in range(QUEUED):
                 one.tell(Work())
-            await trio.sleep(0.002)  # it is at work
+            await trio.sleep(0.002)  # until it works
             one.tell(Stop(time.perf_counter_ns()))
             await one.ask(Work(), 60.0)
     return percentiles("urgent", spans_ns)

@@ -1,9 +1,9 @@
 """A robot's whole tree in virtual time: ``python -m benchmarks.sides.virtual SIDE [short]``.
 
-An SO-101: guardian, gate, watchdog, transport and the wire with its codec, on a bus in memory that
-has its twin's servos and MuJoCo at the other end, commanded at 50 Hz. How many of its seconds pass
-in one of ours; the same recorded and replayed; and whether two runs write the same bytes at the
-same times. ``bare_x`` is a driver without wire and physics.
+The robot is an SO-101 at 50 Hz: guardian, gate, watchdog, transport, and the wire with its codec, on a bus in
+memory with its twin's servos and MuJoCo at the other end. Measured are the simulated seconds per real second,
+the same while recording and in a replay, and whether two runs write the same bytes at the same times.
+``bare_x`` is for a driver without wire and physics.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ def simulated_s(short: bool) -> float:
 
 
 class MemoryBus:
-    """A port with servos at its other end. What they answer is there when the last byte has passed
-    a UART of 1 Mbaud, at once, as a USB adapter hands it over."""
+    """A port with servos at its other end. An answer arrives as a whole when its last byte would have passed a
+    UART of 1 Mbaud, as from a USB adapter."""
 
     def __init__(self, servos: Robot) -> None:
         self.written: list[tuple[float, bytes]] = []
@@ -92,14 +92,14 @@ class MemoryBus:
         await trio.sleep_forever()
 
     def fileno(self) -> int:
-        return os.open(os.devnull, os.O_RDWR)  # for the stop channel, which has nothing to do here
+        return os.open(os.devnull, os.O_RDWR)  # for the stop channel, which is not used here
 
     def close(self) -> None:
         pass
 
 
 class VirtualArm(Feetech):
-    """An SO-101 whose servos are in memory."""
+    """An SO-101 with its servos in memory."""
 
     def __init__(self) -> None:
         super().__init__(ROBOT, "memory", Feetech.resolve(ROBOT, {}))
@@ -116,13 +116,13 @@ class Ran:
     recording: Recording | None = None
 
     def trace(self) -> list[tuple[int, bytes]]:
-        """What was written and when, in nanoseconds from the first frame on."""
+        """Return the written frames with their times, in nanoseconds since the first frame."""
         began_s = self.written[0][0]
         return [(round((at_s - began_s) * 1e9), data) for at_s, data in self.written]
 
 
 async def command(tree: InlineTree, gate: Ref, key: str, seconds: float) -> None:
-    """What a rollout does: a setpoint every period, asked, and a heartbeat."""
+    """Do as a rollout: in every period, send a setpoint, wait for the answer, and send a heartbeat."""
     assert isinstance(await gate.ask(Resume("bench"), 1.0), Resumed)
     lease = await gate.ask(Acquire("bench"), 1.0)
     assert isinstance(lease, Lease), lease
@@ -138,7 +138,7 @@ async def command(tree: InlineTree, gate: Ref, key: str, seconds: float) -> None
 
 
 def run_bare(seconds: float) -> float:
-    """Seconds of ours that a driver took which keeps what it is told."""
+    """Return the real seconds that a tree took with a driver that only stores its setpoints."""
     spans_s: list[float] = []
 
     async def main() -> None:
@@ -167,7 +167,7 @@ def run_tree(seconds: float) -> Ran:
 
 
 class Taker(Actor):
-    """Keeps what is recorded."""
+    """Stores and acknowledges the batches of a recording."""
 
     def __init__(self, instrument: str) -> None:
         self.batches: list[Batch] = []
@@ -217,7 +217,7 @@ def run_recorded(seconds: float) -> Ran:
 
 
 def replayed(recording: Recording) -> float:
-    """Seconds of ours that the replay took; it must decide as the robot did."""
+    """Return the real seconds of the replay. Raise ``RuntimeError`` if its decisions differ from the robot's."""
     began_s = time.perf_counter()
     outcome = replay(recording, Feetech(ROBOT, "memory", Feetech.resolve(ROBOT, {})))
     span_s = time.perf_counter() - began_s
@@ -241,12 +241,12 @@ def ours(short: bool) -> Figures:
 
 
 PASSES_HZ = 470
-"""Passes of trio's loop in a simulated second of an SO-101: a hundred ticks, thirty exchanges on
-its bus, byte times and answers."""
+"""Passes of the trio loop in a simulated second of an SO-101: for 100 ticks, 30 exchanges on its bus, the times
+of bytes, and answers."""
 
 
 def passes(short: bool) -> Figures:
-    """As many passes as such a tree has, with nothing in them but the physics of its twin."""
+    """Measure as many passes of the loop as in such a tree, with only the physics of its twin."""
     seconds = simulated_s(short)
     plant = FeetechBus.for_robot(ROBOT, lambda: 0.0).plant
     spans_s: list[float] = []

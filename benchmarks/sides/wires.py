@@ -1,15 +1,18 @@
-"""``wires WHO LENGTH ROBOT HZ PORT LOG [PID LATE_PORT FLAG]``: one robot on its twin, moved by WHO,
-a module of ``wire_clients``.
+"""``wires WHO LENGTH ROBOT HZ PORT LOG [PID LATE_PORT FLAG]``: move a robot's twin by WHO, a module of
+``wire_clients``.
 
-From a setpoint to its first frame that the twin reads, from a stop to the first safe frame, and the
-processor time of who moves it, in a stream at HZ. Of a robot behind a service also the stop of a
-twin (PID) that is frozen, from when it goes on; and, by LATE_PORT, of one whose answers are late
-while there is the file FLAG (``late_answers``).
+Measured are the time from a setpoint to its first frame that the twin reads, the time from a stop to the first
+safe frame, and the processor time of the client during a stream at HZ. For a robot behind a service, there are
+two more stops:
 
-Each command that is stopped has a thread of its own, and the stop comes 50 ms after it was begun,
-whether or not the client has come back from that.
+* of a frozen twin (PID), measured from when it continues;
+* at LATE_PORT, with answers that are late while the file FLAG exists (``late_answers``).
 
-``wires quicker LENGTH ROBOT USUAL_HZ HZ PORT``: the processor time of ours at another rate."""
+Each command that is stopped runs in a separate thread. The stop comes 50 ms after the command was begun, even
+if the call has not returned.
+
+``wires quicker LENGTH ROBOT USUAL_HZ HZ PORT``: the processor time of our side at another rate.
+"""
 
 from __future__ import annotations
 
@@ -34,12 +37,12 @@ from .wire_clients.hand import Hand
 SETPOINTS = {"short": 5, "long": 30}
 STOPS = {"short": 1, "long": 5}
 TROUBLED = {"short": 1, "long": 3}
-"""Stops of a twin that is late, or was frozen."""
+"""Number of stops of a late twin, and of a frozen one."""
 STREAM_S = {"short": 0.5, "long": 3.0}
 MOVES_S = 0.05
 FROZEN_S = 1.0
 SAFE_S = 15.0
-"""Within which a safe frame must be on the wire."""
+"""Timeout for a safe frame on the wire, in seconds."""
 RETURN_S = 30.0
 
 Said = Callable[[Frame], object]
@@ -50,12 +53,13 @@ def whole(frame: Frame) -> object:
 
 
 def xarm(frame: Frame) -> object:
-    """Without the number of the request."""
+    """Return the request without its number."""
     return frame.data[4:] if frame.kind == "setpoint" else None
 
 
 def kinova(frame: Frame) -> object:
-    """Whether the first joint is quick: what leads it to its target changes all the time."""
+    """Return True if the first joint is fast. Its speed changes in every frame on the way to the target, so
+    the value itself is no sign of a new target."""
     found = re.search(b"\x0a\x07\x08\x00\x15(.{4})", bytes.fromhex(frame.data), re.DOTALL)
     if frame.kind != "setpoint" or found is None:
         return None
@@ -63,7 +67,8 @@ def kinova(frame: Frame) -> object:
 
 
 def kuka(frame: Frame) -> object:
-    """Where the first joint is to be, to 0.1 mrad: an answer is owed in every cycle."""
+    """Return the target of the first joint, rounded to 0.1 mrad. There is a frame in every cycle, so only a
+    changed target counts."""
     found = re.search(b"\x0a\x3f\x09(.{8})", bytes.fromhex(frame.data), re.DOTALL)
     if frame.kind != "setpoint" or found is None:
         return None
@@ -71,17 +76,18 @@ def kuka(frame: Frame) -> object:
 
 
 def franka(frame: Frame) -> object:
-    """The request to move; its cycle begins when the controller has answered."""
+    """Return the request to move. The cycle begins after the controller's answer to it."""
     return frame.data if frame.kind == "enable" and frame.data.startswith("01000000") else None
 
 
 QUICK_DEG_S = 5.0
 END_OF_MOVE = b"POST /api/move/stop".hex()
-"""Over REST a Reachy has no stop of everything, so its twin calls none safe: this ends one move."""
+"""The request that ends one move of a Reachy. REST has no request that stops everything, so the twin marks no
+frame as safe."""
 STANDS = re.compile("7c(0a|05)0{24}")
-"""A hover at no speed: a Crazyflie's twin calls ours safe only, which is marked."""
+"""A hover at zero speed. A Crazyflie's twin marks only our hover as safe."""
 SAID: dict[str, Said] = {"xarm7": xarm, "kinova_gen3": kinova, "kuka_iiwa": kuka, "panda": franka, "fr3": franka}
-"""What a frame says of the target; None: nothing. ``whole`` where it says nothing else."""
+"""Functions that return the target in a frame, or None for a frame without one. ``whole`` is the default."""
 
 
 def is_safe(frame: Frame) -> bool:
@@ -89,12 +95,12 @@ def is_safe(frame: Frame) -> bool:
 
 
 def tells(frame: Frame) -> bool:
-    """Whether a frame moves the robot, or stops it."""
+    """Return True if a frame moves the robot or stops it."""
     return frame.kind == "setpoint" or is_safe(frame)
 
 
 def first_safe(log: Log, since_ns: int) -> Frame | None:
-    """The first from then on; wait for it."""
+    """Wait for the first safe frame since a time, and return it; None after ``SAFE_S``."""
     until_s = time.monotonic() + SAFE_S
     while True:
         for frame in reversed_until(log.read(), since_ns):
@@ -106,8 +112,10 @@ def first_safe(log: Log, since_ns: int) -> Frame | None:
 
 
 def setpoints_us(hand: Hand, log: Log, said: Said, count: int, pause_s: float) -> list[float]:
-    """From before each call to the first frame that says something new. Pauses are uneven, so that
-    no period of anybody's is met."""
+    """Return the delays of setpoints, from before each call to the first frame with a new target.
+
+    Pauses vary, so that they do not coincide with a period of a client.
+    """
     began = []
     for number in range(count):
         began.append(hand.setpoint(number))
@@ -142,8 +150,7 @@ def shares(hand: Hand, hz: float, seconds: float) -> dict[str, float]:
 
 
 def moving(hand: Hand, number: int) -> threading.Thread:
-    """A command that may take its time; it moves 50 ms later, and not always at the same
-    moment."""
+    """Start a command in a thread, and return after 50 ms and a varying time. The robot moves then."""
     thread = threading.Thread(target=_quietly(lambda: hand.move(number)), daemon=True)
     thread.start()
     time.sleep(MOVES_S + 0.002 * (number * 7 % 10))
@@ -151,7 +158,7 @@ def moving(hand: Hand, number: int) -> threading.Thread:
 
 
 def _quietly(call: Callable[[], object]) -> Callable[[], None]:
-    """A call that a stop, or a frozen robot, may end: what it says is not asked."""
+    """Return a call that ignores errors, since a stop or a frozen robot may end it."""
 
     def run() -> None:
         with contextlib.suppress(Exception):
@@ -161,7 +168,7 @@ def _quietly(call: Callable[[], object]) -> Callable[[], None]:
 
 
 def stop_once(hand: Hand, log: Log, number: int) -> float | None:
-    """Milliseconds; None: the robot was made safe before the call."""
+    """Return the milliseconds from a stop to its frame; None if the robot was made safe before the call."""
     thread = moving(hand, number)
     began_ns = time.monotonic_ns()
     hand.stop()
@@ -189,8 +196,8 @@ def stops_ms(hand: Hand, log: Log, count: int, before: Callable[[], object], aft
 
 
 def frozen_once(hand: Hand, log: Log, pid: int, number: int) -> tuple[float, float]:
-    """Milliseconds from when the twin goes on to the first safe frame; until the stop returned,
-    from its call."""
+    """Stop a frozen twin. Return the milliseconds from its continuation to the first safe frame, and those that
+    the call took."""
     thread = moving(hand, number)
     took: list[float] = []
 
@@ -225,7 +232,7 @@ def main(who: str, length: str, robot: str, hz: str, port: str, log_path: str, *
     hand: Hand = client(robot, port)
     log = Log(log_path)
     pause_s = max(hand.pause_s, 1 / float(hz))
-    for number in range(3):  # nothing is measured cold
+    for number in range(3):  # warm-up
         hand.setpoint(number)
         time.sleep(pause_s)
     delays = setpoints_us(hand, log, SAID.get(robot, whole), SETPOINTS[length], pause_s)
@@ -247,11 +254,11 @@ def main(who: str, length: str, robot: str, hz: str, port: str, log_path: str, *
         figures |= spread("late_stop", stops_ms(hand, log, TROUBLED[length], late.touch, late.unlink))
     hand.close()
     print(json.dumps(figures), flush=True)
-    os._exit(0)  # a vendor's threads would keep it
+    os._exit(0)  # a vendor's threads would keep the process alive
 
 
 def quicker(length: str, robot: str, usual_hz: str, hz: str, port: str) -> None:
-    """Ours at another control rate: the processor alone."""
+    """Measure the processor time of our side at another control rate."""
     ours = importlib.import_module(f"{__package__}.wire_clients.ours")
     hand: Hand = ours.Client(robot, port, scale=(float(usual_hz) / float(hz)) ** 2, control_frequency=float(hz))
     hand.setpoint(0)

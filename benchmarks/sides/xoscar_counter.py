@@ -1,4 +1,4 @@
-"""xoscar's counter: its processes import it by name."""
+"""xoscar's counter. It has a module, because xoscar's processes import it by name."""
 
 from __future__ import annotations
 

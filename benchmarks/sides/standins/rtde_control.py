@@ -1,4 +1,4 @@
-"""In place of ur-rtde's control interface: the time and the elbow's value of every setpoint, in
+"""A stand-in for ur-rtde's control interface. It stores the time and the elbow's value of every setpoint in
 memory."""
 
 from __future__ import annotations

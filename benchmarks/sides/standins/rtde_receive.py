@@ -1,4 +1,5 @@
-"""In place of ur-rtde's receive interface: an arm that is running, safe, and stands where it is."""
+"""A stand-in for ur-rtde's receive interface. Its arm is running, in a normal safety mode, and does not
+move."""
 
 from __future__ import annotations
 

@@ -1,6 +1,8 @@
-"""In place of Unitree's ``unitree_sdk2py``: ``install()`` puts the modules that strands-robots
-imports in their places. A robot that stands in mode 501 and is charged; the time and the stiffness
-of every LowCmd, in memory."""
+"""A stand-in for Unitree's ``unitree_sdk2py``. ``install()`` registers the modules that strands-robots imports.
+
+Its robot stands in mode 501 with a charged battery. The time and the stiffness of every LowCmd are stored in
+memory.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,7 @@ from types import ModuleType, SimpleNamespace
 from typing import Any
 
 FRAMES: list[tuple[int, float]] = []
-"""CLOCK_MONOTONIC ns, the sum of all kp: none in a frame of zero torque."""
+"""Nanoseconds of CLOCK_MONOTONIC, and the sum of all kp, which is 0 in a frame of zero torque."""
 MOTORS = 35
 
 HEARD = {

@@ -1,5 +1,5 @@
-"""Who moves a robot in the question ``wires``: a module for each, with a class ``Client``.
+"""The clients that move robots in the question ``wires``: one module per client, with a class ``Client``.
 
-``ours`` is this package; each other one does, with the client that its robot's users mostly have,
-what ``Hand`` asks for. They import nothing that their environment lacks.
+``ours`` is this package. Each other module implements ``Hand`` with the client that most users of its robot
+have. The modules import only what their environment has.
 """

@@ -1,4 +1,4 @@
-"""Booster's SDK: commands on its topic, and Move(0, 0, 0) by its client."""
+"""Booster's SDK: commands are published on its topic, and its client's Move(0, 0, 0) stops."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import booster_robotics_sdk_python as booster
 from .hand import Hand, wave
 
 DOMAIN = 91
-"""Of the twin (``benchmarks.wires``)."""
+"""The DDS domain of the twin (``benchmarks.wires``)."""
 MOTORS = 23
 ELBOW = 4
 STEP_RAD = 0.06

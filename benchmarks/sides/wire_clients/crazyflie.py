@@ -1,4 +1,4 @@
-"""Bitcraze's cflib (GPL, so in an environment of its own), at a drone that flies."""
+"""Bitcraze's cflib, with a flying drone. It is under the GPL, so it has a separate environment."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PERIOD_S = 0.05
 
 
 class Client(Hand):
-    """Its stop is that of its ``MotionCommander``: a hover, at no speed."""
+    """The client. Its stop is that of cflib's ``MotionCommander``: a hover at zero speed."""
 
     def __init__(self, robot: str, port: str) -> None:
         cflib.crtp.init_drivers()

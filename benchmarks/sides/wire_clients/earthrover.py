@@ -1,4 +1,4 @@
-"""The vendor's SDK process, by requests."""
+"""The HTTP service of the vendor's SDK process, with requests."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ TIMEOUT_S = 5.0
 
 
 class Client(Hand):
-    """A session for each thread, as requests wants it."""
+    """The client. Each thread has a session, since sessions of requests are not thread-safe."""
 
     def __init__(self, robot: str, port: str) -> None:
         self._base = f"http://{port}"

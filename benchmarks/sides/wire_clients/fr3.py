@@ -1,4 +1,4 @@
-"""pylibfranka: the caller has the 1 kHz loop."""
+"""pylibfranka. The caller runs the 1 kHz loop."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Client(Hand):
         self._here = list(self._robot.read_once().q)
 
     def _go(self, far: float) -> int:
-        """Along a cosine, so slowly that no guard minds; back when it is there."""
+        """Move along a cosine, slowly enough for every safety limit. Return when the goal is reached."""
         seconds = max(0.3, 1.6 * abs(far) / SPEED_RAD_S)
         began_ns = time.monotonic_ns()
         active = self._robot.start_joint_position_control(franka.ControllerMode.JointImpedance)

@@ -1,4 +1,4 @@
-"""What the question ``wires`` asks of whoever moves a robot."""
+"""The interface of a client in the question ``wires``."""
 
 from __future__ import annotations
 
@@ -8,42 +8,42 @@ from abc import ABC, abstractmethod
 
 
 class Hand(ABC):
-    """A robot that is connected, energised, and takes commands. ``hz``: its control rate."""
+    """A connected and energised robot that takes commands."""
 
     pause_s: float = 0.0
-    """Between two setpoints, at least: a motion of this client's has to end first."""
+    """Least pause between two setpoints, in seconds, if a motion of this client has to end first."""
 
     @abstractmethod
     def setpoint(self, number: int) -> int:
-        """Command something that differs from the command before; return when that began
-        (CLOCK_MONOTONIC ns)."""
+        """Send a command that differs from the previous one. Return when it began, in nanoseconds of
+        CLOCK_MONOTONIC."""
 
     def move(self, number: int) -> None:
-        """Have the robot move until it is stopped, for a while at least."""
+        """Make the robot move until it is stopped, or for a while."""
         self.setpoint(number)
 
     @abstractmethod
     def stop(self) -> None:
-        """Stop it, as this client's users do."""
+        """Stop the robot as users of this client do."""
 
     def again(self) -> None:  # noqa: B027  # most clients need nothing for that
-        """Have it take commands again, after a stop."""
+        """Make the robot ready for commands again, after a stop."""
 
     def stream(self, hz: float, seconds: float) -> None:
-        """Command it at its control rate for so long."""
+        """Send commands at the control rate (``hz``) for so many seconds."""
         began_s = time.monotonic()
         for number in range(round(hz * seconds)):
             self.setpoint(number)
             time.sleep(max(0.0, began_s + (number + 1) / hz - time.monotonic()))
 
     def pids(self) -> tuple[list[int], list[int]]:
-        """The processes that have the wire, and the others that this takes."""
+        """Return the pids of the processes with the wire, and those of the other processes."""
         return [os.getpid()], []
 
     def close(self) -> None:  # noqa: B027  # the process ends
-        """Let go of the robot."""
+        """Release the robot."""
 
 
 def wave(number: int) -> float:
-    """0 to 1, never twice the same in a row."""
+    """Return a value from 0 to 1. Successive ones differ."""
     return (1 + number % 3) / 3

@@ -1,4 +1,4 @@
-"""microduck-cli's own client of the duck's daemon."""
+"""microduck-cli's client of the robot's daemon."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Client(Hand):
         self._duck = RobotClient(port, clock=time.monotonic)
         self._duck.connect()
         self._duck.request("robot.enable", {"on": True})
-        time.sleep(1.0)  # it stands up
+        time.sleep(1.0)  # until it stands
 
     def setpoint(self, number: int) -> int:
         began_ns = time.monotonic_ns()

@@ -1,4 +1,4 @@
-"""This package, the same lines for every robot."""
+"""This package, with the same code for every robot."""
 
 from __future__ import annotations
 
@@ -28,19 +28,21 @@ STEPS = {
     "crazyflie": ("vx", 0.2),
     "stretch3": ("lift", 0.02),
 }
-"""The key that is commanded, and how far, in the driver's units: small enough for every gate."""
+"""The commanded key and the size of a step, in the driver's units. It is small enough for every gate."""
 SPEEDS = ("vx", "linear", "linear.x")
-"""Keys whose commands are no positions."""
+"""Keys that are commanded by velocity."""
 FAR = {"panda": 1.0, "fr3": 1.0, "reachy_mini": 25.0}
-"""How far a motion of its own goes."""
+"""Length of a single motion, for robots that move to a target by themselves."""
 SETTLES_S = {"kinova_gen3": 0.3, "kuka_iiwa": 0.06, "panda": 0.7, "fr3": 0.7}
-"""After which a step of an arm that is led to its target is over."""
+"""Time after which a step is finished, for arms that approach their target gradually."""
 PATIENCE_S = 40.0
 
 
 class Client(Hand):
-    """``scale``: of its steps, which a quicker stream has to make smaller. ``options``: of the
-    robot."""
+    """Our client.
+
+    ``scale`` makes steps smaller, as a faster stream requires. ``options`` are passed to ``Robot``.
+    """
 
     def __init__(self, robot: str, port: str, scale: float = 1.0, **options: Any) -> None:
         at_home()
@@ -49,7 +51,7 @@ class Client(Hand):
         self._robot: Any = Robot(robot, mode="real", port=port, **options)
         self._key, step = STEPS[robot]
         self._step = step * scale
-        for _ in range(3):  # a robot that a busy machine lets wait counts as silent
+        for _ in range(3):  # on a busy computer the twin may answer too late
             if (problem := self._robot.connect_eagerly()) is None:
                 break
         if problem is not None:
@@ -97,14 +99,14 @@ class Client(Hand):
         self._prepare()
 
     def _resume(self) -> Any:
-        """An arm whose commands came late, on a busy machine, is in a reflex that somebody has to clear."""
+        """Resume, and clear a reflex. An arm goes into one if commands come late, on a busy computer."""
         answer = self._robot.resume()
         if answer["status"] != "success" and "recover" in self._robot.driver.SERVICES:
             self._robot.recover()
         return answer
 
     def stream(self, hz: float, seconds: float) -> None:
-        if self._robot.driver.WHOLE_ACTIONS:  # one motion, whose cycle is the wire's
+        if self._robot.driver.WHOLE_ACTIONS:  # a single motion, with the cycle of the wire
             self.move(0)
             time.sleep(seconds)
         else:

@@ -1,4 +1,4 @@
-"""panda-python, which has libfranka 0.9 in it."""
+"""panda-python, which contains libfranka 0.9."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FAR_RAD = 1.0
 
 
 class Client(Hand):
-    """A call moves the arm to its goal and comes back when it is there."""
+    """The client. A call moves the arm to its goal, and returns when the arm has reached it."""
 
     def __init__(self, robot: str, port: str) -> None:
         self._panda = panda_py.Panda(port.partition(":")[0], realtime_config=libfranka.RealtimeConfig.kIgnore)

@@ -1,4 +1,4 @@
-"""Rainbow Robotics' rby1-sdk: a stream of commands, and CancelControl."""
+"""Rainbow Robotics' rby1-sdk: setpoints are a stream of commands, and CancelControl stops."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The REST service of Reachy Mini's daemon, by requests."""
+"""The REST service of Reachy Mini's daemon, with requests."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ TIMEOUT_S = 5.0
 
 
 class Client(Hand):
-    """A session for each thread, as requests wants it."""
+    """The client. Each thread has a session, since sessions of requests are not thread-safe."""
 
     def __init__(self, robot: str, port: str) -> None:
         self._base = f"http://{port}/api/move"
@@ -31,8 +31,8 @@ class Client(Hand):
         session: requests.Session = self._kept.session
         return session
 
-    def _post(self, what: str, body: dict[str, object]) -> None:
-        self._session().post(f"{self._base}/{what}", json=body, timeout=TIMEOUT_S).raise_for_status()
+    def _post(self, path: str, body: dict[str, object]) -> None:
+        self._session().post(f"{self._base}/{path}", json=body, timeout=TIMEOUT_S).raise_for_status()
 
     def setpoint(self, number: int) -> int:
         began_ns = time.monotonic_ns()
@@ -44,7 +44,7 @@ class Client(Hand):
         self._post("goto", {"body_yaw": self._far, "duration": MOVE_S})
 
     def stop(self) -> None:
-        """There is no stop of everything: ask what runs, and end each."""
+        """Ask for the running moves and stop each, because no request stops everything."""
         running = self._session().get(f"{self._base}/running", timeout=TIMEOUT_S).json()
         for move in running:
             self._post("stop", move)

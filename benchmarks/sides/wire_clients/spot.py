@@ -1,4 +1,4 @@
-"""Boston Dynamics' bosdyn-client, with its keepalives."""
+"""Boston Dynamics' bosdyn-client, with its keepalives of lease and e-stop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hello Robot's stretch_body (in an environment of its own), at the lift's board."""
+"""Hello Robot's stretch_body in a separate environment. It drives the lift's board."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ STEP_M = 0.02
 
 
 class Client(Hand):
-    """Its stop is the motor's hold."""
+    """The client. Its stop is the motor's hold."""
 
     def __init__(self, robot: str, port: str) -> None:
         fleet = Path(port).parent / "fleet"
         (known,) = fleet.iterdir()
         os.environ["HELLO_FLEET_PATH"], os.environ["HELLO_FLEET_ID"] = str(fleet), known.name
-        os.environ["HOME"] = str(fleet.parent)  # where it keeps its log
+        os.environ["HOME"] = str(fleet.parent)  # for its log
         with contextlib.redirect_stdout(sys.stderr):
-            import stretch_body.lift  # reads the environment as it is loaded
+            import stretch_body.lift  # it reads these variables when imported
 
             self._lift = stretch_body.lift.Lift()
             if not self._lift.startup(threaded=False):

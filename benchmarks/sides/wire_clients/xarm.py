@@ -15,7 +15,7 @@ STEP_RAD = 0.03
 class Client(Hand):
     def __init__(self, robot: str, port: str) -> None:
         host, _, number = port.partition(":")
-        XCONF.SocketConf.TCP_CONTROL_PORT = int(number)  # 502 where this user may have it
+        XCONF.SocketConf.TCP_CONTROL_PORT = int(number)  # the usual port 502 may need privileges
         self._arm = XArmAPI(host, is_radian=True)
         self.again()
 

@@ -1,4 +1,4 @@
-"""roslibpy at rosbridge."""
+"""roslibpy with rosbridge."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Client(Hand):
         self._drive.advertise()
 
     def _publish(self, x: float) -> None:
-        zero = type(x)(0)  # a stop is told in whole numbers
+        zero = type(x)(0)  # a stop uses whole numbers
         linear, angular = {"x": x, "y": zero, "z": zero}, {"x": zero, "y": zero, "z": zero}
         self._drive.publish(roslibpy.Message({"linear": linear, "angular": angular}))
 

@@ -1,9 +1,12 @@
-"""The robots of strands-actors as robots of LeRobot, which imports this package because of its
-distribution's name, and looks for the class ``X`` of a config ``XConfig`` right here."""
+"""Offer the robots of strands-actors as robots of LeRobot.
+
+LeRobot imports this package because its distribution's name begins with ``lerobot_robot_``. For a config
+``XConfig`` it looks for the class ``X`` in this module.
+"""
 
 from .made import all_made, robots
 
 robots_of_lerobot = all_made(__name__)
 globals().update(robots_of_lerobot)
 
-__all__ = [*robots_of_lerobot, "robots"]  # names of classes
+__all__ = [*robots_of_lerobot, "robots"]  # names of the generated classes

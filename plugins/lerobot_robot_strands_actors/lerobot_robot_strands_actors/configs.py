@@ -1,4 +1,4 @@
-"""What LeRobot's command line may say of a robot: ``--robot.port=...``."""
+"""The options of a robot on LeRobot's command line: ``--robot.port=...``."""
 
 from dataclasses import dataclass, field
 from typing import ClassVar
@@ -7,45 +7,48 @@ from lerobot.cameras import CameraConfig
 from lerobot.robots import RobotConfig
 
 REFUSALS = 30
-"""A second of LeRobot's usual rate."""
+"""One second at LeRobot's usual rate (30 Hz)."""
 
 
 @dataclass(kw_only=True)
 class StrandsConfig(RobotConfig):
-    """Of all of them. ``id``, LeRobot's own, is the robot's name where ``name`` is not given, so
-    that LeRobot's calibration of that id is used."""
+    """Options of every robot.
 
-    # Its name on the mesh, in logs and locks; also of its calibration file.
+    Without ``name``, LeRobot's own ``id`` is the robot's name, so that LeRobot's calibration of that id
+    is used.
+    """
+
+    # The robot's name on the mesh, in logs and in locks, and the name of its calibration file.
     name: str | None = None
-    # Opened and read by LeRobot, as with its own robots.
+    # LeRobot opens and reads these cameras, as those of its own robots.
     cameras: dict[str, CameraConfig] = field(default_factory=dict)
-    # Angles in degrees. False: -100 to 100 over each joint's calibrated range.
+    # True: angles in degrees. False: -100 to 100 over each joint's calibrated range.
     use_degrees: bool = True
-    # A TOML file, as `strands-actors --mesh` takes it: where other hosts reach the robot, and how.
+    # Path of a TOML file, as for `strands-actors --mesh`: at which endpoints other hosts reach the robot.
     mesh: str | None = None
-    # Do what this robot wants done before it moves (stand up, enable its arms) when it is connected.
+    # On connect, run the service that this robot needs before it moves (stand up, enable its arms).
     prepare: bool = False
-    # So many actions in a row may be refused before send_action raises.
+    # When so many actions in a row have been refused, send_action raises.
     refusals: int = REFUSALS
 
 
 @dataclass(kw_only=True)
 class LocalConfig(StrandsConfig):
-    """Of a robot of this host; ``ROBOT`` is which. One class a robot is made of it."""
+    """Options of a robot on this host. One subclass per robot is generated, with its name in ``ROBOT``."""
 
     ROBOT: ClassVar[str] = ""
 
-    # A serial device, or an address: what the robot has.
+    # The robot's serial device, or its address.
     port: str | None = None
-    # Its twin instead: the robot's firmware and physics in a process.
+    # Use the robot's twin instead: a process with its firmware and physics.
     twin: bool = False
 
 
 @dataclass(kw_only=True)
 class RemoteConfig(StrandsConfig):
-    """Of a robot that another host runs, and listens for."""
+    """Options of a robot that runs on another host."""
 
-    # Which robot it is: so101, ur5e, ...
+    # The type of the robot: so101, ur5e, ...
     robot: str
-    # Where its host listens: tls/arm.example:7447
+    # The endpoint at which that host listens: tls/arm.example:7447
     at: str

@@ -1,4 +1,4 @@
-"""One config and one class of LeRobot's for every arm and base there is a driver for."""
+"""Generate a LeRobot config class and robot class for every arm and base that has a driver."""
 
 import re
 from dataclasses import dataclass
@@ -13,23 +13,28 @@ from .configs import LocalConfig, RemoteConfig
 from .robot import StrandsRobot
 
 KINDS = {PartKind.ARM, PartKind.GRIPPER, PartKind.BASE}
-"""A robot with one of these. What is legs alone, or flies, no loop of LeRobot's is quick enough for."""
+"""A robot needs at least one of these parts. LeRobot's loops are too slow for robots that only have legs
+or that fly."""
 
 
 def robots() -> list[str]:
-    """Return the robots that LeRobot gets, sorted."""
+    """Return the names of the robots that LeRobot can use, sorted."""
     return [name for name in list_native_drivers() if _kinds(name) & KINDS]
 
 
 def all_made(module: str) -> dict[str, Any]:
-    """Return all classes by name. ``module``: where LeRobot will look for them."""
-    made = [_made(module, f"strands_{robot}", LocalConfig, {"ROBOT": robot}) for robot in robots()]
-    made.append(_made(module, "strands_remote", RemoteConfig, {}))
-    return {one.__name__: one for pair in made for one in pair}
+    """Return all generated classes by name.
+
+    Args:
+        module: The module in which LeRobot looks for them.
+    """
+    pairs = [_made(module, f"strands_{robot}", LocalConfig, {"ROBOT": robot}) for robot in robots()]
+    pairs.append(_made(module, "strands_remote", RemoteConfig, {}))
+    return {generated.__name__: generated for pair in pairs for generated in pair}
 
 
 def _made(module: str, name: str, base: type[Any], members: dict[str, Any]) -> tuple[type[Any], type[Any]]:
-    """Return config and robot ``name``, which LeRobot knows as its ``--robot.type``."""
+    """Return the config class and the robot class for ``--robot.type=<name>``."""
     title = "".join(part.capitalize() for part in re.split(r"[^a-z0-9]+", name))
     own = {"__module__": module, "__doc__": base.__doc__}
     config: type[Any] = dataclass(kw_only=True)(type(f"{title}Config", (base,), {**own, **members}))
@@ -38,5 +43,5 @@ def _made(module: str, name: str, base: type[Any], members: dict[str, Any]) -> t
 
 
 def _kinds(name: str) -> set[PartKind]:
-    driver = Robot(name, mode="real", transport="twin").driver  # nothing is started
+    driver = Robot(name, mode="real", transport="twin").driver  # starts no process
     return {part.kind for part in driver.parts}

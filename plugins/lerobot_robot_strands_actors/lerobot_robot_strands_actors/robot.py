@@ -1,7 +1,7 @@
-"""One robot of strands-actors in the shape that LeRobot's loops know.
+"""A robot of strands-actors with the interface of a LeRobot robot.
 
-LeRobot's process is the caller of the robot's tree, and nothing else of it: killed or frozen, it is
-what a killed or frozen script is.
+LeRobot's process is only the caller of the robot's tree. If it is killed or frozen, the tree reacts as to
+a killed or frozen script.
 """
 
 import logging
@@ -18,19 +18,23 @@ from .configs import LocalConfig, RemoteConfig, StrandsConfig
 from .units import features, observed_features
 
 OLDEST_S = 2.0
-"""A loop that is shown an older reading steers by what no longer is."""
+"""Greatest age of a reading, in seconds. A control loop must not act on older ones."""
 AGAIN_S = 0.05
-"""Until a robot that did not answer is asked again. It holds meanwhile."""
+"""Pause before a robot that did not answer is asked again, in seconds. The robot holds meanwhile."""
 
 _log = logging.getLogger("strands_actors")
 
 
 class StrandsRobot(Robot):
-    """``config`` says which. Made, it has started nothing; its features are known."""
+    """A LeRobot robot of any type; ``config`` selects which.
+
+    The constructor starts no process. The features are known before ``connect``.
+    """
 
     config_class = StrandsConfig
     name = "strands"
-    _arm: Any = None  # also of one whose __init__ failed: LeRobot's __del__ asks
+    # A class attribute, because LeRobot's __del__ reads is_connected even if __init__ has failed.
+    _arm: Any = None
 
     def __init__(self, config: StrandsConfig) -> None:
         super().__init__(config)
@@ -45,7 +49,7 @@ class StrandsRobot(Robot):
         self._accepted: dict[str, float] = {}
         self._refused = 0
 
-    # -- what it is
+    # -- features and state
 
     @property
     def action_features(self) -> dict[str, Any]:
@@ -58,26 +62,33 @@ class StrandsRobot(Robot):
 
     @property
     def is_connected(self) -> bool:
-        """Whether there is something to disconnect. A robot that is not heard any more raises in
-        ``get_observation``."""
+        """True if there is something to disconnect. If the robot stops answering, this stays True and
+        ``get_observation`` raises."""
         return self._arm is not None
 
     @property
     def is_calibrated(self) -> bool:
-        return True  # by a file that was read when this was made, or without one: nothing is asked here
+        # A calibration file, if there is one, was read by the constructor. LeRobot must not start its own.
+        return True
 
     def calibrate(self) -> None:
-        """Nothing: LeRobot's own ``lerobot-calibrate`` of its robot of this kind writes the file
-        that is read here."""
+        """Do nothing. LeRobot's own ``lerobot-calibrate``, with its own robot of this type, writes the
+        file that is read here."""
 
     def configure(self) -> None:
-        """Nothing: the driver configures the motors when it arms them."""
+        """Do nothing. The driver configures the motors when it arms them."""
 
-    # -- its life
+    # -- connect and disconnect
 
     def connect(self, calibrate: bool = True) -> None:
-        """Open the cameras, and then connect and energise the robot where it stands. Raise
-        ``ConnectionError`` with the reason."""
+        """Open the cameras, then connect the robot and energise it at its present position.
+
+        Args:
+            calibrate: Ignored.
+
+        Raises:
+            ConnectionError: It is already connected, or it cannot be connected, prepared or read.
+        """
         if self._arm is not None:
             raise ConnectionError(f"{self.name} is already connected")
         self._arm = self._handle()
@@ -97,13 +108,16 @@ class StrandsRobot(Robot):
         self._refused = 0
 
     def disconnect(self) -> None:
-        """Stop, read every motor back, and end what was started for the robot. Raise
-        ``ConnectionError`` when a motor did not confirm."""
+        """Stop the robot, read every motor back, and end the processes that were started for it.
+
+        Raises:
+            ConnectionError: It is not connected, or a motor did not confirm the stop.
+        """
         if self._arm is None:
             raise ConnectionError(f"{self.name} is not connected")
-        told = self._let_go()
-        if told["status"] != "success":
-            raise ConnectionError(_text(told))
+        result = self._let_go()
+        if result["status"] != "success":
+            raise ConnectionError(_text(result))
 
     def _let_go(self) -> Any:
         arm, self._arm = self._arm, None
@@ -120,13 +134,18 @@ class StrandsRobot(Robot):
         service = self._arm.driver.BEFORE_MOTION
         if not (self.config.prepare and service):
             return
-        if (told := self._arm.service(service))["status"] != "success":
-            raise ConnectionError(_text(told))
+        if (result := self._arm.service(service))["status"] != "success":
+            raise ConnectionError(_text(result))
 
-    # -- its loop
+    # -- the control loop
 
     def get_observation(self) -> dict[str, Any]:
-        """Raise ``ConnectionError`` when the newest reading is older than ``OLDEST_S``."""
+        """Return the newest reading of each joint, and the newest picture of each camera.
+
+        Raises:
+            ConnectionError: It is not connected, the newest reading is older than ``OLDEST_S``, or a
+                joint was never read.
+        """
         self._require("get_observation")
         observed: dict[str, Any] = self._measured()
         for name, camera in self.cameras.items():
@@ -134,14 +153,19 @@ class StrandsRobot(Robot):
         return observed
 
     def send_action(self, action: Mapping[str, Any]) -> dict[str, float]:
-        """Return what was accepted: of a refused action the last one that was not. Raise
-        ``ConnectionError`` when ``refusals`` in a row were refused."""
+        """Send an action, and return the newest action that was accepted.
+
+        A refused action is not sent. Then the previous accepted action is returned.
+
+        Raises:
+            ConnectionError: It is not connected, or ``config.refusals`` actions in a row were refused.
+        """
         self._require("send_action")
         own = self._own(action)
-        told = self._arm.send_action(own)
-        if told["status"] == "success":
+        result = self._arm.send_action(own)
+        if result["status"] == "success":
             self._refused = 0
-            commanded = told["content"][0]["json"].get("commanded", own)
+            commanded = result["content"][0]["json"].get("commanded", own)
             self._accepted |= {
                 feature.key: feature.to_lerobot(commanded[feature.axis])
                 for feature in self._features
@@ -150,14 +174,14 @@ class StrandsRobot(Robot):
             return dict(self._accepted)
         self._refused += 1
         if self._refused >= self.config.refusals:
-            raise ConnectionError(f"{self._refused} actions in a row were refused, the last: {_text(told)}")
+            raise ConnectionError(f"{self._refused} actions in a row were refused, the last: {_text(result)}")
         if self._refused == 1:
-            _log.warning("%s: %s", self.name, _text(told))
+            _log.warning("%s: %s", self.name, _text(result))
         return dict(self._accepted)
 
     def _own(self, action: Mapping[str, Any]) -> dict[str, Any]:
-        """Return an action of LeRobot's by our axes. A key of nobody's goes on as it is, and is
-        refused there by its name."""
+        """Return an action of LeRobot with our axes and units. An unknown key stays unchanged, so that
+        the gate's refusal names it."""
         own: dict[str, Any] = {}
         for key, value in action.items():
             feature = self._by_key.get(key)
@@ -166,28 +190,29 @@ class StrandsRobot(Robot):
 
     def _measured(self) -> dict[str, float]:
         until_s = time.monotonic() + OLDEST_S
-        while (told := self._arm.state())["status"] != "success":
-            if time.monotonic() > until_s:  # until then a busy machine may be all that is wrong
-                raise ConnectionError(_text(told))
+        # A busy computer may be the only reason for a missing reading, so try again until then.
+        while (result := self._arm.state())["status"] != "success":
+            if time.monotonic() > until_s:
+                raise ConnectionError(_text(result))
             time.sleep(AGAIN_S)
-        state = told["content"][0]["json"]
+        state = result["content"][0]["json"]
         if not state["age_s"] <= OLDEST_S:
             raise ConnectionError(
                 f"{self.name}: the newest reading is {state['age_s']:.1f} s old. check its cable and power"
             )
-        found = {feature: state["positions"].get(feature.axis) for feature in self._observed}
-        if missing := [feature.key for feature, value in found.items() if value is None]:
+        values = {feature: state["positions"].get(feature.axis) for feature in self._observed}
+        if missing := [feature.key for feature, value in values.items() if value is None]:
             raise ConnectionError(f"{self.name}: {', '.join(missing)} was never read. check its cable and power")
-        return {feature.key: feature.to_lerobot(value) for feature, value in found.items()}
+        return {feature.key: feature.to_lerobot(value) for feature, value in values.items()}
 
-    def _require(self, what: str) -> None:
+    def _require(self, method: str) -> None:
         if self._arm is None:
-            raise ConnectionError(f"{what}: {self.name} is not connected. call connect() first")
+            raise ConnectionError(f"{method}: {self.name} is not connected. call connect() first")
 
     # -- the handle
 
     def _handle(self) -> Any:
-        """Return a new handle: one that was cleaned up connects no more."""
+        """Return a new handle. One that was cleaned up cannot connect again."""
         config = self.config
         keywords: dict[str, Any] = {"mode": "real"}
         if name := config.name or config.id:
@@ -205,12 +230,15 @@ class StrandsRobot(Robot):
 
 
 def _last_word(stopped: Any, ended: Any) -> Any:
-    """Return what became of the motors. What ended the tree has stopped the robot once more; a
-    robot of another host goes on there, and nothing of ours was ended."""
-    says = ended["status"] != "success" or "motors" in ended["content"][0]["json"]
-    return ended if says else stopped
+    """Return the result that reports the motors.
+
+    ``cleanup`` stops a robot of this host once more and reports its motors. A robot of another host keeps
+    running there, and ``cleanup`` reports no motors. Then the result of ``stop`` counts.
+    """
+    reports = ended["status"] != "success" or "motors" in ended["content"][0]["json"]
+    return ended if reports else stopped
 
 
-def _text(told: Mapping[str, Any]) -> str:
-    text: str = told["content"][0]["text"]
+def _text(result: Mapping[str, Any]) -> str:
+    text: str = result["content"][0]["text"]
     return text

@@ -1,5 +1,7 @@
-"""Between a robot's own axes and LeRobot's features: ``shoulder_pan.pos`` in degrees, or in shares
-of the calibrated range. Pure."""
+"""Convert between a robot's axes and LeRobot's features. Pure.
+
+A feature is ``shoulder_pan.pos`` in degrees, or from -100 to 100 over the joint's calibrated range.
+"""
 
 import math
 from collections.abc import Mapping
@@ -7,11 +9,11 @@ from collections.abc import Mapping
 from strands_actors.contract import Axis, AxisMode, ReadOnlyJoint
 
 DEGREES = {"rad": math.degrees(1.0), "rad/s": math.degrees(1.0)}
-"""LeRobot counts angles in degrees; some of our robots in radians."""
+"""Factors to LeRobot's unit of angles, degrees. Some of our drivers use radians."""
 
 
 class Feature:
-    """One number of an action or observation. ``key``: its name in LeRobot."""
+    """One number of an action or observation. ``key`` is its name in LeRobot."""
 
     def __init__(self, axis: str, scale: float, offset: float, is_velocity: bool = False) -> None:
         self.axis = axis
@@ -30,8 +32,17 @@ class Feature:
 def features(
     robot: str, axes: tuple[Axis, ...], travel: Mapping[str, tuple[float, float]], use_degrees: bool
 ) -> tuple[Feature, ...]:
-    """Return a feature an axis, in order. Raise ``ValueError`` when shares of a calibrated range
-    are wanted and there is no calibration."""
+    """Return one feature per axis, in order.
+
+    Args:
+        robot: The robot's name, for the message.
+        axes: The driver's axes.
+        travel: Calibrated range (low, high) of each axis; empty without a calibration.
+        use_degrees: True for degrees, False for -100 to 100 over the calibrated range.
+
+    Raises:
+        ValueError: ``use_degrees`` is False and there is no calibration.
+    """
     if not use_degrees and not travel:
         raise ValueError(
             f"use_degrees=false counts in shares of each joint's calibrated range, and {robot} has no calibration. "
@@ -41,7 +52,7 @@ def features(
 
 
 def observed_features(joints: tuple[ReadOnlyJoint, ...]) -> tuple[Feature, ...]:
-    """Return a feature for each joint that is observed and takes no action, always in degrees."""
+    """Return a feature for each joint that is observed but not commanded. Its angle is in degrees."""
     return tuple(Feature(joint.key, DEGREES.get(joint.unit, 1.0), 0.0) for joint in joints)
 
 

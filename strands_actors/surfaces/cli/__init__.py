@@ -1,12 +1,12 @@
-"""The command ``strands-actors``. Each command imports what it needs when it runs, so that --help
-is quick."""
+"""The command ``strands-actors``. Each command imports its modules only when it runs, so that --help is
+quick."""
 
 from __future__ import annotations
 
 import os
 import sys
 from collections.abc import Sequence
-from json import dumps as json_of  # commands have an option of the module's name
+from json import dumps as json_of  # commands have an option named "json"
 from pathlib import Path
 from typing import Annotated
 
@@ -64,7 +64,7 @@ def demo(
 
 @app.command("list")
 def list_(all_: Every = False, json: Json = False) -> None:
-    """The robots that this machine can drive, and who drives them."""
+    """List the robots that this machine can drive, and by which driver."""
     from .robots import show_robots
 
     show_robots(as_json=json, every=all_)
@@ -72,7 +72,7 @@ def list_(all_: Every = False, json: Json = False) -> None:
 
 @app.command()
 def tree(json: Json = False) -> None:
-    """The robots that run now: their processes and actors."""
+    """Show the running robots: their processes and actors."""
     from .trees import show_trees
 
     raise typer.Exit(show_trees(as_json=json))
@@ -80,7 +80,7 @@ def tree(json: Json = False) -> None:
 
 @app.command()
 def top() -> None:
-    """The same, live; stop, e-stop and resume by a key."""
+    """Show the running robots live; stop, e-stop and resume by a key."""
     from .top import run as show
 
     raise typer.Exit(show())
@@ -88,7 +88,7 @@ def top() -> None:
 
 @app.command()
 def doctor(json: Json = False) -> None:
-    """What this machine lacks to run robots, and the remedies."""
+    """Find out what this machine lacks to run robots, with remedies."""
     from .doctor import run as examine
 
     raise typer.Exit(examine(as_json=json))
@@ -112,7 +112,7 @@ def estop(robot: Which = None, all_: All = False, mesh: Mesh = None, json: Json 
 
 @app.command()
 def resume(robot: Which = None, all_: All = False, mesh: Mesh = None, json: Json = False) -> None:
-    """Lift a lockout and energise; starts no motion."""
+    """Lift a lockout and energise a robot; starts no motion."""
     from .orders import resume as run
 
     one_or_all("resume", robot, all_)
@@ -142,8 +142,8 @@ def trace(
     seconds: Annotated[float | None, typer.Option(min=0.1, callback=finite, help="End after so long.")] = None,
     json: Json = False,
 ) -> None:
-    """Print what a robot's actors tell each other: who, whom, which message, how old. Of this
-    user's own robots."""
+    """Print the messages between a robot's actors: sender, receiver, type, age. For this user's robots
+    only."""
     from .trace import trace as run
 
     run(robot, json, count, seconds)
@@ -158,7 +158,7 @@ def hz(
         float | None, typer.Option(min=0.1, callback=finite, help="Listen so long, then end.")
     ] = None,
 ) -> None:
-    """How often a robot publishes what."""
+    """Measure how often a robot publishes each topic."""
     from .listen import hz as run
 
     run(what, mesh, as_json=json, seconds=seconds)
@@ -173,7 +173,7 @@ def send(
     mesh: Mesh = None,
     json: Json = False,
 ) -> None:
-    """Move a robot whose lease is free."""
+    """Move a robot. Its lease must be free."""
     from .send import send as run
 
     raise typer.Exit(run(robot, targets, seconds, resume, mesh, as_json=json))
@@ -186,7 +186,7 @@ def calibrate(
     id_: Annotated[str | None, typer.Option("--id", help="Its name; the file is called so.")] = None,
     json: Json = False,
 ) -> None:
-    """Find the middle and the ends of a robot's joints, or a leader's, by hand."""
+    """Calibrate the joints of a robot or a leader, by moving them by hand."""
     from .calibrate import calibrate as run
 
     raise typer.Exit(run(robot, port, id_, json))
@@ -210,7 +210,7 @@ def ports(
     also: Annotated[list[str] | None, typer.Option(metavar="PATH", help="Look at these, too.")] = None,
     json: Json = False,
 ) -> None:
-    """Find out which serial adapter is which robot's, by unplugging it."""
+    """Find out which serial adapter belongs to a robot, by unplugging it."""
     from .calibrate import ports as run
 
     raise typer.Exit(run(also or [], json))
@@ -257,7 +257,7 @@ app.add_typer(meshes)
 
 @meshes.command()
 def status(mesh: Mesh = None, json: Json = False) -> None:
-    """The robots on the mesh."""
+    """List the robots on the mesh."""
     from .mesh import status as run
 
     run(mesh, as_json=json)
@@ -272,8 +272,8 @@ def keys(
     days: Annotated[int, typer.Option(min=1, max=36_500, help="For which they are valid.")] = 365,
     json: Json = False,
 ) -> None:
-    """Make a certificate authority, and certificates for robots, operator and viewer. Again for
-    robots that come later: the authority stays."""
+    """Make a certificate authority, and certificates for robots, operator and viewer. Run it again for
+    more robots: the authority is kept."""
     from .mesh import keys as run
 
     run(directory, robot or [], host or [], name or [], days, as_json=json)
@@ -307,7 +307,7 @@ def record(
     ] = None,
     json: Json = False,
 ) -> None:
-    """Record all that a running robot is told, decides and does; or episodes to learn from."""
+    """Record all commands, decisions and actions of a running robot; or episodes for training."""
     if (out is None) == (dataset is None):
         which = "-o FILE, or --dataset DIR" if out is None else "-o FILE or --dataset DIR: one of the two"
         raise Problem(f"record: give {which}")
@@ -336,7 +336,7 @@ DatasetDirectory = Annotated[Path, typer.Argument(metavar="DIR", help="The datas
 
 @datasets.command("show")
 def show_dataset(root: DatasetDirectory, json: Json = False) -> None:
-    """Its episodes, and what is wrong with them."""
+    """List the episodes of a dataset, and their defects."""
     from .dataset import show as run
 
     raise typer.Exit(run(root, as_json=json))
@@ -354,7 +354,7 @@ def play_dataset(
     mesh: Mesh = None,
     json: Json = False,
 ) -> None:
-    """Move a robot whose lease is free along an episode."""
+    """Move a robot along an episode. Its lease must be free."""
     from .play import play as run
 
     raise typer.Exit(run(root, robot, episode, units, resume, mesh, as_json=json))
@@ -366,7 +366,7 @@ def repair_dataset(
     drop: Annotated[bool, typer.Option("--drop", help="Remove instead what nobody has finished.")] = False,
     json: Json = False,
 ) -> None:
-    """Make episodes of what a recorder that was killed has left."""
+    """Make episodes of the files that a killed recorder has left."""
     from .dataset import repair as run
 
     raise typer.Exit(run(root, drop, as_json=json))
@@ -378,7 +378,7 @@ def compact_dataset(
     out: Annotated[Path, typer.Option("-o", "--out", help="Where the copy goes.")],
     json: Json = False,
 ) -> None:
-    """Copy it into few files, as LeRobot lays them out."""
+    """Copy a dataset into few files, as LeRobot lays them out."""
     from .dataset import compact as run
 
     raise typer.Exit(run(root, out, as_json=json))
@@ -401,7 +401,7 @@ def replay(
     recording: Annotated[Path, typer.Argument(help="A file that `record` wrote.")],
     json: Json = False,
 ) -> None:
-    """Decide a recording anew, and compare every decision."""
+    """Repeat every decision of a recording, and compare."""
     from .record import replay as run
 
     raise typer.Exit(run(recording, as_json=json))
@@ -466,22 +466,28 @@ def matrix(
     ] = None,
     json: Json = False,
 ) -> None:
-    """Break everything there is to break on the twins, and measure."""
+    """Break each process and link of the twins in turn, and measure."""
     from .matrix import run as measure
 
     raise typer.Exit(measure(drivers, repeats, out, json, jobs, resume, pairs, victims))
 
 
 def main() -> None:
-    """Entry of the console script."""
+    """Run the console script."""
     sys.exit(run(sys.argv[1:]))
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Run one command and return its exit code: 0 when all is well, 1 when what was asked for did
-    not succeed (a robot that is not confirmed safe, a recording that differs), 2 when it could not
-    be asked, 130 when it was interrupted. What goes wrong is one line on stderr, and with --json an
-    object with ``error`` on stdout."""
+    """Run one command and return its exit code.
+
+    A failure is one line on stderr and, with --json, also an object with ``error`` on stdout.
+
+    Returns:
+        0: The command succeeded.
+        1: It ran, but without success (a robot is not confirmed safe, a recording differs).
+        2: It could not run.
+        130: It was interrupted.
+    """
     try:
         return _run(arguments)
     except Ended as ended:
@@ -492,7 +498,7 @@ def run(arguments: Sequence[str]) -> int:
 
 
 class Ended(Exception):
-    """A command could not be done; the text is the line that says why."""
+    """A command could not run. The text is the one line that explains why."""
 
 
 def _run(arguments: Sequence[str]) -> int:
@@ -507,7 +513,7 @@ def _run(arguments: Sequence[str]) -> int:
     except (Problem, MissingExtra, OSError) as problem:
         raise Ended(_line(str(problem))) from problem
     except Exception as error:
-        usage = getattr(error, "format_message", None)  # typer's own, whichever version
+        usage = getattr(error, "format_message", None)  # an error of typer, in any of its versions
         if usage is None:
             raise
         raise Ended(_line(usage())) from error
@@ -515,14 +521,14 @@ def _run(arguments: Sequence[str]) -> int:
 
 
 def _ended(error: BaseException) -> int:
-    """What happened in a task comes in groups: by the first in it."""
+    """Return the exit code for the first error of an exception group, or raise it."""
     first = error
     while isinstance(first, BaseExceptionGroup):
         first = first.exceptions[0]
     match first:
         case KeyboardInterrupt():
             return INTERRUPTED
-        case BrokenPipeError():  # who read our output has seen enough
+        case BrokenPipeError():  # the reader of our output (``head``) has closed the pipe
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return 0
         case Problem() | RecordingError() | OSError():
@@ -531,5 +537,5 @@ def _ended(error: BaseException) -> int:
 
 
 def _line(text: str) -> str:
-    """Return it in one line, for who types commands."""
+    """Return a message as one line, with commands in the place of Python calls."""
     return " ".join(text.split()).replace("strands_actors.list_robots()", "`strands-actors list`")

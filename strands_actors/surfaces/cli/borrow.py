@@ -24,15 +24,15 @@ RELEASE_S = 1.0
 
 
 async def borrow(robot: str, mesh: Path | None, use: Callable[[RobotTree], Awaitable[str]]) -> str:
-    """Run ``use`` with a robot, then release it.
+    """Run ``use`` with a robot, then release the robot's lease.
 
     Args:
-        robot: Its name.
-        mesh: How to reach robots elsewhere.
-        use: Returns why it failed. Empty: it did not.
+        robot: The robot's name.
+        mesh: A TOML file with the endpoints of robots on other hosts; None for this user's robots.
+        use: Uses the robot. Returns why it failed; empty if it succeeded.
 
     Returns:
-        Why ``use`` or the release failed. Empty: neither did.
+        Why ``use`` or the release failed; empty if both succeeded.
 
     Raises:
         Problem: The mesh cannot be joined.
@@ -43,22 +43,26 @@ async def borrow(robot: str, mesh: Path | None, use: Callable[[RobotTree], Await
             try:
                 why = await use(tree)
             finally:
-                with trio.move_on_after(RELEASE_S, shield=True):  # it holds; its own program may have it again
+                # After the release the robot holds, and its own program may acquire the lease again.
+                with trio.move_on_after(RELEASE_S, shield=True):
                     released = await verbs.release(tree)
             if why or (released is not None and released["status"] == "success"):
                 return why
             return released["content"][0]["text"] if released is not None else "release: no answer"
-    except ConnectionError as failure:  # nobody was asked
+    except ConnectionError as failure:  # no request was sent
         raise Problem(str(failure)) from failure
     except (NotConnected, AskTimeout, Unreachable) as failure:
         return str(failure)
 
 
 def refuse(robot: str, done: str, why: str, as_json: bool) -> int:
-    """Print why something was not done. ``done``: its name in JSON.
+    """Print why a command failed, and return its exit code.
 
-    Returns:
-        The command's exit code.
+    Args:
+        robot: The robot's name.
+        done: The key in the JSON output that is false.
+        why: The reason.
+        as_json: Print JSON.
     """
     if as_json:
         print(json.dumps({"robot": robot, done: False, "detail": why}))

@@ -1,4 +1,4 @@
-"""``calibrate``, ``setup-motors`` and ``ports``: what is done once, when a robot is built."""
+"""``calibrate``, ``setup-motors`` and ``ports``: the commands for a newly built robot."""
 
 from __future__ import annotations
 
@@ -38,7 +38,8 @@ BY_ID = "/dev/serial/by-id/*"
 
 
 def calibrate(robot: str, port: str, robot_id: str | None, as_json: bool) -> int:
-    """Bring the joints to their middle and through their range by hand; write LeRobot's file."""
+    """Let the user move the joints to their middle and through their range, and write LeRobot's calibration
+    file. Return the exit code."""
     name, driver_class = _of_servos(robot, "calibrate")
     setup = _setup(driver_class, name, port)
     table = driver_class.TABLES.robots[name]
@@ -70,7 +71,7 @@ def calibrate(robot: str, port: str, robot_id: str | None, as_json: bool) -> int
 
 
 def _file(driver_class: Any, name: str, robot_id: str) -> Path:
-    """Return the file of a calibration, which can be written. Raise ``Problem``."""
+    """Return the path of a calibration file. Raise ``Problem`` if it cannot be written."""
     if leader_name(name) is None and not is_tool_name(robot_id):
         raise Problem(f"calibrate: --id is {shown(robot_id)}, and {name} cannot be called so. use {TOOL_NAMES}")
     try:
@@ -87,19 +88,20 @@ def _file(driver_class: Any, name: str, robot_id: str) -> Path:
 
 
 def setup_motors(robot: str, port: str, joints: Sequence[str], as_json: bool) -> int:
-    """Give each servo its id, alone on the bus, the last joint first."""
+    """Give each servo its id, while it is alone on the bus. The last joint comes first. Return the exit
+    code."""
     name, driver_class = _of_servos(robot, "setup-motors")
     setup = _setup(driver_class, name, port)
     known = {axis.key: axis for axis in setup.axes}
     if wrong := [joint for joint in joints if joint not in known]:
         raise Problem(f"setup-motors: {name} has no {', '.join(wrong)}. it has {', '.join(known)}")
-    wanted = [axis for key, axis in reversed(known.items()) if not joints or key in joints]
+    chosen = [axis for key, axis in reversed(known.items()) if not joints or key in joints]
     person = Terminal(quiet=as_json)
-    told = []
+    servos = []
 
     async def run() -> None:
         try:
-            for axis in wanted:
+            for axis in chosen:
                 await person.ready(f"connect the servo of {axis.key}, and no other")
                 found = await setup.seek()
                 if len(found) != 1:
@@ -108,19 +110,19 @@ def setup_motors(robot: str, port: str, joints: Sequence[str], as_json: bool) ->
                         f"setup-motors: there must be one servo, and there is {there}. Connect one alone"
                     )
                 await setup.adopt(found[0], axis)
-                told.append({"joint": axis.key, "was": found[0].id, "id": axis.id})
+                servos.append({"joint": axis.key, "was": found[0].id, "id": axis.id})
                 person.say(f"{axis.key}: id {found[0].id} -> {axis.id}")
         finally:
             setup.close()
 
     _run(run, "setup-motors")
     if as_json:
-        print(json.dumps({"robot": name, "servos": told}))
+        print(json.dumps({"robot": name, "servos": servos}))
     return 0
 
 
 def ports(also: Sequence[str], as_json: bool) -> int:
-    """Say which serial adapter is which: by unplugging it."""
+    """Find the serial adapter that the user unplugs, and print it. Return the exit code."""
     person = Terminal(quiet=as_json)
     before = serial_ports(also)
     if not as_json:
@@ -148,8 +150,11 @@ def ports(also: Sequence[str], as_json: bool) -> int:
 
 
 def serial_ports(also: Sequence[str] = ()) -> dict[str, str]:
-    """Serial devices that are there, and what is known of each: the adapter, and a path of it that
-    stays. ``also``: other paths to look at, with wildcards."""
+    """Return the serial devices by path, each with a text: USB ids, product and permanent path.
+
+    Args:
+        also: Further paths to look at, with wildcards.
+    """
     from serial.tools import list_ports
 
     stay = {os.path.realpath(link): link for link in glob(BY_ID)}
@@ -163,7 +168,7 @@ def serial_ports(also: Sequence[str] = ()) -> dict[str, str]:
 
 
 def _of_servos(robot: str, verb: str) -> tuple[str, Any]:
-    """Return the name and the class of a robot, or leader, of servos."""
+    """Return the name and the driver class of a robot or leader with servos. Raise ``Problem`` for others."""
     leader = leader_name(robot)
     driver_class = get_native_driver_class(robot) if leader is None else list_leaders()[leader]
     if driver_class is None and canonical_name(robot) not in list_driver_coverage():
@@ -176,7 +181,7 @@ def _of_servos(robot: str, verb: str) -> tuple[str, Any]:
 
 
 def _setup(driver_class: Any, name: str, port: str) -> Any:
-    # without a calibration: what is there may be what is to be mended
+    # Do not read the calibration file, because it may be the one that has to be replaced.
     driver = driver_class(name, port, driver_class.resolve(name, {}))
     return load(driver_class.SETUP)(driver.config, MonotonicClock())
 
@@ -189,7 +194,7 @@ def _run(work: Callable[[], Any], verb: str) -> Any:
 
 
 class Terminal:
-    """The person in front of this terminal: reads, moves, presses Enter."""
+    """The dialog with the user at this terminal: instructions, and Enter."""
 
     def __init__(self, quiet: bool) -> None:
         self._lines = 0
@@ -201,7 +206,7 @@ class Terminal:
             print(text, file=sys.stderr, flush=True)
 
     async def ready(self, text: str) -> None:
-        """Say what is to be done, and wait for Enter."""
+        """Print an instruction, and wait for Enter."""
         self.say(f"{text}, then press Enter")
         self._lines = 0
         while True:
@@ -213,7 +218,7 @@ class Terminal:
             await trio.sleep(TURN_S)
 
     def show(self, ranges: Any) -> None:
-        """Redraw what was found of each joint. Nothing where that cannot be seen."""
+        """Redraw the range of each joint. Do nothing if stderr is no terminal."""
         if not self._redraws:
             return
         up = f"\x1b[{self._lines}A" if self._lines else ""

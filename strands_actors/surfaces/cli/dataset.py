@@ -42,7 +42,7 @@ BAR = 12
 
 
 class Screen:
-    """Lines on stderr, and below them one that changes, on a terminal."""
+    """Prints lines on stderr and, on a terminal, a line of progress below them."""
 
     def __init__(self, as_json: bool) -> None:
         self._is_live = sys.stderr.isatty() and not as_json
@@ -63,7 +63,7 @@ class Screen:
 
 
 def line_of(now: Progress) -> str:
-    """The line of progress."""
+    """Return the line of progress."""
     bar = ""
     if now.of:
         full = min(BAR, BAR * now.done // now.of)
@@ -72,8 +72,13 @@ def line_of(now: Progress) -> str:
 
 
 def record(order: Order, keys: str | None, as_json: bool) -> int:
-    """Until it is ended. ``keys``: where else than in this terminal its keys are: the name of a
-    page, perhaps with where it listens."""
+    """Record a dataset until the demonstrator ends it. Return the exit code.
+
+    Args:
+        order: The options of the recording.
+        keys: The page with the keys, with its address if not the default one; None for no page.
+        as_json: Print the summary as JSON.
+    """
     screen, onlooker = Screen(as_json), Onlooker()
     is_terminal = os.isatty(STDIN)
     name, host, port = _page(keys)
@@ -82,7 +87,7 @@ def record(order: Order, keys: str | None, as_json: bool) -> int:
         if is_terminal:
             await read_keys(command)
         else:
-            # a page may go on when standard input has ended
+            # Without standard input, a page or a timer may still control the recording.
             goes_on = order.seconds is not None or bool(name)
             await read_words(command, lambda: None if goes_on else command("quit"))
 
@@ -121,13 +126,14 @@ def record(order: Order, keys: str | None, as_json: bool) -> int:
 
 
 def is_achieved(order: Order, summary: Summary) -> bool:
-    """Whether there is what was asked for. Who ends it by a key, or Ctrl-C, has wanted no more."""
+    """Return True unless the robot ended before all requested episodes were saved. A user who ends the recording
+    by a key or Ctrl-C does not want more episodes."""
     has_all = order.episodes is None or len(summary.episodes) >= order.episodes
     return summary.ended != GONE or (has_all and not summary.left)
 
 
 def _page(keys: str | None) -> tuple[str, str, int]:
-    """Its name, and where it listens; no name: there is none."""
+    """Return the page's name, host and port. The name is empty for no page."""
     if keys is None:
         return "", "", 0
     name, _, listen = keys.partition(":")
@@ -142,7 +148,7 @@ def _page(keys: str | None) -> tuple[str, str, int]:
 
 
 def _summed_up(summary: Summary) -> str:
-    lines = [_told(one) for one in summary.episodes]
+    lines = [_line(one) for one in summary.episodes]
     lines.append(
         f"{summary.dataset}: {len(summary.episodes)} episodes in {summary.seconds:.1f} s, "
         f"{summary.total_episodes} in all; {summary.ended}"
@@ -158,11 +164,12 @@ def _aside(dataset: str) -> Path:
     return Path(dataset) / STAGING / ASIDE
 
 
-def _told(one: EpisodeSummary) -> str:
+def _line(one: EpisodeSummary) -> str:
     return f"  {one.episode}: {one.frames} frames, {one.seconds:.1f} s, {one.marks or 'nothing missing'}"
 
 
 def show(root: Path, as_json: bool) -> int:
+    """Print the contents and the defects of a dataset. Return the exit code."""
     try:
         shown = look_at(root)
     except RecordingError as problem:
@@ -206,6 +213,7 @@ def _print(shown: Shown) -> None:
 
 
 def repair(root: Path, drop: bool, as_json: bool) -> int:
+    """Repair a dataset, and print the result. Return 1 if it still has defects, else 0."""
     try:
         report = do_repair(root, drop)
     except DamagedError as damage:
@@ -235,10 +243,12 @@ def _not_achieved(command: str, damage: DamagedError) -> int:
 
 
 def compact(root: Path, out: Path, as_json: bool) -> int:
+    """Copy a dataset into few files. Return 1 if it is damaged, else 0."""
     return _copy("compact", make_compact, root, out, as_json)
 
 
 def convert(root: Path, out: Path, as_json: bool) -> int:
+    """Copy a dataset of version 2 as version 3. Return 1 if it is damaged, else 0."""
     return _copy("convert", do_convert, root, out, as_json)
 
 

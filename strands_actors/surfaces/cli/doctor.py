@@ -1,7 +1,8 @@
-"""``doctor``: what this machine lacks to run robots, each with its remedy in one line.
+"""``doctor``: check whether this computer can run robots. Each finding has its remedy in one line.
 
-``ok`` needs nothing, ``weak`` says what works less well or not at all beside the robots themselves,
-``broken`` is something every robot needs: then the exit code is 1.
+* ``ok``: nothing to do.
+* ``weak``: robots run, but something works less well, or an optional feature is missing.
+* ``broken``: every robot needs this. The exit code is 1.
 """
 
 from __future__ import annotations
@@ -25,16 +26,16 @@ from strands_actors.kernel.processes.interpreter import PYTHON
 
 OK, WEAK, BROKEN = "ok", "weak", "broken"
 PYTHONS = ((3, 11), (3, 14))
-"""Oldest and newest that this version is tested with."""
+"""The oldest and newest version that this package is tested with."""
 GL_S = 20.0
-"""How long making a picture may take: a GL driver that hangs is as bad as none."""
+"""Timeout for making a picture, in seconds. A GL driver that hangs is as bad as a missing one."""
 DISTRIBUTION = "strands-actors"
 LOAD = "load"
 
 
 @dataclass(frozen=True)
 class Check:
-    """One line of the answer."""
+    """One finding: its name, its state, a description and the remedy."""
 
     name: str
     state: str
@@ -43,7 +44,7 @@ class Check:
 
 
 def run(as_json: bool) -> int:
-    """Print every check; 1 when something that every robot needs is broken."""
+    """Print every finding. Return 1 if something that every robot needs is broken, else 0."""
     checks = list(examine())
     healthy = all(check.state != BROKEN for check in checks)
     if as_json:
@@ -54,7 +55,7 @@ def run(as_json: bool) -> int:
 
 
 def examine() -> Iterator[Check]:
-    """Each part of the machine in turn. One that raises is itself a finding."""
+    """Yield the findings of every check. A check that raises is itself a finding."""
     parts: tuple[Callable[[], Iterator[Check]], ...] = (
         check_python,
         check_kernel,
@@ -74,7 +75,7 @@ def examine() -> Iterator[Check]:
         name = part.__name__.removeprefix("check_")
         try:
             yield from part()
-        except Exception as error:  # whatever a machine can be missing
+        except Exception as error:  # a computer can lack anything
             yield Check(
                 name, BROKEN, f"{type(error).__name__}: {error}", "report this: doctor has no remedy for it"
             )
@@ -131,19 +132,19 @@ def check_scheduling() -> Iterator[Check]:
 
 
 def check_load() -> Iterator[Check]:
-    """Return whether this computer has time for a robot now."""
+    """Check whether this computer has time for a robot now."""
     from strands_actors.kernel.health.busy import machine
 
-    seen = machine()
-    if seen.busy:
+    load = machine()
+    if load.busy:
         remedy = "close other programs, or give the robot a computer that does nothing else: docs/safety-faults.md"
-        yield Check(LOAD, WEAK, f"this computer is busy: {seen.text}", remedy)
+        yield Check(LOAD, WEAK, f"this computer is busy: {load.text}", remedy)
     else:
-        yield Check(LOAD, OK, seen.text)
+        yield Check(LOAD, OK, load.text)
 
 
 def check_memory() -> Iterator[Check]:
-    """Return whom the kernel ends when memory runs out."""
+    """Check whether the kernel ends other processes before a robot's when memory runs out."""
     from strands_actors.kernel.processes.identity import LAST, may_be_taken_last
 
     may = may_be_taken_last()
@@ -161,7 +162,7 @@ def check_memory() -> Iterator[Check]:
 
 
 def check_process_one() -> Iterator[Check]:
-    """Return whether a tree outlives its script, which in a container is process 1's to say."""
+    """Check whether a tree outlives its script. In a container this depends on process 1."""
     found = process_one.found()
     if found is None:
         return
@@ -201,7 +202,7 @@ def check_zenoh() -> Iterator[Check]:
         try:
             session: Any = zenoh.open(config([unix_endpoint(f"{directory}/doctor.sock")]))
             session.close()
-        except Exception as error:  # zenoh raises its own kind, which has no better name
+        except Exception as error:  # zenoh raises its own class of errors
             yield Check(
                 "zenoh", BROKEN, f"no session opens: {error}", "pip install --force-reinstall eclipse-zenoh"
             )
@@ -212,7 +213,7 @@ def check_zenoh() -> Iterator[Check]:
 def check_serial() -> Iterator[Check]:
     from serial.tools import list_ports
 
-    known = (port for port in list_ports.comports() if port.hwid != "n/a")  # not the sockets nothing is behind
+    known = (port for port in list_ports.comports() if port.hwid != "n/a")  # not built-in ports without hardware
     ports = sorted(known, key=lambda port: str(port.device))
     usable = []
     for port in ports:
@@ -252,15 +253,15 @@ with mujoco.Renderer(model, 32, 32) as renderer:
 
 
 def check_gl() -> Iterator[Check]:
-    """In processes of their own: a GL library that is loaded once cannot be exchanged, and may
-    crash."""
+    """Check whether MuJoCo can render. Each backend is tried in a separate process, because a GL library
+    cannot be replaced once it is loaded, and may crash."""
     if lacking := missing("pictures", "render()"):
         absent, _, remedy = lacking.partition(". ")
         yield Check("gl", WEAK, absent, remedy)
         return
-    wanted = os.environ.get("MUJOCO_GL")
+    requested = os.environ.get("MUJOCO_GL")
     why = []
-    for backend in (wanted,) if wanted else ("egl", "osmesa"):
+    for backend in (requested,) if requested else ("egl", "osmesa"):
         try:
             done = subprocess.run(
                 [*PYTHON, "-c", _PICTURE],
@@ -290,7 +291,7 @@ def check_drivers() -> Iterator[Check]:
 
     from strands_actors import drivers
 
-    with warnings.catch_warnings(record=True):  # what they say is said below
+    with warnings.catch_warnings(record=True):  # broken drivers are reported below
         warnings.simplefilter("always")
         robots = drivers.list_native_drivers()
     for name, why in sorted(drivers.broken_drivers().items()):
@@ -305,8 +306,8 @@ def check_drivers() -> Iterator[Check]:
 
 
 def check_extras() -> Iterator[Check]:
-    """Return what ``pip install 'strands-actors[...]'`` would add, and what of the rest is
-    missing."""
+    """Check for missing packages, required ones and those of extras (``pip install
+    'strands-actors[...]'``)."""
     try:
         requirements = metadata.requires(DISTRIBUTION) or []
     except metadata.PackageNotFoundError:
@@ -324,15 +325,15 @@ def check_extras() -> Iterator[Check]:
 
 
 def missing_requirements(requirements: Sequence[str]) -> dict[str, list[str]]:
-    """Per extra ("" is none) the distributions that are not installed here. ``test`` is left
-    out."""
+    """Return the distributions that are not installed, by extra. The key "" stands for required ones. The
+    extra ``test`` is left out."""
     found: dict[str, list[str]] = {"": []}
     for requirement in requirements:
         spec, _, marker = requirement.partition(";")
         extra = re.search(r"extra\s*==\s*['\"]([^'\"]+)['\"]", marker)
         name = re.match(r"[A-Za-z0-9._-]+", spec.strip())
         if name is None or name[0] == DISTRIBUTION or (extra and extra[1] == "test"):
-            continue  # [all] names the others
+            continue  # the extra [all] refers to this package's other extras
         if not (_is_for_this_python(marker) and _is_for_this_machine(marker)):
             continue
         absent = found.setdefault(extra[1] if extra else "", [])
@@ -361,7 +362,7 @@ def _is_for_this_machine(marker: str) -> bool:
 def check_robots() -> Iterator[Check]:
     try:
         running = [f"{note.robot} (root {note.pid})" for note in notes()]
-    except PermissionError:  # told above
+    except PermissionError:  # reported by check_directory
         return
     yield Check("robots", OK, f"running: {', '.join(running)}" if running else "none of yours is running")
 
@@ -383,7 +384,7 @@ def _show(checks: list[Check]) -> None:
 
 
 def _verdict(checks: Sequence[Check]) -> str:
-    """Return the last line, where nothing is broken."""
+    """Return the last line if nothing is broken."""
     if any(check.name == LOAD and check.state == WEAK for check in checks):
         return "all parts that a robot needs are here, but this computer has no time for it now"
     return "everything a robot needs is here"

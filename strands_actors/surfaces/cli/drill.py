@@ -25,6 +25,19 @@ Have it at rest on its support, hands off, your hand near its power switch.
 
 
 def run(robot: str, port: str | None, twin: bool, yes: bool, options: list[str], as_json: bool) -> int:
+    """Run the drill after the user's consent.
+
+    Args:
+        robot: The type of the robot.
+        port: The port or address of a real robot; None for the twin.
+        twin: Drill the twin.
+        yes: The user has consented elsewhere.
+        options: ``KEY=VALUE`` keywords of ``Robot``.
+        as_json: Print JSON.
+
+    Returns:
+        The exit code: 0 if the drill was passed, else 1.
+    """
     if (port is None) != twin:
         raise Problem("drill: say which robot: --port PORT for a real one, --twin for its twin")
     keywords = _keywords(options)
@@ -48,8 +61,7 @@ def run(robot: str, port: str | None, twin: bool, yes: bool, options: list[str],
 
 
 def _keywords(options: list[str]) -> dict[str, str]:
-    """``--option KEY=VALUE`` as the keywords of ``Robot``. Values are JSON where they are that,
-    text otherwise."""
+    """Return the options ``KEY=VALUE`` as keywords of ``Robot``. A value that is no valid JSON is text."""
     keywords = {}
     for option in options:
         key, equals, text = option.partition("=")
@@ -66,8 +78,8 @@ def _consent(robot: str, port: str, keywords: dict[str, str]) -> None:
     from strands_actors.caller.plan import plan
 
     try:
-        wanted = plan(robot, "real", port=port, **keywords)
-        driver = wanted.driver_class(wanted.robot, port, wanted.options)
+        planned = plan(robot, "real", port=port, **keywords)
+        driver = planned.driver_class(planned.robot, port, planned.options)
     except (ValueError, TypeError) as refusal:
         raise Problem(f"drill: {refusal}") from refusal
     safe_states = ", ".join(
@@ -89,8 +101,8 @@ def _consent(robot: str, port: str, keywords: dict[str, str]) -> None:
 def _print(robot: str, outcome: Outcome, as_json: bool) -> None:
     if as_json:
         figures = [msgspec.to_builtins(figure) for figure in outcome.figures]
-        told = {"robot": robot, "passed": outcome.passed, "figures": figures}
-        print(json.dumps(told | {"certificate": None if outcome.path is None else str(outcome.path)}))
+        report = {"robot": robot, "passed": outcome.passed, "figures": figures}
+        print(json.dumps(report | {"certificate": None if outcome.path is None else str(outcome.path)}))
         return
     from rich import box
     from rich.console import Console
@@ -98,7 +110,7 @@ def _print(robot: str, outcome: Outcome, as_json: bool) -> None:
     from rich.text import Text
 
     console = Console()
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 0))  # 80 columns for the longest of everything
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 0))  # fits into 80 columns with the longest entries
     for title in ("step", "state", "safe", "bound", "confirmed", "after", "verdict"):
         left = title in ("step", "state", "verdict")
         table.add_column(title, justify="left" if left else "right", no_wrap=True)
@@ -113,7 +125,7 @@ def _print(robot: str, outcome: Outcome, as_json: bool) -> None:
             "ok" if figure.passed else "[bold red]FAILED[/]",
         )
     console.print(table)
-    for figure in outcome.figures:  # below it: in a column of their own they would be cut off
+    for figure in outcome.figures:  # below the table, since a column would cut them off
         if figure.detail:
             text = f"{figure.step}: {figure.detail}" if figure.passed else f"{figure.step} FAILED: {figure.detail}"
             console.print(Text(text, "" if figure.passed else "bold red"))

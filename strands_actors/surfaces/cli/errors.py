@@ -1,7 +1,7 @@
-"""What a command says when it cannot do what it was asked."""
+"""The error of a command that cannot run."""
 
 from __future__ import annotations
 
 
 class Problem(Exception):
-    """One line for the user, on stderr; the command ends with exit code 2."""
+    """A command cannot run. The message is one line on stderr, and the exit code is 2."""

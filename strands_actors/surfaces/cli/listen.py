@@ -1,4 +1,4 @@
-"""``echo`` and ``hz``: what robots publish."""
+"""``echo`` and ``hz``: print the samples that robots publish, and their rates."""
 
 from __future__ import annotations
 
@@ -24,16 +24,29 @@ from .orders import configuration
 
 WINDOW_S = 1.0
 SILENT_S = 3.0
-"""Of a topic that nobody publishes: then it is said. The slowest telemetry comes every two seconds."""
+"""After so long without a sample, in seconds, ``echo`` prints a notice. The slowest telemetry has a period of
+two seconds."""
 LOOK_S = 0.1
 
 
 def echo(what: str, mesh: Path | None, as_json: bool, count: int | None, timeout_s: float | None) -> None:
-    """Raise ``Problem`` when nothing comes for ``timeout_s``; without one it is said, and waited on."""
+    """Print samples.
+
+    Args:
+        what: A robot's name, or a key with wildcards.
+        mesh: A TOML file with the endpoints of robots on other hosts.
+        as_json: Print JSON lines.
+        count: End after so many samples; None for no limit.
+        timeout_s: Longest time without a sample. None: print a notice and wait on.
+
+    Raises:
+        Problem: No sample came for ``timeout_s``.
+    """
     trio.run(_echo, what, mesh, as_json, count, timeout_s)
 
 
 def hz(what: str, mesh: Path | None, as_json: bool, seconds: float | None) -> None:
+    """Print the rate of each topic: once after ``seconds``, or every second if that is None."""
     trio.run(_hz, what, mesh, as_json, seconds)
 
 
@@ -53,15 +66,15 @@ async def _echo(what: str, mesh: Path | None, as_json: bool, count: int | None, 
 
     async with open_mesh(configuration(mesh)) as client:
         await _subscribe(client, what, on_sample)
-        told = False
+        is_announced = False
         while not done.is_set():
             with trio.move_on_after(LOOK_S):
                 await done.wait()
             silent_s = time.monotonic() - last_s
             if timeout_s is not None and silent_s >= timeout_s and not done.is_set():
                 raise Problem(f"nothing came of {what} for {timeout_s:g} s. {_who(client)}")
-            if not (seen or told) and silent_s >= SILENT_S:
-                told = True
+            if not (seen or is_announced) and silent_s >= SILENT_S:
+                is_announced = True
                 print(f"nobody publishes {what} so far; waiting, Ctrl-C ends it. {_who(client)}", file=sys.stderr)
 
 
@@ -90,8 +103,13 @@ async def _hz(what: str, mesh: Path | None, as_json: bool, seconds: float | None
 
 
 def rate(name: str, stamps: list[float], seconds: float) -> dict[str, Any]:
-    """Of one topic: by the time between its samples; of a single one by the time it was listened
-    to."""
+    """Return the rate of one topic, from the times between its samples.
+
+    Args:
+        name: The key of the topic.
+        stamps: When each sample came, in seconds.
+        seconds: The time of listening. It gives the rate if there is only one sample.
+    """
     gaps = [after - before for before, after in itertools.pairwise(stamps)]
     return {
         "key": name,
@@ -107,7 +125,7 @@ def _line(rate: dict[str, Any]) -> str:
 
 
 async def _subscribe(client: MeshClient, what: str, on_sample: Callable[[Received], None]) -> None:
-    """``what``: a robot, or a key with its wildcards."""
+    """Subscribe to all telemetry of a robot, or to a key with wildcards."""
     if "/" in what:
         try:
             keys = [str(zenoh.KeyExpr(what))]

@@ -1,5 +1,4 @@
-"""``matrix``: break what there is to break, on every robot with a twin, and write down what the
-wires show."""
+"""``matrix``: break each process and link of every robot with a twin, and report what the wires show."""
 
 from __future__ import annotations
 
@@ -38,9 +37,21 @@ def run(
     pairs: bool = False,
     victims: str | None = None,
 ) -> int:
-    """Return 1 when a cell is unsafe or past its bound. ``victims``: measure only cells with one of
-    these. What cannot be measured does not take the other rows with it: they are written, and then it
-    is a problem."""
+    """Measure the kill matrix, and write the page. Return 1 if a cell is unsafe or past its bound, else 0.
+
+    Args:
+        drivers: Names of robots, with commas; None for one of each driver.
+        repeats: Trials per cell.
+        out: The page. The columns of other robots in it are kept. None prints it.
+        json: Print JSON.
+        jobs: Number of robots that are broken at the same time.
+        resume: A file that keeps each trial. The trials in it are not repeated.
+        pairs: Break two processes, one shortly after the other.
+        victims: Measure only cells with one of these processes, with commas; None for all.
+
+    Raises:
+        Problem: An argument is wrong, or a cell cannot be measured. All other cells are written before.
+    """
     robots = dict.fromkeys(_chosen(drivers) if drivers else every_column())
     kept = {} if out is None else _kept(out)
     roles = _roles_of(robots)
@@ -73,7 +84,7 @@ def run(
 
 
 def _roles_of(robots: Iterable[str]) -> dict[str, tuple[str, ...]]:
-    """Run each robot's tree once, for the processes that it has."""
+    """Return the processes of each robot. Each tree is run once for this."""
     found = {}
     for robot in robots:
         try:
@@ -85,8 +96,11 @@ def _roles_of(robots: Iterable[str]) -> dict[str, tuple[str, ...]]:
 
 
 def _kept(out: Path) -> Columns:
-    """Return the columns of the page that is there; those that are measured take the place of
-    theirs. Where the page cannot be written is said now, not when hours have been measured."""
+    """Return the columns of the existing page. New measurements replace those of the same robots.
+
+    Raises:
+        Problem: The page cannot be written. This is checked before hours of measuring.
+    """
     path = out.with_suffix(".json")
     folder = out.absolute().parent
     if not folder.is_dir():
@@ -104,7 +118,7 @@ def _kept(out: Path) -> Columns:
 
 
 class _Progress:
-    """A line for each cell that has its trials."""
+    """Prints a line for each cell that is complete or unsafe."""
 
     def __init__(self, trials: Trials, repeats: int) -> None:
         self._trials = trials
@@ -132,7 +146,7 @@ def one_of_each() -> list[str]:
 
 
 def every_column() -> list[str]:
-    """Return these robots, and each of them at its other levels."""
+    """Return the robots of ``one_of_each``, and each of them at its other levels."""
     robots = one_of_each()
     levels = (name for robot in robots for name in getattr(get_native_driver_class(robot), "LEVELS", ()))
     return sorted([*robots, *(name for name in levels if column(name)[0] in robots)])

@@ -1,5 +1,5 @@
-"""``mcp``: a robot as a tool of an MCP client, which starts this command and speaks to it on its
-standard input."""
+"""``mcp``: serve a robot as a tool to an MCP client. The client starts this command, and uses its standard
+input and output."""
 
 from __future__ import annotations
 
@@ -17,17 +17,29 @@ from .errors import Problem
 
 
 def serve_mcp(robot: str, port: str | None, transport: str | None, allow_motion: bool) -> None:
+    """Serve a robot until the client ends.
+
+    Args:
+        robot: The type of the robot.
+        port: The port or address of a real robot.
+        transport: ``twin`` for the twin. Without it and without a port, a simulation is served.
+        allow_motion: Energise the robot, and accept motion.
+
+    Raises:
+        Problem: The robot cannot be connected.
+        KeyboardInterrupt: It was interrupted.
+    """
     require("mcp", "mcp")
     given = {name: value for name, value in (("port", port), ("transport", transport)) if value is not None}
     try:
-        wanted = plan(robot, "real" if given else "sim", **given)
+        planned = plan(robot, "real" if given else "sim", **given)
     except (ValueError, TypeError) as refusal:
         raise Problem(f"mcp: {refusal}") from refusal
     interrupted, problem = False, ""
     try:
-        interrupted = trio.run(_until_interrupted, wanted, allow_motion)
+        interrupted = trio.run(_until_interrupted, planned, allow_motion)
     except* BrokenPipeError:
-        pass  # the client is gone, and the robot safe
+        pass  # the client has ended, and the robot is safe
     except* ConnectionError as failures:
         problem = str(failures.exceptions[0])
     if interrupted:
@@ -36,10 +48,12 @@ def serve_mcp(robot: str, port: str | None, transport: str | None, allow_motion:
         raise Problem(f"mcp: {problem}")
 
 
-async def _until_interrupted(wanted: Plan, allow_motion: bool) -> bool:
-    """Whether it was. The signal is received as an event: as an exception it could be raised
-    between two lines of the server's set-up or clearing away, which would then be left half
-    done."""
+async def _until_interrupted(planned: Plan, allow_motion: bool) -> bool:
+    """Serve until the client or SIGINT ends it. Return True after SIGINT.
+
+    The signal is received as an event. A ``KeyboardInterrupt`` could be raised between any two lines of the
+    server's start or end, and would leave these half done.
+    """
     with trio.open_signal_receiver(signal.SIGINT) as signals, trio.CancelScope() as serving:
 
         async def interrupt() -> None:
@@ -48,13 +62,13 @@ async def _until_interrupted(wanted: Plan, allow_motion: bool) -> bool:
 
         async with open_background() as nursery:
             nursery.start_soon(interrupt)
-            await _serve(wanted, allow_motion)
+            await _serve(planned, allow_motion)
     return serving.cancelled_caught
 
 
-async def _serve(wanted: Plan, allow_motion: bool) -> None:
+async def _serve(planned: Plan, allow_motion: bool) -> None:
     from strands_actors.surfaces.agents.mcp_server import serve
 
-    approval = approval_of(wanted.driver_class, (), ask_on_terminal, APPROVE_S)
-    async with open_tree(wanted, arm=allow_motion) as tree:
+    approval = approval_of(planned.driver_class, (), ask_on_terminal, APPROVE_S)
+    async with open_tree(planned, arm=allow_motion) as tree:
         await serve(AsyncRobot(tree, approval), allow_motion)

@@ -20,17 +20,28 @@ from .errors import Problem
 from .orders import configuration
 
 PRESENCE_S = 0.7
-"""Presence comes twice a second."""
+"""How long to wait for every robot's presence, in seconds. It is published twice per second."""
 
 
 def keys(
     directory: Path, robots: Sequence[str], hosts: Sequence[str], names: Sequence[str], days: int, as_json: bool
 ) -> None:
+    """Make an authority, unless there is one, and certificates. Print the paths of the files.
+
+    Args:
+        directory: The folder for the files.
+        robots: Names of robots on the mesh.
+        hosts: Host names under which these robots are reached.
+        names: Names of further viewers or operators.
+        days: Validity of the certificates.
+        as_json: Print JSON.
+    """
     try:
         from strands_actors.surfaces.mesh.keys import NAMES, make
     except ModuleNotFoundError as error:
         raise Problem(f"{error.name} is not installed: pip install 'strands-actors[mesh]'") from error
-    # Beside an authority that is there already, what is named; first, who watches and commands, too.
+    # The first time, make the certificates of operator and viewer, too. With an existing authority, make only
+    # the named ones.
     usual = () if (directory / "ca.pem").exists() and (names or robots) else NAMES
     try:
         files = make(directory, tuple(dict.fromkeys((*usual, *names))), hosts, days, robots)
@@ -43,6 +54,7 @@ def keys(
 
 
 def status(mesh: Path | None, as_json: bool) -> None:
+    """Print the robots on the mesh and their states."""
     robots = trio.run(_status, mesh)
     if as_json:
         print(json.dumps({"robots": robots}))
@@ -74,9 +86,9 @@ async def _status(mesh: Path | None) -> list[dict[str, Any]]:
     found: dict[str, dict[str, Any]] = {}
 
     def on_presence(received: Received) -> None:
-        told = msgspec.json.decode(received.payload)
-        if isinstance(told, dict):
-            presence[received.key.split("/")[1]] = told
+        message = msgspec.json.decode(received.payload)
+        if isinstance(message, dict):
+            presence[received.key.split("/")[1]] = message
         if set(client.robots) <= set(presence):
             seen.set()
 
@@ -91,8 +103,9 @@ async def _status(mesh: Path | None) -> list[dict[str, Any]]:
     return [found[robot] for robot in sorted(found)]
 
 
-async def _ask(client: MeshClient, robot: str, told: dict[str, Any], found: dict[str, dict[str, Any]]) -> None:
-    await client.request(robot, Status())  # a robot that has not been asked for a while looks less often
+async def _ask(client: MeshClient, robot: str, presence: dict[str, Any], found: dict[str, dict[str, Any]]) -> None:
+    # A robot without recent requests polls less often. So only the second request is timed.
+    await client.request(robot, Status())
     asked = trio.current_time()
     status = await client.request(robot, Status())
     took_ms = round(1e3 * (trio.current_time() - asked), 1)
@@ -100,10 +113,10 @@ async def _ask(client: MeshClient, robot: str, told: dict[str, Any], found: dict
     found[robot] = {
         "robot": robot,
         "reachable": reachable,
-        "state": told.get("state", "unreachable"),
-        "hw": told.get("hw", ""),
-        "host": told.get("hostname", ""),
-        "epoch": told.get("epoch", 0),
+        "state": presence.get("state", "unreachable"),
+        "hw": presence.get("hw", ""),
+        "host": presence.get("hostname", ""),
+        "epoch": presence.get("epoch", 0),
         "rtt_ms": took_ms if reachable else None,
     }
     if not isinstance(status, Refused):

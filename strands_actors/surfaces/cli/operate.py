@@ -1,4 +1,4 @@
-"""Stop, e-stop and resume of one robot of this user, by the way its actors speak to each other."""
+"""Stop, e-stop and resume one robot of this user, by messages to its actors."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from strands_actors.supervisors.root.locks import Locks, locked_robots
 from strands_actors.supervisors.stop_result import Confirmed, StopResult, Unconfirmed, Unreachable
 
 Verb = Callable[[Directory, Note], Awaitable[tuple[bool, str]]]
-"""Does it to one robot: whether that was confirmed, and a line for people."""
+"""Carries out a verb on one robot. Returns whether it was confirmed, and a line for the user."""
 
 
 async def stop(joined: Directory, note: Note) -> tuple[bool, str]:
-    return _told(await joined.stop(note, Reason.STOP, by()))
+    return _described(await joined.stop(note, Reason.STOP, by()))
 
 
 async def estop(joined: Directory, note: Note) -> tuple[bool, str]:
     result = await joined.stop(note, Reason.ESTOP, by(), lock=True)
-    confirmed, line = _told(result)
+    confirmed, line = _described(result)
     return confirmed, line + locked_until(note.robot, _why_not_locked(result, note))
 
 
@@ -52,13 +52,18 @@ async def resume(joined: Directory, note: Note) -> tuple[bool, str]:
 VERBS: dict[str, Verb] = {"stop": stop, "e-stop": estop, "resume": resume}
 
 
-def _told(result: StopResult) -> tuple[bool, str]:
+def _described(result: StopResult) -> tuple[bool, str]:
     return isinstance(result, Confirmed), line_of(result)
 
 
 async def end(lost: Sequence[Stray], lock: bool) -> tuple[bool, str]:
-    """End trees that nobody can ask: never more than half done, since no motor was read back
-    here."""
+    """End trees that cannot be asked. The result is never a confirmation, since no motor is read back
+    here.
+
+    Args:
+        lost: The trees of one robot.
+        lock: Lock the robot, as an e-stop does.
+    """
     gone = all([await trio.to_thread.run_sync(strays.end, stray) for stray in lost])
     robot, what = lost[0].robot, lost[0].text
     became = "its wire has ended after it: it makes safe first" if gone else "ITS WIRE HAS NOT ENDED"
@@ -67,13 +72,25 @@ async def end(lost: Sequence[Stray], lock: bool) -> tuple[bool, str]:
 
 
 def locked_until(robot: str, problem: str) -> str:
-    """For people. ``problem``: why the lock is not on the disk."""
+    """Return the end of the line for the user.
+
+    Args:
+        robot: The robot's name.
+        problem: Why the lock is not on the disk; empty if it is.
+    """
     return f"; locked until `strands-actors resume {robot}`{f'. BUT {problem}' if problem else ''}"
 
 
 def _lock_the_next(robot: str, port: str = "") -> str:
-    """Nobody of its tree has answered: its next tree is to be locked at least, and the next one on
-    its port, whatever that is called. Why that cannot be, or nothing."""
+    """Lock a robot whose tree has not answered, so that at least its next tree is locked.
+
+    Args:
+        robot: The robot's name.
+        port: Its port. The next robot on it is locked, too, under any name. Empty if not known.
+
+    Returns:
+        Why this failed; empty if it succeeded.
+    """
     try:
         Locks(locks_dir(), robot, port).put(by())
     except OSError as error:
@@ -82,13 +99,13 @@ def _lock_the_next(robot: str, port: str = "") -> str:
 
 
 def locked() -> list[str]:
-    """Return the names of robots that are locked, whether a tree of theirs runs or not. Raise
-    ``OSError``."""
+    """Return the names of the locked robots, running or not. Raise ``OSError`` if locks cannot be read."""
     return locked_robots(locks_dir())
 
 
 def lift(robot: str) -> tuple[bool, str]:
-    """The lock of a robot of which no tree runs: whether it is gone, and a line for people."""
+    """Lift the lock of a robot without a running tree. Return whether it is lifted, and a line for the
+    user."""
     locks = Locks(locks_dir(), robot)
     lock = locks.find()
     try:

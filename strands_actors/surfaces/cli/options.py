@@ -1,4 +1,4 @@
-"""Options and arguments that several commands have, and what is checked of all of them."""
+"""Options and arguments of several commands, and their checks."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from .errors import Problem
 
 
 def finite(value: float | None) -> float | None:
-    """Refuse what is no number, and what never ends: neither is below any minimum."""
+    """Refuse NaN and infinity, which a minimum does not exclude."""
     if value is not None and not math.isfinite(value):
         raise typer.BadParameter(f"{value} is no finite number")
     return value
 
 
 def one_or_all(verb: str, robot: str | None, every: bool) -> None:
-    """Refuse both a name and --all: which of them is meant is not to be guessed."""
+    """Refuse a name together with --all, because either may be meant."""
     if robot is not None and every:
         raise Problem(f"{verb}: {robot} and --all are both given. name a robot, or say --all")
 
@@ -28,7 +28,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON instead.")]
 
 
 def _running() -> list[str]:
-    """For the shell to complete."""
+    """Return the running robots, for the shell's completion."""
     from strands_actors.caller.run_directory import notes
 
     return [note.robot for note in notes()]

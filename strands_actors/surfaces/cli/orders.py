@@ -1,10 +1,9 @@
-"""``stop``, ``estop`` and ``resume`` over the mesh: of this user's robots, and of those that
-``--mesh`` names.
+"""``stop``, ``estop`` and ``resume`` over the mesh, for this user's robots and those that ``--mesh`` names.
 
-A robot of this user that does not answer there is asked again by the way its actors speak to each
-other, which also ends a process that has frozen. Nothing that could be stopped is an error, not a
-success: who presses e-stop and reaches nobody must be told. A configuration that cannot be used
-keeps no stop from the robots of this user.
+* If a robot of this user does not answer on the mesh, the command asks its actors directly. This also ends a
+  frozen process.
+* If there is no robot to stop, that is an error. The user must notice that an e-stop has reached no robot.
+* A mesh configuration that cannot be used does not prevent a stop of this user's robots.
 """
 
 from __future__ import annotations
@@ -33,12 +32,13 @@ NOT_CONFIRMED = 1
 
 
 def stop(robot: str | None, every: bool, mesh: Path | None, as_json: bool) -> int:
-    """A name beside ``--all`` keeps no robot from its stop."""
+    """Stop one robot or all. ``--all`` overrides a name, so that a stop is never refused. Return the exit
+    code."""
     return trio.run(_run, None if every else robot, every, mesh, as_json, _stop)
 
 
 def estop(robot: str | None, every: bool, mesh: Path | None, as_json: bool) -> int:
-    """Without a robot: every one. As with ``stop``, a name beside ``--all`` changes nothing."""
+    """E-stop one robot; without a name, or with ``--all``, every robot. Return the exit code."""
     return trio.run(_run, None if every else robot, every or robot is None, mesh, as_json, _estop)
 
 
@@ -47,7 +47,8 @@ def resume(robot: str | None, every: bool, mesh: Path | None, as_json: bool) -> 
 
 
 def configuration(mesh: Path | None) -> MeshConfig:
-    """Of ``--mesh``, or else the environment's."""
+    """Return the configuration of ``--mesh``, or else that of the environment. Raise ``Problem`` if it cannot
+    be used."""
     try:
         return MeshConfig.of(mesh)
     except ValueError as error:
@@ -55,7 +56,7 @@ def configuration(mesh: Path | None) -> MeshConfig:
 
 
 class Told(msgspec.Struct, frozen=True):
-    """``line``: for people."""
+    """The result for one robot: ``line`` for the user, ``facts`` for JSON."""
 
     robot: str
     done: bool
@@ -74,27 +75,27 @@ async def _run(
         raise Problem("name a robot, or --all")
     to_stop = verb is not _resume
     async with open_mesh(mesh if to_stop else configuration(mesh), to_stop=to_stop) as client:
-        if verb is not _estop:  # that one waits for nobody
+        if verb is not _estop:  # an e-stop does not wait until robots are found
             await client.settle()
-        told = await verb(client, None if every else [str(robot)])
+        results = await verb(client, None if every else [str(robot)])
         there = ", ".join(client.robots)
-    if not told:
+    if not results:
         missing = "no robot" if every else f"no robot {robot!r}"
         raise Problem(f"{missing} is on the mesh of this user{f'. there are {there}' if there else ''}")
     if as_json:
-        print(json.dumps({"robots": [{"robot": each.robot, "done": each.done, **each.facts} for each in told]}))
+        print(json.dumps({"robots": [{"robot": each.robot, "done": each.done, **each.facts} for each in results]}))
     else:
-        for each in told:
+        for each in results:
             print(f"{each.robot}: {each.line}", file=sys.stdout if each.done else sys.stderr, flush=True)
-    return 0 if all(each.done for each in told) else NOT_CONFIRMED
+    return 0 if all(each.done for each in results) else NOT_CONFIRMED
 
 
 async def _stop(client: MeshClient, robots: list[str] | None) -> list[Told]:
     async def one(robot: str) -> Told:
         return await _insist(await client.stop(robot, operate.by()), operate.VERBS["stop"])
 
-    told = await _each(client, robots, one, [stray.robot for stray in strays()])
-    return [*told, *map(_tell, client.not_looked_for())]
+    results = await _each(client, robots, one, [stray.robot for stray in strays()])
+    return [*results, *map(_tell, client.not_looked_for())]
 
 
 async def _estop(client: MeshClient, robots: list[str] | None) -> list[Told]:
@@ -116,14 +117,14 @@ async def _resume(client: MeshClient, robots: list[str] | None) -> list[Told]:
 
     try:
         locked = operate.locked()
-    except OSError as error:  # those that run can be resumed all the same
+    except OSError as error:  # running robots can be resumed nevertheless
         unread = Told("the locks of e-stops", False, f"they cannot be read: {error}", {"detail": str(error)})
         return [*await _each(client, robots, one), unread]
     return await _each(client, robots, one, locked)
 
 
 def _lift(robot: str) -> Told:
-    """The lock of a robot of which no tree runs."""
+    """Lift the lock of a robot without a running tree."""
     done, line = operate.lift(robot)
     return Told(robot, done, line, {"lifted": done, "detail": line})
 
@@ -134,22 +135,29 @@ async def _each(
     verb: Callable[[str], Awaitable[Told]],
     others: Iterable[str] = (),
 ) -> list[Told]:
-    """All at once: none waits for another. ``others``: of which no tree runs."""
-    told: list[Told] = []
+    """Carry out a verb on several robots at the same time.
+
+    Args:
+        client: Its robots are those on the mesh.
+        robots: The names to act on; None for all.
+        verb: Acts on one robot.
+        others: Further robots, which are not on the mesh.
+    """
+    results: list[Told] = []
 
     async def run(robot: str) -> None:
-        told.append(await verb(robot))
+        results.append(await verb(robot))
 
     async with trio.open_nursery() as nursery:
         for robot in {*client.robots, *others}:
             if robots is None or robot in robots:
                 nursery.start_soon(run, robot)
-    return sorted(told, key=lambda each: each.robot)
+    return sorted(results, key=lambda each: each.robot)
 
 
 async def _insist(outcome: Outcome, verb: operate.Verb) -> Told:
-    """By the actors' own way, where the mesh has no answer and the robot is this user's. A tree
-    that nobody can ask is ended."""
+    """If a robot of this user did not answer on the mesh, ask its actors directly. A tree that cannot be
+    asked is ended."""
     if outcome.outcome != "unreachable":
         return _tell(outcome)
     lost = [stray for stray in strays() if stray.robot == outcome.robot]
@@ -158,7 +166,7 @@ async def _insist(outcome: Outcome, verb: operate.Verb) -> Told:
         return Told(outcome.robot, done, line, {"outcome": "unconfirmed", "detail": line})
     try:
         note = next((note for note in notes() if note.robot == outcome.robot), None)
-    except OSError:  # the directory cannot be used: among the outcomes
+    except OSError:  # the run directory cannot be used, which the outcomes report
         note = None
     if note is None:
         return _tell(outcome)

@@ -20,6 +20,7 @@ from .errors import Problem
 
 
 def play(root: Path, robot: str, episode: int, units: str, resume: bool, mesh: Path | None, as_json: bool) -> int:
+    """Move a robot along an episode of a dataset. Return 1 if it did not reach the end, else 0."""
     done: dict[str, Any] = {}
     try:
         played = read_episode(root, episode)
@@ -38,7 +39,10 @@ def play(root: Path, robot: str, episode: int, units: str, resume: bool, mesh: P
 async def _move(
     tree: RobotTree, played: Played, units: str, resume: bool, as_json: bool, done: dict[str, Any]
 ) -> str:
-    """Move the robot, and return why it did not come to the end. ``done``: filled with what it did."""
+    """Move the robot, and return why it did not reach the end; empty if it did.
+
+    The result of the motion is added to ``done``.
+    """
     rows = rows_for(tree.driver, played, units)
     if resume:
         resumed = await tree.resume()

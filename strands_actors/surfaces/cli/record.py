@@ -25,6 +25,7 @@ DIFFERENT = 1
 
 
 def record(robot: str, out: Path, seconds: float | None, as_json: bool) -> int:
+    """Record a robot into a new file, for ``seconds`` or until Ctrl-C. Return the exit code."""
     is_terminal = sys.stderr.isatty() and not as_json
 
     def started() -> None:
@@ -58,6 +59,7 @@ def _summed_up(summary: Summary) -> str:
 
 
 def replay(path: Path, as_json: bool) -> int:
+    """Repeat every decision of a recording. Return 1 if a decision differs, else 0."""
     try:
         recording = read(path)
         driver = build_driver(recording.info)
@@ -72,12 +74,12 @@ def replay(path: Path, as_json: bool) -> int:
     else:
         if mismatch:
             print(harmless(f"{path}: {mismatch}"), file=sys.stderr)
-        print("\n".join(map(harmless, _told(path, outcome).split("\n"))))
+        print("\n".join(map(harmless, _text(path, outcome).split("\n"))))
     return 0 if outcome.equal else DIFFERENT
 
 
 def _mismatch(info: Info, driver: Driver) -> str:
-    """Return what is not the same as when it was recorded; empty: nothing."""
+    """Return how the code differs from that of the recording; empty if it does not."""
     if info.version != __version__:
         return f"recorded by strands-actors {info.version}, replayed by {__version__}"
     code = fingerprint(type(driver))
@@ -86,7 +88,7 @@ def _mismatch(info: Info, driver: Driver) -> str:
     return ""
 
 
-def _told(path: Path, outcome: Outcome) -> str:
+def _text(path: Path, outcome: Outcome) -> str:
     aside = ""
     if outcome.gaps:
         aside = f"; {outcome.gaps} gaps, {outcome.skipped} messages not compared"

@@ -1,4 +1,4 @@
-"""``list`` and ``twin``: the robots there are drivers for."""
+"""``list`` and ``twin``: list the robots and their drivers, and serve a twin."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from .errors import Problem
 
 
 def show_robots(as_json: bool, every: bool) -> None:
-    """Show the robots that something drives on this machine.
+    """Show the robots that have a driver on this machine.
 
     Args:
         as_json: Print JSON.
-        every: Show those, too, that nothing here drives, and what would.
+        every: Show robots without a driver here, too, and what would drive them.
     """
     drivers = list_native_drivers()
     rows: list[dict[str, Any]] = [
@@ -53,8 +53,8 @@ def show_robots(as_json: bool, every: bool) -> None:
     for title in ("robot", "driver", "driven by"):
         table.add_column(title)
     for row in shown:
-        who = _driven_by(row) if every else ", ".join(_drivers_here(row))
-        table.add_row(str(row["robot"]), str(row["driver"] or "-"), who, style="" if _drivers_here(row) else "dim")
+        by = _driven_by(row) if every else ", ".join(_drivers_here(row))
+        table.add_row(str(row["robot"]), str(row["driver"] or "-"), by, style="" if _drivers_here(row) else "dim")
     console = Console()
     console.print(table)
     if not every and (left := len(rows) - len(shown)):
@@ -70,12 +70,12 @@ def _experimental(robot: str) -> Mapping[str, str]:
 
 
 def _drivers_here(row: Mapping[str, Any]) -> list[str]:
-    """Return who drives a robot on this machine."""
-    return [who for who in row["coverage"] if who != "lerobot" or not row["missing"]]
+    """Return the projects that can drive a robot on this machine."""
+    return [each for each in row["coverage"] if each != "lerobot" or not row["missing"]]
 
 
 def _driven_by(row: Mapping[str, Any]) -> str:
-    """Return who drives a robot on this machine, and what installs who would."""
+    """Return the projects that can drive a robot on this machine, and how to install the missing one."""
     here = _drivers_here(row)
     lacking = [f"lerobot: {row['missing']}"] if row["missing"] else []
     return ", ".join([*here, *(f"({text})" for text in lacking)]) or "-"
@@ -90,6 +90,17 @@ def serve_twin(
     control: Path | None,
     options: list[str],
 ) -> None:
+    """Serve the twin of a robot or a leader until interrupted.
+
+    Args:
+        robot: The type of the robot or leader.
+        port_file: The file to which the twin writes its port or address.
+        log: The file for the frames on the wire, one JSON line each.
+        fault: A fault from the beginning, ``WORD`` or ``WORD:servo``.
+        parent_fd: A descriptor. The twin ends shortly after its other end was closed.
+        control: A socket by which the joints are moved, as by hand.
+        options: ``KEY=VALUE`` options of the twin.
+    """
     leader = leader_name(robot)
     driver_class = get_native_driver_class(robot) if leader is None else list_leaders()[leader]
     if driver_class is None or not issubclass(driver_class, Driver):
@@ -118,7 +129,7 @@ def serve_twin(
 
 
 def _check_fault(driver_class: type[Driver], name: str, fault: str) -> None:
-    """Refuse a fault of a servo that is not there: it would be nobody's."""
+    """Refuse a fault of a servo that the robot does not have. It would have no effect."""
     unit = fault.partition(":")[2]
     if not hasattr(driver_class, "SETUP") or not unit.isdecimal():
         return

@@ -1,4 +1,4 @@
-"""``send``: one target for a robot, from any terminal."""
+"""``send``: send one target to a robot, from any terminal."""
 
 from __future__ import annotations
 
@@ -18,11 +18,15 @@ from .errors import Problem
 
 
 def send(robot: str, pairs: Sequence[str], seconds: float, resume: bool, mesh: Path | None, as_json: bool) -> int:
+    """Send targets ``joint=number`` to a robot, and keep its lease for ``seconds``. Then the robot holds.
+
+    Return 1 if the robot refused, else 0.
+    """
     return trio.run(_send, robot, parse(pairs), seconds, resume, mesh, as_json)
 
 
 def parse(pairs: Sequence[str]) -> dict[str, float]:
-    """``joint=number`` each. Raise ``Problem``."""
+    """Return the targets of arguments ``joint=number``. Raise ``Problem`` for others."""
     targets: dict[str, float] = {}
     for pair in pairs:
         joint, equals, text = pair.partition("=")
@@ -46,8 +50,10 @@ async def _send(
 
 
 async def _keep(tree: RobotTree, targets: dict[str, float], seconds: float, resume: bool, as_json: bool) -> str:
-    """Hold the lease that long, and return why that failed. A target that lives for a moment only is sent
-    again."""
+    """Send the target and keep the lease for ``seconds``. Return why that failed; empty if it succeeded.
+
+    If the robot's targets have a short lifetime, the target is sent again until then.
+    """
     answer: Message | None = await tree.resume() if resume else None
     if not isinstance(answer, Refused):
         answer = await tree.send_action(targets)

@@ -1,4 +1,4 @@
-"""A stop as somebody in a hurry types it, in the words of the command line. Pure."""
+"""Recognise a stop that is typed in a hurry, and translate it into a command. Pure."""
 
 from __future__ import annotations
 
@@ -10,8 +10,14 @@ EVERY = ("all", "everything")
 
 
 def spelled(arguments: Sequence[str], commands: Collection[str]) -> list[str]:
-    """Return the arguments, where they are a stop in other words (``STOP so101``, ``so101 stop``,
-    ``send so101 stop``, ``e-stop``, ``stop all``) as ``stop`` or ``estop``. ``commands``: those that there are."""
+    """Return the arguments. A stop in other words becomes ``stop`` or ``estop``.
+
+    Such words are ``STOP so101``, ``so101 stop``, ``send so101 stop``, ``e-stop``, ``stop all``.
+
+    Args:
+        arguments: The arguments of the command line.
+        commands: The names of the commands.
+    """
     match [*arguments]:
         case [("stop" | "estop") as name, *rest]:
             return [name, *_rest(rest)]

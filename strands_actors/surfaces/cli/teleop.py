@@ -43,8 +43,25 @@ def teleop(
     robot_id: str | None,
     as_json: bool,
 ) -> int:
-    """Run until a key, the time or the robot ends it. ``leader``: what leads, and its id. 0 when it
-    ended as it was asked to, and the leader was there."""
+    """Lead a robot until a key, the duration or the robot ends it.
+
+    Args:
+        robot: The robot's type.
+        leader: The leader as for ``leader_of``, and its id.
+        port: The port or address of a real robot; None for a twin or a simulation.
+        twin: Lead the robot's twin.
+        deadman: ``key``, ``gripper``, or None for the default.
+        relative: Lead relative to the positions at the time of engaging.
+        hz: Setpoints per second.
+        max_speed: In degrees per second; faster frames are refused.
+        map_fn: ``module:function`` that maps the leader's frames to the robot; None for no mapping.
+        seconds: Duration; None for no limit.
+        robot_id: The robot's name, and that of its calibration.
+        as_json: Print JSON.
+
+    Returns:
+        The exit code: 0 if it ended as requested, and the leader was connected.
+    """
     is_terminal = sys.stdin.isatty()
     try:
         mapped = load(map_fn) if map_fn else None
@@ -67,34 +84,34 @@ def teleop(
         keys = Keys(axes) if is_terminal and (led_by.name == KEYBOARD or deadman == KEY) else None
         if led_by.name in PAGES:
             print(_page(arm, led_by), file=sys.stderr, flush=True)
-        told = _run(arm, keys, led_by.is_arm, is_terminal, quiet=as_json)
+        status = _run(arm, keys, led_by.is_arm, is_terminal, quiet=as_json)
     if as_json:
-        print(json.dumps(told))
+        print(json.dumps(status))
     else:
-        why = f" ({told['exit_detail']})" if told["exit_detail"] else ""
-        refused = told["teleop"].get("refused", 0)
-        print(f"{told['steps']} setpoints, {refused} frames refused; ended: {told['exit_reason']}{why}")
-        if is_lost(told):
-            print(f"the leader is not connected: {told['teleop']['leader']}", file=sys.stderr)
-    return 0 if told["exit_reason"] in ("stopped", "duration") and not is_lost(told) else 1
+        why = f" ({status['exit_detail']})" if status["exit_detail"] else ""
+        refused = status["teleop"].get("refused", 0)
+        print(f"{status['steps']} setpoints, {refused} frames refused; ended: {status['exit_reason']}{why}")
+        if is_lost(status):
+            print(f"the leader is not connected: {status['teleop']['leader']}", file=sys.stderr)
+    return 0 if status["exit_reason"] in ("stopped", "duration") and not is_lost(status) else 1
 
 
 def is_lost(told: dict[str, Any]) -> bool:
-    """Return whether a status says why the leader is not there."""
+    """Return True if a status reports that the leader is not connected."""
     return told["teleop"].get("leader", CONNECTED) not in (CONNECTED, CONNECTING)
 
 
 def leader_of(text: str, leader_id: str | None = None, relative: bool = False) -> Teleoperator:
-    """Return what ``--from`` says.
+    """Return the leader that ``--from`` names.
 
     Args:
         text: ``NAME:PORT``, ``NAME:PORT:ID``, ``NAME:twin``, ``keyboard``, ``module:Class``, ``lerobot:TYPE``.
-        leader_id: Under which a leader arm's calibration is kept, LeRobot's ``id``.
-        relative: It leads from where it and the robot are when it is engaged.
+        leader_id: The name of a leader arm's calibration, LeRobot's ``id``.
+        relative: Lead relative to the positions of both at the time of engaging.
 
     Raises:
         ValueError: There is no such leader, or its id is given twice.
-        TypeError: What it is given, it does not take.
+        TypeError: The leader does not accept one of its arguments.
     """
     name, _, where = text.partition(":")
     if name in PAGES and where:
@@ -103,7 +120,7 @@ def leader_of(text: str, leader_id: str | None = None, relative: bool = False) -
         return Teleoperator(text, relative=relative, id=leader_id)
     if not where:
         raise ValueError(f"--from {text} does not say where it is. give {text}:/dev/ttyACM1, or {text}:twin")
-    if ":" in where and not os.path.exists(where):  # udev's names of ports by path have colons, too
+    if ":" in where and not os.path.exists(where):  # udev's by-path names of ports contain colons, too
         where, _, own_id = where.rpartition(":")
         if leader_id not in (None, own_id):
             raise ValueError(f"--from {text} and --leader-id {leader_id} name two ids. give one")
@@ -134,14 +151,14 @@ def _connected(arm: RealRobot) -> Iterator[None]:
 
 
 def _run(arm: RealRobot, keys: Keys | None, is_arm: bool, is_terminal: bool, quiet: bool) -> dict[str, Any]:
-    """Until it has ended. Return its last status."""
-    shown_s, told = 0.0, _status(arm)
+    """Wait until the teleoperation has ended. Return its last status."""
+    shown_s, status = 0.0, _status(arm)
     shown: tuple[str, ...] = ()
     try:
         with _keys_at_once() if is_terminal else contextlib.nullcontext():
             if not quiet:
                 print(_help(keys, is_arm, is_terminal), file=sys.stderr)
-            while told["running"]:
+            while status["running"]:
                 if is_terminal and not _read(arm, keys):
                     break
                 if not is_terminal:
@@ -151,9 +168,9 @@ def _run(arm: RealRobot, keys: Keys | None, is_arm: bool, is_terminal: bool, qui
                     arm.operate(hold.held, **hold.rates)
                 if time.monotonic() >= shown_s:
                     shown_s = time.monotonic() + SHOW_S
-                    told = _status(arm)
+                    status = _status(arm)
                     if not quiet:
-                        shown = _show(told, shown)
+                        shown = _show(status, shown)
     except KeyboardInterrupt:
         pass
     finally:
@@ -164,13 +181,13 @@ def _run(arm: RealRobot, keys: Keys | None, is_arm: bool, is_terminal: bool, qui
 
 
 def _read(arm: RealRobot, keys: Keys | None) -> bool:
-    """Take up what was typed within a turn. Return whether to go on."""
+    """Handle the keys that are pressed within a turn. Return False if the teleoperation has to end."""
     readable, _, _ = select.select([sys.stdin], [], [], TURN_S)
     if not readable:
         return True
     typed = os.read(sys.stdin.fileno(), 1024).decode(errors="replace")
     if not typed:
-        return False  # the terminal is gone
+        return False  # the terminal was closed
     for key in typed:
         if key in QUIT:
             return False
@@ -182,49 +199,54 @@ def _read(arm: RealRobot, keys: Keys | None) -> bool:
 
 
 def _status(arm: RealRobot) -> dict[str, Any]:
-    told: dict[str, Any] = arm.get_task_status()["content"][0]["json"]
-    return {"teleop": {}, **told}
+    status: dict[str, Any] = arm.get_task_status()["content"][0]["json"]
+    return {"teleop": {}, **status}
 
 
-def _show(told: dict[str, Any], shown: tuple[str, ...]) -> tuple[str, ...]:
-    """Show a status; in a file only where it is another than ``shown``. Return what is shown then."""
-    teleop = told["teleop"]
+def _show(status: dict[str, Any], shown: tuple[str, ...]) -> tuple[str, ...]:
+    """Show a status. In a file it is only written if it differs from ``shown``. Return the shown status."""
+    teleop = status["teleop"]
     if not teleop:
         return shown
     ends = f"; at its end: {', '.join(teleop['at_end'])}" if teleop["at_end"] else ""
-    line = f"{teleop['state']:9} {told['steps']:6} setpoints {teleop['refused']:4} refused  {teleop['why']}{ends}"
-    if is_lost(told):
+    line = f"{teleop['state']:9} {status['steps']:6} setpoints {teleop['refused']:4} refused  {teleop['why']}{ends}"
+    if is_lost(status):
         line = f"{teleop['state']:9} {teleop['leader']}"
     if sys.stderr.isatty():
         width = shutil.get_terminal_size().columns - 1
         print(f"\r\x1b[K{line[:width]}", end="", file=sys.stderr, flush=True)
-    elif shown != (now := _brief(told)):
+    elif shown != (now := _brief(status)):
         print(line, file=sys.stderr, flush=True)
         return now
     return shown
 
 
-def _brief(told: dict[str, Any]) -> tuple[str, ...]:
-    teleop = told["teleop"]
+def _brief(status: dict[str, Any]) -> tuple[str, ...]:
+    teleop = status["teleop"]
     return teleop["state"], teleop["why"], teleop["leader"]
 
 
 def _page(arm: RealRobot, page: Teleoperator) -> str:
-    """For the operator: where the page is."""
+    """Wait for the page's address. Return the line for the operator."""
     while not (address := page.address) and _status(arm)["running"]:
         time.sleep(TURN_S)
     return how_to_open(page.name, address) if address else "open nothing: it has ended"
 
 
 def how_to_open(name: str, address: str) -> str:
-    """For whoever is to operate a page. ``name``: what it was asked for as."""
+    """Return the instruction for the operator of a page.
+
+    Args:
+        name: The page as requested: ``page``, ``gamepad`` or ``phone``.
+        address: Its URL.
+    """
     number = address.rpartition(":")[2].partition("/")[0]
-    told = f"open {address}"
+    text = f"open {address}"
     if name == PHONE and "//127." in address:
-        told += f"\non a phone that is plugged in: adb reverse tcp:{number} tcp:{number}, then open it there"
+        text += f"\non a phone that is plugged in: adb reverse tcp:{number} tcp:{number}, then open it there"
     elif "//127." not in address:
-        told += "\nit is not encrypted: whoever listens on that network can read the address, and use the page"
-    return told
+        text += "\nit is not encrypted: whoever listens on that network can read the address, and use the page"
+    return text
 
 
 def _help(keys: Keys | None, is_arm: bool, is_terminal: bool) -> str:
@@ -238,13 +260,13 @@ def _help(keys: Keys | None, is_arm: bool, is_terminal: bool) -> str:
     pairs: dict[str, list[str]] = {}
     for key, (axis, _) in keys.bindings.items():
         pairs.setdefault(axis, []).append(key)
-    told = ", ".join(f"{'/'.join(pair)} {axis}" for axis, pair in pairs.items())
-    return f"hold a key to move: {told}. {ends}"
+    bindings = ", ".join(f"{'/'.join(pair)} {axis}" for axis, pair in pairs.items())
+    return f"hold a key to move: {bindings}. {ends}"
 
 
 @contextlib.contextmanager
 def _keys_at_once() -> Iterator[None]:
-    """Each stroke as it comes, and not shown."""
+    """Deliver each key at once and without echo, for the block."""
     import termios
     import tty
 

@@ -1,4 +1,4 @@
-"""``trace``: what a robot's actors tell each other, as it crosses the mesh."""
+"""``trace``: print the messages between a robot's actors, as they cross the mesh."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from strands_actors.supervisors.permissions import shown
 from .errors import Problem
 
 SILENT_S = 3.0
-"""Then it is said that nothing is to be heard: a robot at rest tells its script nothing."""
+"""After so long without a message, in seconds, a notice is printed. A robot at rest sends its script nothing."""
 _ASKS = 1024
-"""Remembered until they are answered."""
+"""So many requests are remembered until they are answered."""
 _ARROWS = {"tell": "->", "ask": "->", "answer": "=>", "watch": "->", "down": "->"}
 _KINDS = {TELL: "tell", ASK: "ask", REPLY: "answer", WATCH: "watch", DOWN: "down"}
 
@@ -29,25 +29,25 @@ _decode_body = msgspec.msgpack.Decoder().decode
 
 
 class Told(msgspec.Struct, frozen=True):
-    """One message."""
+    """One message, as printed."""
 
     sender: str
     receiver: str
     kind: str
     type: str
-    age_ms: float | None  # how long ago it was sent, when it was heard here
+    age_ms: float | None  # from sending to receiving here; None if not known
 
 
 class Reader:
-    """Frames of one robot to what they say. An answer has but a number: whose it is follows from
-    the ask."""
+    """Decodes the frames of one robot. An answer has only a number, so its sender and receiver are taken
+    from the request."""
 
     def __init__(self, robot: str) -> None:
         self._actors = f"{PREFIX}/{robot}/actor/"
         self._asks: OrderedDict[tuple[str, int], tuple[str, str]] = OrderedDict()
 
     def read(self, data: bytes, age_ms: float | None) -> Told | None:
-        """None when it is no frame, or another robot's."""
+        """Return the message in a frame; None if it is no frame, or of another robot."""
         try:
             head = decode_frame(data)
             kind = _KINDS[head.kind]
@@ -72,7 +72,7 @@ class Reader:
 
 
 def _type_of(head: Frame) -> str:
-    """A message is an array that begins with its type's name."""
+    """Return the type of a message. Its body is an array that begins with the name of the type."""
     try:
         body = _decode_body(head.body)
     except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError, ValueError):
@@ -83,6 +83,7 @@ def _type_of(head: Frame) -> str:
 
 
 def trace(robot: str, as_json: bool, count: int | None, seconds: float | None) -> None:
+    """Print the messages between a robot's actors, until ``count`` messages or ``seconds``, if given."""
     trio.run(_trace, _note_of(robot), as_json, count, seconds)
 
 
@@ -94,16 +95,16 @@ def _note_of(robot: str) -> Note:
 
 
 async def _trace(note: Note, as_json: bool, count: int | None, seconds: float | None) -> None:
-    reader, done, left, heard = Reader(note.robot), trio.Event(), count, False
+    reader, done, left, has_received = Reader(note.robot), trio.Event(), count, False
 
     def on_sample(received: Received) -> None:
-        nonlocal left, heard
+        nonlocal left, has_received
         age_ms = round(1e3 * (time.time() - received.sent_s), 2) if received.sent_s else None
-        told = None if done.is_set() else reader.read(received.payload, age_ms)
-        if told is None:
+        message = None if done.is_set() else reader.read(received.payload, age_ms)
+        if message is None:
             return
-        heard = True
-        print(json.dumps(msgspec.to_builtins(told)) if as_json else line(told), flush=True)
+        has_received = True
+        print(json.dumps(msgspec.to_builtins(message)) if as_json else line(message), flush=True)
         if left is not None:
             left -= 1
             if left <= 0:
@@ -111,7 +112,7 @@ async def _trace(note: Note, as_json: bool, count: int | None, seconds: float | 
 
     async def say_that_it_waits() -> None:
         await trio.sleep(SILENT_S)
-        if not heard:
+        if not has_received:
             line = f"the actors of {note.robot} tell each other nothing so far; waiting, Ctrl-C ends it"
             print(line, file=sys.stderr, flush=True)
 

@@ -1,4 +1,4 @@
-"""``tree``: the robots that run now, as JSON or drawn."""
+"""``tree``: show the running robots, as JSON or drawn."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ STATE_STYLES = {
 
 
 def show_trees(as_json: bool) -> int:
-    """Return 1 when a tree does not answer: what its robot does is not known."""
+    """Show all trees. Return 1 if a tree does not answer, because the state of its robot is then unknown."""
     reports = trio.run(_ask_all)
     code = int(any(report.state == directory.UNREACHABLE for report in reports))
     if as_json:
@@ -52,22 +52,28 @@ def show_trees(as_json: bool) -> int:
 
 
 async def _ask_all() -> list[TreeReport]:
-    found: dict[str, TreeReport] = {}
+    reports: dict[str, TreeReport] = {}
     async with directory.join() as joined, trio.open_nursery() as nursery:
 
         async def ask(note: Note) -> None:
-            found[note.robot] = await joined.tree(note)
+            reports[note.robot] = await joined.tree(note)
 
         for note in joined.notes:
             nursery.start_soon(ask, note)
-    for stray in strays():  # nobody can ask it
+    for stray in strays():  # trees that cannot be asked
         root = ProcessInfo("root", stray.root, 0)
-        found.setdefault(stray.robot, TreeReport(stray.robot, directory.UNREACHABLE, 0, (root,), ()))
-    return [found[robot] for robot in sorted(found)]
+        reports.setdefault(stray.robot, TreeReport(stray.robot, directory.UNREACHABLE, 0, (root,), ()))
+    return [reports[robot] for robot in sorted(reports)]
 
 
 def draw(report: TreeReport, states: Mapping[int, str] | None = None, introspection: bool = True) -> Tree:
-    """``states``: what a process does, by pid, where it is not simply running."""
+    """Draw a robot's processes and actors.
+
+    Args:
+        report: The tree.
+        states: The state of processes by pid; None if all are running.
+        introspection: Show the actors that only observe, too.
+    """
     from rich.text import Text
     from rich.tree import Tree
 
@@ -98,7 +104,7 @@ def draw(report: TreeReport, states: Mapping[int, str] | None = None, introspect
 
 
 def state_of(state: str, locked_by: str) -> Text:
-    """A robot's state, as people are shown it. An e-stop hides no state that is not safe."""
+    """Return a robot's state for the screen. An e-stop does not hide a state that is not safe."""
     from rich.text import Text
 
     if not locked_by:

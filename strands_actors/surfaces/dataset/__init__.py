@@ -1,9 +1,8 @@
-"""Datasets of demonstrations in LeRobot's format, recorded beside a robot by a process of its
-own."""
+"""Datasets of demonstrations in LeRobot's format. A separate process records them from a running robot."""
 
 from strands_actors.contract.extras import require
 
-require("dataset", "a dataset")  # before an import below says only which module is not there
+require("dataset", "a dataset")  # before an import below raises a message without the name of the extra
 
 from .errors import DatasetError  # noqa: E402
 from .played import replay_episode  # noqa: E402

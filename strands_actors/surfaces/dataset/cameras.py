@@ -1,5 +1,4 @@
-"""What a recorder needs of a camera: the newest picture and when it was taken, or that there is
-none."""
+"""The interface between a recorder and a camera: the newest picture with its time, or no picture."""
 
 from __future__ import annotations
 
@@ -17,11 +16,11 @@ from .layout import CameraShape
 
 ATTACH = "strands_actors.surfaces.cameras"
 FIRST_S = 5.0
-"""How long to wait for a camera's first picture."""
+"""How long to wait for the cameras' first pictures, in seconds."""
 
 
 class Frame(Protocol):
-    """A picture that is fresh enough for whoever took it."""
+    """A picture that its camera considers fresh."""
 
     @property
     def image(self) -> NDArray[np.uint8]: ...  # rows, columns, red green blue
@@ -35,19 +34,18 @@ class Frame(Protocol):
 
 class CameraReader(Protocol):
     def newest(self) -> Any:
-        """Return a ``Frame``, or something without a picture: the newest one is stale, or there is
-        none. Does not wait."""
+        """Return a ``Frame``, or an object without a picture if there is no fresh one. Does not wait."""
         ...
 
     def close(self) -> None: ...
 
 
 Attach = Callable[[str, str], CameraReader]
-"""A robot's name and a camera's."""
+"""Takes the name of a robot and of a camera."""
 
 
 def attach_camera(robot: str, camera: str) -> CameraReader:
-    """Return a reader of a running robot's camera. Raise ``DatasetError`` when there is none."""
+    """Return a reader of a running robot's camera. Raise ``DatasetError`` if there is no such camera."""
     if find_spec(ATTACH) is None:
         raise DatasetError(f"camera {camera}: this version of strands-actors has no cameras")
     attach: Attach = import_module(ATTACH).attach_camera
@@ -58,13 +56,16 @@ def attach_camera(robot: str, camera: str) -> CameraReader:
 
 
 def frame_of(newest: Any) -> Frame | None:
-    """What ``newest`` gave, if it is a picture."""
+    """Return the result of ``newest`` if it is a picture; else None."""
     return newest if getattr(newest, "image", None) is not None else None
 
 
 def wait_for_shapes(readers: Mapping[str, CameraReader]) -> Sequence[CameraShape]:
-    """Return how large each camera's pictures are, once it has shown one. Raise ``DatasetError`` for
-    one that does not."""
+    """Wait for the first picture of each camera, and return their sizes.
+
+    Raises:
+        DatasetError: A camera has shown no picture within ``FIRST_S``.
+    """
     found = []
     deadline = time.monotonic() + FIRST_S
     for name, reader in readers.items():

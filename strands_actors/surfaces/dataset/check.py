@@ -1,8 +1,8 @@
-"""Open what the index of a dataset speaks of, and compare.
+"""Compare the data and the videos of a dataset with its index.
 
-Nothing that one file states about another is believed: each data file is read, the index of each
-video is read, and both must have the frames that the index counts, in their order. An episode for
-which this does not hold is damaged. The others are good, whatever happened beside them.
+No file is trusted in what it states about another. Each data file and the index of each video are read. Both
+must have the frames that the dataset's index counts, in their order. An episode for which this is not so is
+damaged. Damage of one episode does not affect the others.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ from .tables import integers, numbers_in, read_groups, read_table, refuse_damage
 from .video import Pictures, checksums, look
 
 DRIFT_S = 1e-4
-"""How far from 1 / fps a period may be: what LeRobot accepts."""
+"""Greatest accepted difference of a period from 1 / fps, in seconds, as in LeRobot."""
 _NUMBER = re.compile(r"(float|u?int)\d+|bool")
 NO_FIGURES = "meta/stats.json cannot be read, or lacks figures"
 
 
 class Checked(msgspec.Struct):
-    """What was found.
+    """The result of a check.
 
     Attributes:
-        frames: How many frames of each episode are really there.
+        frames: Number of readable frames of each episode.
         damaged: Why an episode cannot be used, by its number.
-        faults: What is wrong besides, and damages no episode.
+        faults: Other defects, which damage no episode.
     """
 
     frames: dict[int, int]
@@ -45,7 +45,7 @@ class Checked(msgspec.Struct):
     faults: list[str]
 
     def require_sound(self, root: Path) -> None:
-        """Raise ``DamagedError`` when an episode is damaged."""
+        """Raise ``DamagedError`` if an episode is damaged."""
         if self.damaged:
             number, why = min(self.damaged.items())
             others = [str(other) for other in sorted(self.damaged) if other != number][:20]
@@ -61,9 +61,9 @@ class _Data(msgspec.Struct, frozen=True):
     index: NDArray[np.int64]
     task: NDArray[np.int64]
     seconds: NDArray[np.float64]
-    incomplete: dict[str, NDArray[np.bool_]]  # the frames that lack a number, by the name of their column
-    wrong: str  # what holds for all of its episodes; empty: nothing
-    unread: str  # why a part of it cannot be read; empty: all was read
+    incomplete: dict[str, NDArray[np.bool_]]  # the frames that lack a number, by the name of the column
+    wrong: str  # a defect of all its episodes; empty if there is no such defect
+    unread: str  # why a part of it cannot be read; empty if all was read
 
 
 def check(index: Index, read_pictures: bool = True) -> Checked:
@@ -71,8 +71,8 @@ def check(index: Index, read_pictures: bool = True) -> Checked:
 
     Args:
         index: The dataset.
-        read_pictures: Read the videos to their end, too, and compare the checksums that a recording
-            or a copy has. Videos of other programs have none: their pictures are counted.
+        read_pictures: Read the videos to their end, too, and compare the checksums of recordings and
+            copies. Videos of other programs have no checksums; only their pictures are counted.
     """
     found = Checked({}, dict(index.lost), list(index.doubts))
     if index.info is not None:
@@ -133,7 +133,7 @@ def _look_elsewhere(index: Index, found: Checked, counted: dict[Path, Counter[in
                 with refuse_damage(path):
                     every[path.relative_to(index.root)] = Counter(integers(table, "episode_index").tolist())
             except DatasetError:
-                continue  # it is listed as not counted
+                continue  # this file is listed among the uncounted ones
     for number in found.damaged:
         row = index.rows.get(number)
         for path, counts in every.items():
@@ -159,7 +159,7 @@ def _read(path: Path, info: Info) -> _Data:
 
 
 def _read_numbers(table: pa.Table, info: Info) -> tuple[dict[str, NDArray[np.bool_]], str]:
-    """Return which frames lack a number, by the name of the column, and what is wrong with all frames."""
+    """Return which frames lack a number, by the name of the column, and a defect of all frames."""
     incomplete = {}
     for key, feature in info.features.items():
         if feature.dtype in ("video", "image"):
@@ -182,7 +182,8 @@ def _read_numbers(table: pa.Table, info: Info) -> tuple[dict[str, NDArray[np.boo
 
 
 def _compare(row: EpisodeRow, data: _Data, index: Index, info: Info) -> tuple[int, str]:
-    """Return how many frames of an episode its data file has, and what is wrong with them."""
+    """Return how many frames of an episode its data file has, and their defect; empty if there is no
+    defect."""
     (places,) = np.nonzero(data.episode == row.number)
     if len(places) != row.frames:
         why = f"it has {len(places)} frames of it, the index counts {row.frames}"
@@ -196,7 +197,7 @@ def _compare(row: EpisodeRow, data: _Data, index: Index, info: Info) -> tuple[in
             f"its frames are numbered from {data.index[places[0]]}, the index has them from {row.first}",
         )
     late = np.abs(data.seconds[places] - order / info.fps)
-    if not bool((late <= DRIFT_S * np.maximum(order, 1)).all()):  # a NaN is not below it
+    if not bool((late <= DRIFT_S * np.maximum(order, 1)).all()):  # written so that a NaN fails
         return row.frames, f"its timestamps are not those of {info.fps:g} fps"
     for key, lacking in data.incomplete.items():
         if lacking[places].any():
@@ -278,7 +279,8 @@ def _check_overlap(rows: list[EpisodeRow], key: str, path: Path, info: Info, fou
 def _check_size(
     by_file: dict[Path, list[EpisodeRow]], opened: dict[Path, Pictures], key: str, info: Info, found: Checked
 ) -> None:
-    """A video of another size is another camera's. When all have it, ``info.json`` is wrong instead."""
+    """Compare the size of the pictures with ``info.json``. If all videos have one other size, ``info.json`` is
+    wrong. Otherwise a video with another size is of another camera, and its episodes are damaged."""
     stated = info.features[key].height_width
     sizes = {(has.height, has.width) for has in opened.values()}
     text = f"{stated[1]}x{stated[0]}"
@@ -297,7 +299,7 @@ def _check_size(
 
 
 def _check_neighbours(index: Index, found: Checked) -> None:
-    """Each episode begins where the one before it ends: LeRobot takes frames by their number."""
+    """Check that each episode begins where its predecessor ends, because LeRobot reads frames by number."""
     good = [row for number, row in sorted(index.rows.items()) if number not in found.damaged]
     for one, other in itertools.pairwise(good):
         if other.number == one.number + 1 and other.first != one.first + one.frames:

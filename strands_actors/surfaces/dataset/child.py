@@ -1,5 +1,8 @@
-"""The recorder's process of a script: commands come in on standard input, a number and a word a line;
-what happens goes out on standard output, a JSON object a line, with the number of what it answers."""
+"""The recorder process of a script (``script``).
+
+Standard input: one command per line, a number and a word. Standard output: one JSON object per line, an
+``Event`` with the number of the command that it answers.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +31,7 @@ async def _record(order: Order) -> Summary:
 
 
 async def _live() -> None:
-    """Say that we do, also while an episode is being saved."""
+    """Send a heartbeat each second, also while an episode is being saved."""
     while True:
         _say(Event("alive"))
         await trio.sleep(ALIVE_S)
@@ -40,21 +43,21 @@ async def _record_episodes(order: Order) -> Summary:
             number, _, word = line.partition(" ")
             command(word, asked=int(number))
 
-        # An episode of a script that is gone is not finished; it can be repaired.
+        # If the script has ended, do not finish the running episode. It can be repaired.
         await read_words(obey, lambda: signal.raise_signal(signal.SIGINT))
 
     return await record_episodes(order, controls, _say)
 
 
 def _say(event: Event) -> None:
-    with contextlib.suppress(BrokenPipeError):  # its script is gone; that ends us in a moment
+    with contextlib.suppress(BrokenPipeError):  # the script has ended; the end of standard input ends this process
         print(msgspec.json.encode(event).decode(), flush=True)
 
 
 def main() -> int:
-    """Entry: the order, in JSON."""
+    """Run the recorder. The first argument is the ``Order``, in JSON. Return the exit code."""
     order = msgspec.json.decode(sys.argv[1], type=Order)
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # whoever started us may have it ignored
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # the parent process may ignore it
     give_way()
     try:
         summary = trio.run(_record, order)
@@ -72,8 +75,8 @@ def _fail(problem: BaseException) -> int:
 
 
 def _first(group: BaseException) -> BaseException:
-    """What happened in a task comes in groups: the first in it, if it is one that a user
-    understands."""
+    """Return the first error of an exception group, if its message is meant for users. Otherwise raise
+    it."""
     while isinstance(group, BaseExceptionGroup):
         group = group.exceptions[0]
     if isinstance(group, RecordingError | OSError):

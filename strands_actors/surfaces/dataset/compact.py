@@ -18,7 +18,16 @@ OLDER_TOTALS = ("total_videos", "total_chunks")
 
 
 def compact(root: Path, copy: Path, storage: Storage | None = None) -> Copied:
-    """Copy a dataset of version 3 into few files. Raise ``DatasetError`` as ``copy_dataset`` does."""
+    """Copy a dataset of version 3 into few files.
+
+    Args:
+        root: The folder of the dataset.
+        copy: The folder of the copy, which must not exist.
+        storage: The disk; a test may replace it.
+
+    Raises:
+        DatasetError: As ``copy_dataset``, or it has an older version.
+    """
     index = _open(root)
     assert index.info is not None
     if index.info.is_older:
@@ -31,8 +40,13 @@ def compact(root: Path, copy: Path, storage: Storage | None = None) -> Copied:
 def convert(root: Path, copy: Path, storage: Storage | None = None) -> Copied:
     """Copy a dataset of version 2.0 or 2.1 as version 3, without encoding a picture again.
 
+    Args:
+        root: The folder of the dataset.
+        copy: The folder of the copy, which must not exist.
+        storage: The disk; a test may replace it.
+
     Raises:
-        DatasetError: As ``copy_dataset``, and when it has version 3 already.
+        DatasetError: As ``copy_dataset``, or it has version 3 already.
     """
     index = _open(root)
     assert index.info is not None
@@ -49,7 +63,7 @@ def _open(root: Path) -> Index:
 
 
 def _newer(info: Info) -> dict[str, Any]:
-    """Return ``info.json`` as version 3 has it."""
+    """Return ``info.json`` in the form of version 3."""
     features = {key: _feature(feature, info) for key, feature in info.features.items()}
     kept = {key: value for key, value in info.document.items() if key not in OLDER_TOTALS}
     return kept | {

@@ -1,7 +1,7 @@
 """Copy a dataset into few files, as large as LeRobot makes them. The dataset itself is not touched.
 
-Every frame that is written is read again and compared with its source. The copy gets its name last,
-so that there is a whole copy or none.
+Every written frame is read again and compared with its source. The copy is made in a staged folder and
+renamed last, so that an incomplete copy never has the final name.
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ class Copied(msgspec.Struct, frozen=True):
 
 
 class _New(msgspec.Struct):
-    """An episode as the copy has it."""
+    """An episode in the source and in the copy."""
 
     source: EpisodeRow
     row: EpisodeRow
-    slots: dict[str, FileSlot]  # by "data", and by the key of each video
+    slots: dict[str, FileSlot]  # the file in the copy, by "data" and by the key of each video
     pictures: dict[str, int]  # a checksum of its pictures, by the key of each video
 
 
@@ -57,14 +57,14 @@ def copy_dataset(index: Index, copy: Path, document: dict[str, Any], storage: St
     """Copy every episode of a dataset.
 
     Args:
-        index: The dataset. It must be sound: a copy leaves nothing out.
-        copy: The folder of the copy, which must not be there.
-        document: The copy's ``info.json``, but for its totals.
+        index: The dataset. It must be undamaged, since a copy leaves nothing out.
+        copy: The folder of the copy, which must not exist.
+        document: The copy's ``info.json``, without its totals.
         storage: The disk; a test may replace it.
 
     Raises:
-        DamagedError: An episode is damaged, or a frame of the copy is not that of its source.
-        DatasetError: Something is in the place of the copy, or of its folder until it is whole.
+        DamagedError: An episode is damaged, or a frame of the copy differs from its source.
+        DatasetError: The folder of the copy exists, or its staged folder does.
     """
     storage = storage or Storage()
     index.require_certain()
@@ -92,7 +92,7 @@ def copy_dataset(index: Index, copy: Path, document: dict[str, Any], storage: St
 
 
 class _Copy:
-    """One copy, while it is made."""
+    """One copy in progress."""
 
     def __init__(self, index: Index, staged: Path, document: dict[str, Any]) -> None:
         assert index.info is not None
@@ -167,7 +167,7 @@ class _Copy:
                 self._write(slot.data, parquet(*tables))
 
     def _frames_of(self, one: _New) -> pa.Table:
-        """Return the frames of an episode as the copy has them: numbered anew, with the types of all."""
+        """Return the frames of an episode for the copy: with new numbers, and the common types."""
         table = frames_of(self._index.root, one.source)
         numbers = pa.array(np.arange(one.row.first, one.row.first + table.num_rows))
         at = table.schema.get_field_index("index")
@@ -196,7 +196,7 @@ class _Copy:
                 one.pictures[key] = checksum
             before = 0
             for one in ones:
-                # Divided, not added up: the hundredth episode begins as exactly as the first.
+                # Compute the start by one division. A sum of durations would collect rounding errors.
                 one.row = msgspec.structs.replace(
                     one.row, videos=one.row.videos | {key: VideoSpan(name, before / fps)}
                 )
@@ -206,7 +206,7 @@ class _Copy:
     # -- the index
 
     def _figures_of(self, one: _New) -> dict[str, Figures]:
-        """The figures that the source has, and for version 2.0, which has none, new ones."""
+        """Return the source's figures. For version 2, missing ones are computed (2.0 has no figures)."""
         found = {key: figures for key, figures in one.source.figures.items() if key in self._info.features}
         missing = [key for key in self._info.features if key not in found] if self._info.is_older else []
         if missing:
@@ -260,10 +260,10 @@ class _Copy:
             row |= {f"stats/{feature}/{name}": value for name, value in values.items()}
         return row
 
-    # -- what was written
+    # -- verification
 
     def _verify(self) -> None:
-        """Read the copy as a stranger's dataset. Raise ``DamagedError`` when a frame is not there."""
+        """Read the copy like any dataset. Raise ``DamagedError`` if a frame is missing or differs."""
         copied = Index(self._staged)
         copied.require_certain()
         found = check(copied)
@@ -286,7 +286,7 @@ def _common_schema(root: Path, paths: Sequence[Path]) -> pa.Schema:
     """Return the columns of every file, in types that hold the values of each.
 
     Raises:
-        DatasetError: A file has other columns than the first, or types that do not go together.
+        DatasetError: A file has other columns than the first, or types that cannot be unified.
     """
     common = pa.schema([])
     for path in dict.fromkeys(paths):
@@ -305,7 +305,7 @@ def _common_schema(root: Path, paths: Sequence[Path]) -> pa.Schema:
 
 
 def _groups(sizes: Sequence[int], most_mb: float, kinds: Sequence[bytes] = ()) -> Iterator[list[int]]:
-    """The numbers of neighbours that fit into one file, and are of one kind."""
+    """Yield groups of successive numbers. The items of a group fit into one file and are of one kind."""
     group: list[int] = []
     size = 0
     for number, more in enumerate(sizes):

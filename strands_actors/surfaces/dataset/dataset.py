@@ -1,8 +1,19 @@
-"""A dataset on disk: what is counted, and how an episode comes to be counted.
+"""A dataset on disk, open for writing: commit episodes, and clean up after a crash.
 
-``info.json`` says how many episodes there are, and is renamed last: that is the commit. Whoever
-opens the dataset to write puts aside what ``info.json`` does not count, since LeRobot reads every
-file it finds.
+An episode is *counted* if the number of episodes in ``info.json`` includes it. A recorder writes an episode
+into a folder below ``.staging``. When the episode is finished, ``commit`` makes it the next counted one:
+
+1. Write all its files complete into the staging folder, and sync them.
+2. Write ``placing.json`` there, with the final names of these files.
+3. Rename the videos, tasks and statistics to their final names. No index refers to the videos yet.
+4. Rename data, index and, last, ``info.json``. This last rename is the commit.
+
+LeRobot reads every file that it finds, counted or not. So a crash between two steps would leave it frames
+that are not counted. Therefore each program that opens the dataset for writing first removes or puts aside
+the files that are not counted, and then commits the finished episodes in ``.staging`` again.
+
+Invariant: a counted episode is never moved or removed. If it is not certain which episodes are counted,
+nothing is touched.
 """
 
 from __future__ import annotations
@@ -41,31 +52,33 @@ from .tables import parquet
 from .video import DEFAULT, count_frames, remux
 
 PLACING = "placing.json"
-"""In an episode's folder: where its files go, written before the first of them goes there."""
+"""File in an episode's staging folder: its number and the final names of its files. It is written before the
+first of them is renamed."""
 ASIDE = "uncounted"
+"""Folder below ``.staging`` for files that are put aside."""
 
 
 class Dataset:
-    """Open to write, by one process at a time."""
+    """A dataset that is open for writing. Only one process at a time can open it."""
 
     def __init__(self, root: Path, storage: Storage | None = None, accept_damage: bool = False) -> None:
-        """Put aside what is not counted, and commit what was finished.
+        """Open the dataset, put uncounted files aside, and commit the finished episodes in staging.
 
         Args:
-            root: The dataset's folder. It is made when it is not there.
+            root: The dataset's folder. It is created if it does not exist.
             storage: The disk; a test may replace it.
-            accept_damage: Read every picture, and open a dataset whose data or videos are damaged,
-                too. ``checked`` lists what is damaged. When it is not certain what is counted, it is
-                refused in any case.
+            accept_damage: Read every picture, and open a dataset with damaged data or videos, too.
+                ``checked`` lists the damage. A dataset is refused in any case if it is not certain
+                which episodes are counted.
 
         Raises:
             DatasetError: It is damaged, of another kind, or another process writes into it.
-            OSError: The disk refuses.
+            OSError: The disk cannot be read or written.
         """
         self.root = root
         self.storage = storage or Storage()
         self._made = [folder for folder in (root, *root.parents) if not folder.exists()]
-        root.mkdir(0o700, parents=True, exist_ok=True)  # as a recording: it shows where it was made
+        root.mkdir(0o700, parents=True, exist_ok=True)  # private, as a recording: the pictures show the place
         self._lock = Lock(root)
         self.swept: list[str] = []
         self.recovered: list[Episode] = []
@@ -98,8 +111,11 @@ class Dataset:
 
     @property
     def layout(self) -> Layout | None:
-        """The layout of its episodes; None: it has none yet. Raise ``DatasetError`` when no recording
-        has such a layout."""
+        """The layout of its episodes; None if there are no episodes yet.
+
+        Raises:
+            DatasetError: A recording cannot have such a layout.
+        """
         if self._layout is None and self._info is not None and self.episodes:
             try:
                 self._layout = layout_of(self._info)
@@ -112,26 +128,39 @@ class Dataset:
         return self.root / STAGING
 
     def unfinished(self) -> list[Path]:
-        """Return the folders of episodes that nobody has finished, or that could not be counted."""
+        """Return the folders of episodes that are unfinished, or could not be committed."""
         return list(staged_folders(self.staging))
 
     def require(self, layout: Layout) -> Layout:
-        """Return the layout to record with. Raise ``DatasetError`` when the dataset has another
-        one."""
+        """Return the layout to record with.
+
+        Args:
+            layout: The layout of the new episode.
+
+        Returns:
+            The dataset's layout. If it states no units, they are taken from ``layout``. For the first
+            episode, ``layout`` itself.
+
+        Raises:
+            DatasetError: The dataset has another layout.
+        """
         ours = self.layout
         if ours is None:
             self._require_declared(layout)
             return layout
-        for what in ("robot_type", "fps"):
-            if (there := getattr(ours, what)) != (here := getattr(layout, what)):
-                raise DatasetError(f"{self.root} has {what} {there}, this would be {here}. use another folder")
+        for field in ("robot_type", "fps"):
+            if (there := getattr(ours, field)) != (here := getattr(layout, field)):
+                raise DatasetError(f"{self.root} has {field} {there}, this would be {here}. use another folder")
         if difference := difference_of(layout.typed_features(), ours.typed_features()):
             raise DatasetError(f"{self.root} has other features: {difference}. use another folder")
         return ours if ours.units else msgspec.structs.replace(ours, units=layout.units)
 
     def _require_declared(self, layout: Layout) -> None:
-        """Raise ``DatasetError`` when a dataset without an episode, which another program has created,
-        declares something that this recording would not have."""
+        """Check a dataset that another program has created and that has no episode yet.
+
+        Raises:
+            DatasetError: Its ``info.json`` declares something that this recording would not have.
+        """
         if self._info is None:
             return
         if self._info.fps != layout.fps:
@@ -145,8 +174,14 @@ class Dataset:
         )
 
     def codec_for(self, named: str | None) -> str:
-        """Return what to encode videos with. Raise ``DatasetError`` when another codec was named than
-        the dataset has."""
+        """Return the codec for new videos.
+
+        Args:
+            named: The requested codec; None for that of the dataset, or else the default.
+
+        Raises:
+            DatasetError: The dataset's videos have another codec than the requested one.
+        """
         ours = self.layout.codec if self.layout and self.layout.cameras else None
         if named and ours and named != ours:
             raise DatasetError(
@@ -155,7 +190,7 @@ class Dataset:
         return named or ours or DEFAULT
 
     def require_place(self) -> None:
-        """Raise ``DatasetError`` when the folder is another than the one that was opened."""
+        """Raise ``DatasetError`` if the folder is no longer the one that was opened."""
         if not self._lock.is_of(self.root):
             raise DatasetError(
                 f"{self.root} is not the folder any more that was opened: it was moved, or its disk taken away. "
@@ -163,36 +198,48 @@ class Dataset:
             )
 
     def free_bytes(self) -> int:
-        """Return what the disk has left. Raise ``DatasetError``, ``OSError``."""
+        """Return the free bytes on the disk.
+
+        Raises:
+            DatasetError: The folder is no longer the one that was opened.
+            OSError: The disk does not answer.
+        """
         self.require_place()
         return self.storage.free_bytes(self.root)
 
     def close(self) -> None:
-        """Let others write. What is empty goes: of folders, those that were made for this."""
-        with contextlib.suppress(OSError):  # it is not there, or not empty
+        """Release the lock. Remove the staging folder if it is empty, and the empty folders that the
+        constructor created."""
+        with contextlib.suppress(OSError):  # missing, or not empty
             self.staging.rmdir()
         with contextlib.suppress(OSError):
             for folder in self._made if self._lock.is_of(self.root) else ():
                 folder.rmdir()
         self._lock.release()
 
-    # -- what is not counted
+    # -- files that are not counted
 
     def _recover(self) -> None:
-        """Commit what was finished. What cannot be, stays for ``repair``, which says why."""
+        """Commit the finished episodes in staging. One that cannot be committed stays, and ``repair``
+        reports why."""
         for folder in staged_folders(self.staging):
             if (folder / FINISHED).exists():
                 with contextlib.suppress(DatasetError):
                     self.recovered.append(self.commit(folder))
 
     def _sweep(self, index: Index) -> None:
+        """Remove or put aside the files that are not counted.
+
+        Files of an interrupted commit are removed, because staging still has the whole episode. Other
+        uncounted files with a dataset's names are put aside. Files with other names stay.
+        """
         ours: set[Path] = set()
         done: list[Path] = []
         for folder in staged_folders(self.staging):
             placing = folder / PLACING
             if placing.exists():
                 number, *names = json.loads(placing.read_bytes())
-                if number < len(self.episodes):  # it was counted; only its folder was left
+                if number < len(self.episodes):  # committed, but its staging folder was not removed
                     done.append(folder)
                 else:
                     ours |= {self.root / name for name in names}
@@ -202,11 +249,11 @@ class Dataset:
         for folder in [*self.staging.glob(REMOVED + "*"), *done]:
             self.storage.remove(folder)
         swept = bool(ours)
-        for path in filter(is_own_name, uncounted):  # what is called otherwise is somebody's: it stays
+        for path in filter(is_own_name, uncounted):  # files with other names belong to the user and stay
             if self.root / path in ours or path.name.endswith(STAGED_SUFFIX):
                 self.storage.remove(self.root / path)
             elif self.checked.damaged:
-                continue  # it may be what a damaged episode lacks
+                continue  # it may have the frames that a damaged episode lacks
             else:
                 self.storage.place(self.root / path, _free(self.staging / ASIDE / path))
                 self.swept.append(str(path))
@@ -218,7 +265,8 @@ class Dataset:
             self.checked.faults = [fault for fault in self.checked.faults if fault != NO_FIGURES]
 
     def _require_empty(self, strange: list[Path]) -> None:
-        """Before the first episode there is nothing of ours to put aside."""
+        """Raise ``DatasetError`` if a dataset without episodes has files with a dataset's names. A recorder
+        cannot have left them, so they are not put aside."""
         if strange:
             counts = f"no {INFO}" if self._info is None else f"no episode in its {INFO}"
             raise DatasetError(
@@ -229,8 +277,14 @@ class Dataset:
     # -- the commit
 
     def commit(self, folder: Path) -> Episode:
-        """Make a staged episode the next one. Raise ``DatasetError`` when nothing of it can be
-        used; it stays where it is."""
+        """Make a staged episode the next counted one. See the module's docstring for the steps.
+
+        Args:
+            folder: The episode's staging folder. It is removed at the end.
+
+        Raises:
+            DatasetError: No frame of it can be used, or it does not fit the dataset. It stays in staging.
+        """
         self.require_place()
         staged = read_staged(folder)
         layout = self.require(staged.about.layout)
@@ -263,8 +317,9 @@ class Dataset:
         last = {INFO: self._stage(folder, "info.json", _json(info))}
         where = [str(path) for path in (*first, *counted)]
         self.storage.write(folder / PLACING, json.dumps([number, *where]).encode())
-        # Nothing points at the videos yet. Between data and info.json there are three renames and nothing
-        # else: LeRobot would read what is not counted. The system keeps them in their order.
+        # First rename the files that no index refers to. Then rename data, index and info.json, and do nothing
+        # else in between, because LeRobot would read frames that are not counted yet. The file system keeps
+        # the order of the renames.
         for files in (first, counted | last):
             self._place(files)
 
@@ -298,7 +353,7 @@ class Dataset:
         self.storage.place(staged, path)
 
     def _place(self, files: dict[Path, Path]) -> None:
-        """Give complete files their names, and wait until the disk has these."""
+        """Rename complete files to their final names, and wait until the names are on the disk."""
         for name in files:
             (self.root / name).parent.mkdir(parents=True, exist_ok=True)
         for name, staged in files.items():
@@ -308,7 +363,8 @@ class Dataset:
 
 
 def _free(path: Path) -> Path:
-    """Return the path, or one beside it that is not taken: what was put aside before stays."""
+    """Return the path, or if it exists, one with a number in its name. Files that were put aside before are
+    kept."""
     names = itertools.chain([path.name], (f"{path.stem}-{number}{path.suffix}" for number in itertools.count(2)))
     return next(each for name in names if not (each := path.with_name(name)).exists())
 

@@ -1,4 +1,4 @@
-"""What one finished episode is in the dataset: its rows, its figures, its line in the index."""
+"""Build the parts of a finished episode in the dataset: its rows, its figures, its row in the index."""
 
 from __future__ import annotations
 
@@ -18,13 +18,19 @@ from .statistics import Figures, PictureFigures, of_column
 from .video import pictures_of
 
 MARKS = b"strands_actors"
-"""In the metadata of the index's files: the marks of each episode, by its number."""
+"""Key in the metadata of the index's files. Its value is a JSON object of marks by episode number."""
 
 
 class Marks(msgspec.Struct, frozen=True):
-    """What is wrong with an episode. ``gaps``: frames that are missing; ``stale``: frames in which
-    the state, or a camera, was older than 1.5 periods; ``repaired``: its recorder did not finish
-    it; ``pictures``: a checksum of the pictures of each video, by its key."""
+    """The recorder's notes on an episode.
+
+    Attributes:
+        gaps: Number of missing frames.
+        stale: By source (the state, or a camera), in how many frames it was older than 1.5 periods.
+        repaired: True if the recorder did not finish the episode.
+        began: When it began, as a date.
+        pictures: A checksum of the pictures of each video, by the video's key.
+    """
 
     gaps: int = 0
     stale: dict[str, int] = {}
@@ -34,14 +40,14 @@ class Marks(msgspec.Struct, frozen=True):
 
     @property
     def told(self) -> str:
-        """In words; empty: nothing is wrong."""
-        said = [f"{self.gaps} frames missing"] if self.gaps else []
-        said += [f"{name} late in {count} frames" for name, count in self.stale.items()]
-        return ", ".join([*said, "repaired"] if self.repaired else said)
+        """The defects in words; empty if there are no defects."""
+        words = [f"{self.gaps} frames missing"] if self.gaps else []
+        words += [f"{name} late in {count} frames" for name, count in self.stale.items()]
+        return ", ".join([*words, "repaired"] if self.repaired else words)
 
 
 class Episode(msgspec.Struct, frozen=True):
-    """An episode that is counted."""
+    """A counted episode."""
 
     index: int
     task: str
@@ -50,7 +56,13 @@ class Episode(msgspec.Struct, frozen=True):
 
 
 def marks_of(staged: Staged, table: pa.Table, pictures: dict[str, int]) -> Marks:
-    """Of the rows that the episode has."""
+    """Return the marks of a staged episode.
+
+    Args:
+        staged: The episode.
+        table: Those of its rows that are committed.
+        pictures: A checksum of the pictures of each video, by the video's key.
+    """
     stale = Counter(name for row in table[STALE].to_pylist() for name in row)
     gaps = sum(table[GAP].to_pylist())
     finished = staged.finished
@@ -60,8 +72,15 @@ def marks_of(staged: Staged, table: pa.Table, pictures: dict[str, int]) -> Marks
 
 
 def columns_of(layout: Layout, table: pa.Table, episode: int, first: int, task: int) -> dict[str, NDArray[Any]]:
-    """Every column of an episode, a row a frame. ``first``: the number of its first frame in the
-    dataset."""
+    """Return every column of an episode, with one row per frame.
+
+    Args:
+        layout: The dataset's layout.
+        table: The staged rows.
+        episode: The episode's number.
+        first: The number of its first frame in the dataset.
+        task: The number of its task.
+    """
     count = table.num_rows
     frames = np.arange(count, dtype=np.int64)
     columns: dict[str, NDArray[Any]] = {name: _rows(table, name, len(layout.names_of(name))) for name in VECTORS}
@@ -80,7 +99,7 @@ def _rows(table: pa.Table, name: str, width: int) -> NDArray[np.float32]:
 
 
 def data_table(columns: Mapping[str, NDArray[Any]]) -> pa.Table:
-    """As LeRobot has it: a vector of one number is a number."""
+    """Return the data as LeRobot stores it: a vector of length one is a plain number."""
     return pa.table(
         {
             name: pa.array(values.ravel())
@@ -94,7 +113,14 @@ def data_table(columns: Mapping[str, NDArray[Any]]) -> pa.Table:
 def figures_of(
     staged: Staged, columns: Mapping[str, NDArray[Any]], layout: Layout, videos: Mapping[str, Path]
 ) -> dict[str, Figures]:
-    """``videos``: of each camera, as it will be in the dataset."""
+    """Return the figures of each feature.
+
+    Args:
+        staged: The episode.
+        columns: Its columns.
+        layout: The dataset's layout.
+        videos: The final video of each camera. It is decoded if the recorder did not finish the episode.
+    """
     found = {name: of_column(values) for name, values in columns.items()}
     for camera in layout.cameras:
         pictures = PictureFigures()
@@ -139,7 +165,7 @@ def index_table(rows: list[dict[str, Any]], marks: Mapping[int, Marks]) -> pa.Ta
 
 
 def decode_marks(metadata: Mapping[bytes, bytes]) -> dict[int, Marks]:
-    """Return the marks in the metadata of a file of the index; none when another program wrote it.
+    """Return the marks in the metadata of a file of the index; empty if another program wrote it.
 
     Raises:
         msgspec.MsgspecError: They are damaged.
@@ -148,7 +174,7 @@ def decode_marks(metadata: Mapping[bytes, bytes]) -> dict[int, Marks]:
 
 
 def _kind(name: str, value: Any) -> pa.DataType:
-    """The same for every episode, whatever its values are."""
+    """Return the type of a column of the index. It depends on the name, so that all episodes have the same."""
     if name == "tasks":
         return pa.list_(pa.string())
     if isinstance(value, list):

@@ -1,4 +1,4 @@
-"""What a dataset refuses."""
+"""Errors of datasets."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from strands_actors.surfaces.recording.errors import RecordingError
 
 
 class DatasetError(RecordingError):
-    """One line: what cannot be recorded, repaired, merged or read, and why."""
+    """A dataset cannot be recorded, repaired, merged or read. The message is one line and has the reason."""
 
 
 class DamagedError(DatasetError):

@@ -1,8 +1,13 @@
-"""From what the robot was told and did to frames, one a period. Pure.
+"""Build frames from the robot's journal and the cameras' pictures, one frame per period. Pure.
 
-A frame is due at a moment. Its state is the newest that was read by then; its action is what was in
-force one period later, that is what was decided with this state in sight. So a frame is made when
-the journal has come as far as the next one.
+A frame is due at a certain time ``t``:
+
+* Its state is the newest one that was read at ``t`` or before.
+* Its pictures are the newest ones at ``t``.
+* Its action is the target in force at ``t`` plus one period. This is the action that was decided with this
+  state in sight.
+
+So a frame can be built only when the journal has reached ``t`` plus one period. Until then it waits.
 """
 
 from __future__ import annotations
@@ -22,33 +27,41 @@ from .staging import Picture, Row
 
 NS = 1_000_000_000
 MEMORY_S = 5.0
+"""Older states and targets are forgotten."""
 STALE_PERIODS = 1.5
-"""A state or a picture that is older than so many periods marks its frame. Of a robot whose state is
-read more seldom, so many of its own cycles."""
+"""A frame is marked as stale if its state or a picture is older than so many periods. If the robot's state is
+read less often than frames are built, the limit is so many reading cycles."""
 LOST_S = 0.5
-"""Without a state that is younger there is no frame."""
+"""If the newest state is older than this, in seconds, the frame is missing."""
 PATIENCE_S = 1.0
-"""How long a frame waits for the journal; then it is made of what there is."""
+"""How long a frame waits for the journal, in seconds. Then it is built from the available entries."""
 LARGEST = float(np.finfo(np.float32).max)
 MOVING = ("armed",)
-"""The modes in which a target is in force. In every other the robot stays, or is limp."""
+"""The modes in which a target is in force. In every other mode the robot stays, or is limp."""
 
 
 class Axes(msgspec.Struct, frozen=True):
-    """The robot's axes, in order. ``velocities``: those whose number is a speed; ``units``: of each,
-    where its driver says them; ``optional``: those that not every robot of this name has;
-    ``read_only``: joints of the state alone, which not every robot of this name has either."""
+    """The robot's axes, in order.
+
+    Attributes:
+        keys: Their names.
+        velocities: The axes that are commanded by velocity.
+        units: The unit of each axis; empty if the driver is not known here.
+        optional: The axes that not every robot of this name has.
+        read_only: Joints that are only in the state. Not every robot of this name has them, either.
+        cycle_s: Period of reading the state, in seconds; 0 if not known.
+    """
 
     keys: tuple[str, ...]
     velocities: frozenset[str] = frozenset()
     units: tuple[str, ...] = ()
     optional: frozenset[str] = frozenset()
     read_only: tuple[ReadOnlyJoint, ...] = ()
-    cycle_s: float = 0.0  # how often its state is read, where it is read more seldom than frames are made
+    cycle_s: float = 0.0
 
     @property
     def state(self) -> tuple[str, ...]:
-        """What a state has: the axes, and behind them what is only read."""
+        """The names of a state's numbers: the axes, then the read-only joints."""
         return (*self.keys, *(joint.key for joint in self.read_only))
 
     @property
@@ -57,19 +70,19 @@ class Axes(msgspec.Struct, frozen=True):
 
     @property
     def read_only_joints(self) -> tuple[tuple[str, str], ...]:
-        """The joints of the state alone, each with its unit."""
+        """The read-only joints, each with its unit."""
         return tuple((f"{joint.key}.pos", joint.unit) for joint in self.read_only)
 
     def without(self, absent: Collection[str]) -> Axes:
-        kept = [at for at, key in enumerate(self.keys) if key not in absent]
-        units = tuple(self.units[at] for at in kept) if self.units else ()
+        kept = [index for index, key in enumerate(self.keys) if key not in absent]
+        units = tuple(self.units[index] for index in kept) if self.units else ()
         read_only = tuple(joint for joint in self.read_only if joint.key not in absent)
-        keys = tuple(self.keys[at] for at in kept)
+        keys = tuple(self.keys[index] for index in kept)
         return msgspec.structs.replace(self, keys=keys, units=units, read_only=read_only)
 
 
 class Due(msgspec.Struct, frozen=True):
-    """A moment for which there shall be a frame, with the pictures of then."""
+    """The time for which a frame has to be built, with the newest pictures at that time."""
 
     at_ns: int
     pictures: dict[str, Picture]
@@ -82,7 +95,7 @@ class Made(msgspec.Struct, frozen=True):
 
 
 class _Wanted(msgspec.Struct, frozen=True):
-    """What is in force from a moment on; None: nothing, the robot stays where it is."""
+    """The target in force and the requested one. A target of None means that the robot stays in place."""
 
     target: dict[str, float] | None
     requested: dict[str, float]
@@ -93,7 +106,7 @@ Value = TypeVar("Value")
 
 
 class _History(deque[tuple[int, Value]]):
-    """Values by time. Out of order by a little is put in order."""
+    """Values by time. A value that comes slightly out of order is inserted at its place."""
 
     def put(self, at_ns: int, value: Value) -> None:
         later: list[tuple[int, Value]] = []
@@ -105,38 +118,38 @@ class _History(deque[tuple[int, Value]]):
             self.popleft()
 
     def at(self, at_ns: int) -> tuple[int, Value] | None:
-        """The newest that is not younger."""
+        """Return the newest value at this time or before, with its time; None if there is no such value."""
         return next((entry for entry in reversed(self) if entry[0] <= at_ns), None)
 
 
 class Assembler:
-    """Makes the frames of one recording. ``period_s``: from one to the next."""
+    """Builds the frames of one recording, one per ``period_s``."""
 
     def __init__(self, axes: Axes, period_s: float) -> None:
         self._axes = axes
-        # What the robot may lack, and was never read.
+        # Axes and joints that the robot may lack and that were never read.
         self._absent = axes.optional.intersection(axes.keys).union(joint.key for joint in axes.read_only)
         self._period_ns = round(period_s * NS)
         self._late_ms = STALE_PERIODS * period_s * 1e3
         self._state_late_ms = STALE_PERIODS * max(period_s, axes.cycle_s) * 1e3
-        self._states: _History[tuple[dict[str, float], int]] = _History()  # with when the oldest was read
+        self._states: _History[tuple[dict[str, float], int]] = _History()  # with the time of its oldest reading
         self._wanted: _History[_Wanted] = _History()
         self._lease = 0
         self._heard_ns = 0
         self._due: deque[Due] = deque()
         self._gap = 0
         self.unread: tuple[str, ...] = ()
-        """The axes of which the newest observation has nothing."""
+        """The axes without a value in the newest observation."""
 
     @property
     def waiting(self) -> int:
-        """Frames that are due and not yet made."""
+        """Number of frames that are due and not built yet."""
         return len(self._due)
 
     # -- the journal
 
     def hear(self, rows: Iterable[JournalRow]) -> None:
-        """What the wire process has told."""
+        """Take entries from the wire process's journal."""
         for _, at_ns, row in rows:
             match row:
                 case Seen():
@@ -148,7 +161,8 @@ class Assembler:
                 case Lifecycle(what="state") if row.mode not in MOVING:
                     self._wanted.put(at_ns, _STAYS)
                 case Gap():
-                    self._wanted.put(max(at_ns, self._heard_ns), _STAYS)  # what was said in between is not known
+                    # Commands within the gap are unknown.
+                    self._wanted.put(max(at_ns, self._heard_ns), _STAYS)
                 case _:
                     continue
             self._heard_ns = max(self._heard_ns, at_ns)
@@ -166,7 +180,8 @@ class Assembler:
             self._lease = row.lease
         if row.what != "setpoint":
             return
-        # What was accepted moves the robot, though the journal may have a gap where its lease was given.
+        # Ignore refused setpoints under another lease. An accepted setpoint moves the robot in any case: if its
+        # lease is unknown, the journal has a gap where the lease was granted.
         if row.outcome != "accepted" and self._lease and row.lease != self._lease:
             return
         before = self._wanted[-1][1] if self._wanted else _STAYS
@@ -180,37 +195,43 @@ class Assembler:
 
     @property
     def has_all(self) -> bool:
-        """Whether each axis was read at least once."""
+        """True if each axis was read at least once."""
         return not self._absent
 
     def leave_out_absent(self) -> Axes:
-        """From now on the robot has no axis that it may lack and that was never read. Return those that
-        it has."""
+        """Drop the optional axes and joints that were never read, from now on. Return the axes that remain."""
         self._axes = self._axes.without(self._absent)
         self._absent = frozenset()
         return self._axes
 
     def has_state(self, now_ns: int) -> bool:
-        """Whether the robot is read."""
+        """Return True if there is a state that is at most ``LOST_S`` old."""
         found = self._states.at(now_ns)
         return found is not None and now_ns - found[1][1] <= LOST_S * NS
 
     # -- frames
 
     def due(self, at_ns: int, pictures: Mapping[str, Picture], age_ms: Mapping[str, float]) -> None:
+        """Queue a frame.
+
+        Args:
+            at_ns: Its time, in nanoseconds of CLOCK_MONOTONIC.
+            pictures: The newest picture of each camera.
+            age_ms: The age of each picture, in milliseconds.
+        """
         self._due.append(Due(at_ns, dict(pictures), dict(age_ms)))
 
     def miss(self, count: int = 1) -> None:
-        """Frames that were due, and cannot be."""
+        """Count frames that were due and cannot be built."""
         self._gap += count
 
     def take_gap(self) -> int:
-        """Return how many are missing since the last frame, and begin anew."""
+        """Return how many frames are missing since the last one, and reset the count."""
         gap, self._gap = self._gap, 0
         return gap
 
     def made(self, now_ns: int) -> Iterator[Made]:
-        """The frames that can be made by now, in order."""
+        """Yield the frames that can be built by now, in order."""
         while self._due:
             due = self._due[0]
             end_ns = due.at_ns + self._period_ns
@@ -251,18 +272,19 @@ class Assembler:
         return tuple(values[key] for key in self._axes.keys)
 
     def begin(self) -> None:
-        """An episode begins: what was due for the last one is forgotten."""
+        """Begin an episode: forget the frames that are due for the previous one."""
         self._due.clear()
         self._gap = 0
 
 
 def missed(at_ns: int, last_ns: int, period_ns: int) -> int:
-    """Return how many frames lie between two that were due."""
+    """Return how many periods were skipped between two times of frames; 0 if ``last_ns`` is 0."""
     return max(0, round((at_ns - last_ns) / period_ns) - 1) if last_ns else 0
 
 
 def _numbers(values: Mapping[str, object]) -> dict[str, float]:
-    """Those that a column can have: what was never read is NaN, and statistics of it are no JSON."""
+    """Return the values that a column of float32 can hold. NaN, which stands for an axis that was never read,
+    is left out, because JSON has no NaN for its statistics."""
     return {
         key: float(value)
         for key, value in values.items()

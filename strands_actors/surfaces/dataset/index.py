@@ -1,7 +1,7 @@
-"""Read what a dataset counts: ``info.json``, the index of its episodes, its tasks.
+"""Read which episodes a dataset counts: ``info.json``, the index of its episodes, its tasks.
 
-Reading never fails at one damaged table: what it cost is listed, and the rest is read. What the
-index states about data and videos is verified by ``check``.
+One damaged table does not stop the reading: the lost episodes are listed, and the others are read.
+``check`` verifies the index's statements about data and videos.
 """
 
 from __future__ import annotations
@@ -37,17 +37,25 @@ class Index:
     """The episodes that a dataset counts.
 
     Attributes:
-        info: ``info.json``, or None when there is none.
-        rows: The episodes whose row can be read, by their number.
-        lost: Why an episode that is counted has no row.
+        info: ``info.json``, or None if there is no such file.
+        rows: The episodes with a readable row, by number.
+        lost: For each counted episode without a readable row, why.
         marks: The recorder's marks, by the number of the episode.
         tasks: The tasks, in the order of their numbers.
         files: Every file that a counted episode needs.
-        doubts: Why it is not certain what is counted. With a doubt nothing is written or moved.
+        doubts: Why it is not certain which episodes are counted. With a doubt, nothing may be written or
+            moved.
     """
 
     def __init__(self, root: Path) -> None:
-        """Read it. Raise ``DatasetError`` when ``info.json`` cannot be used."""
+        """Read the index.
+
+        Args:
+            root: The folder of the dataset.
+
+        Raises:
+            DatasetError: ``info.json`` cannot be used.
+        """
         self.root = root
         self.info = read_info(root)
         self.rows: dict[int, EpisodeRow] = {}
@@ -73,7 +81,7 @@ class Index:
 
     @property
     def total(self) -> int:
-        """How many episodes are counted, with those whose row cannot be read."""
+        """Number of counted episodes, including those without a readable row."""
         return len(self.rows) + len(self.lost)
 
     @property
@@ -84,27 +92,27 @@ class Index:
         ]
 
     def has_figures(self) -> bool:
-        """Return True if ``stats.json`` has every figure that can be made of those of the episodes."""
+        """Return True if ``stats.json`` has usable figures of each feature for which all episodes have them."""
         figures = self.figures()
         stated = set.intersection(*(set(row.figures) for row in self.rows.values())) if self.rows else set()
         return bool(figures) and all(usable_figures(figures.get(key)) for key in stated)
 
     def figures(self) -> dict[str, Any]:
-        """Return ``stats.json``, for a dataset whose index has no figures; empty when it cannot be read."""
+        """Return the figures in ``stats.json``; empty if it cannot be read."""
         try:
             return decode_json((self.root / STATS).read_bytes(), dict[str, Any])
         except (OSError, *JSON_DAMAGE):
             return {}
 
     def require_certain(self) -> None:
-        """Raise ``DamagedError`` unless it is certain what is counted."""
+        """Raise ``DamagedError`` unless it is certain which episodes are counted."""
         reasons = [*(f"episode {number}: {why}" for number, why in sorted(self.lost.items())), *self.doubts]
         if reasons:
             more = f" ({len(reasons) - 1} more)" if len(reasons) > 1 else ""
             raise DamagedError(f"{self.root} is damaged, and was not touched: {reasons[0]}{more}. {RESTORE}")
 
     def uncounted(self) -> list[Path]:
-        """Return the files that LeRobot would find, or might, and that are not counted."""
+        """Return the files that no counted episode needs and that LeRobot could read."""
         found = [
             path for path in self.root.glob("meta/*" + STAGED_SUFFIX) if is_own_name(path.relative_to(self.root))
         ]
@@ -113,7 +121,8 @@ class Index:
         return sorted(found)
 
     def last_slot(self) -> FileSlot | None:
-        """Return the last file there is, counted or not: what comes next replaces none."""
+        """Return the highest number of any file, counted or not, so that the next file replaces no other;
+        None without files."""
         every = self.files.union(path for path in self.uncounted() if path.suffix != STAGED_SUFFIX)
         names = [path for path in every if is_own_name(path.relative_to(self.root))]
         slots = [FileSlot(int(path.parent.name[6:]), int(path.stem[5:])) for path in names]
@@ -130,7 +139,7 @@ class Index:
                 numbers = msgspec.convert([row.get("episode_index") for row in table.rows], list[int])
                 marks = decode_marks(table.metadata)
             except (DatasetError, msgspec.MsgspecError) as damage:
-                self._unread.append(_told(path, damage))
+                self._unread.append(_describe(path, damage))
                 continue
             counted = [n for n in numbers if info.total_episodes is None or 0 <= n < info.total_episodes]
             if 0 < len(counted) < len(numbers):
@@ -148,7 +157,7 @@ class Index:
         self._read_tasks(info)
 
     def _choose(self, info: Info, number: int, candidates: list[tuple[Path, dict[str, Any]]]) -> None:
-        """Of several rows of an episode, the one that stands in the file that it names is the right one."""
+        """Take the row of an episode. If there are several, the right one is in the file that it names."""
         own = [each for each in candidates if _is_in_its_file(self.root, *each)]
         path, row = (own or candidates)[0]
         if len(own or candidates) > 1:
@@ -161,7 +170,7 @@ class Index:
 
     def _read_tasks(self, info: Info) -> None:
         if not self.rows and not (self.root / TASKS).exists():
-            return  # it was just created
+            return  # the dataset was just created
         try:
             table = read_table(self.root / TASKS)
             with refuse_damage(self.root / TASKS):
@@ -180,7 +189,7 @@ class Index:
             self.doubts.append(f"{self.root / OLDER_TASKS} does not number its tasks from 0")
         self.tasks = [task.task for task in tasks] if is_numbered and not self._unread else []
         rows = sorted(self._lines(EPISODES, OlderRow), key=lambda row: row.episode_index)
-        has_stats = (self.root / OLDER_STATS).exists()  # version 2.0 has none
+        has_stats = (self.root / OLDER_STATS).exists()  # version 2.0 has no such file
         figures = (
             {line.episode_index: line.stats for line in self._lines(OLDER_STATS, OlderFigures)} if has_stats else {}
         )
@@ -243,12 +252,12 @@ class Index:
 
 MOST = 1_000_000
 MOST_LOST = 10_000
-"""Of an ``info.json`` that counts any number, so many episodes without a row are listed."""
+"""At most so many episodes without a row are listed, since a damaged ``info.json`` may count any number."""
 RESTORE = "Put the file back from a copy. `strands-actors dataset show` lists all that is wrong"
 
 
 def files_of(row: EpisodeRow) -> Sequence[Path]:
-    """The data and the videos of an episode."""
+    """Return the paths of an episode's data and videos, relative to the dataset."""
     return (row.data, *(span.path for span in row.videos.values()))
 
 
@@ -257,5 +266,5 @@ def _is_in_its_file(root: Path, path: Path, row: dict[str, Any]) -> bool:
     return slot is not None and path == root / slot.episodes
 
 
-def _told(path: Path, damage: Exception) -> str:
+def _describe(path: Path, damage: Exception) -> str:
     return str(damage) if isinstance(damage, DatasetError) else f"{path} cannot be read: {damage}"

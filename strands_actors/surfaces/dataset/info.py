@@ -1,6 +1,6 @@
 """Decode ``meta/info.json`` into structs, once. Any program may have written it. Pure.
 
-Nothing that this file states about other files is believed: ``check`` opens them.
+The statements of this file about other files are not trusted. ``check`` opens those files.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from .errors import DatasetError
 
 VERSION = "v3.0"
 OLDER = ("v2.0", "v2.1")
-"""Versions that are shown, and that ``dataset convert`` reads."""
+"""Versions that ``dataset show`` and ``dataset convert`` can read."""
 LONGEST_NAME = 200
 CHANNELS = (1, 3, 4)
 
@@ -121,7 +121,8 @@ def decode_info(data: bytes, file: object) -> Info:
 
 
 def is_folder_name(name: str) -> bool:
-    """Return True if a name that a file states can be one folder below a dataset, and nothing else."""
+    """Return True if a name from a file is safe as the name of one folder below the dataset: short,
+    printable, not hidden, and no path."""
     return (
         0 < len(name.encode(errors="replace")) <= LONGEST_NAME
         and name.isprintable()

@@ -1,4 +1,4 @@
-"""Commands from the terminal: a key each, or a word a line where there is none."""
+"""Read commands from standard input: single keys of a terminal, else one word per line."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ STDIN = 0
 
 @contextmanager
 def single_keys(descriptor: int) -> Iterator[None]:
-    """Give each key at once, unshown. Ctrl-C stays what it is."""
+    """Deliver each key at once and without echo, for the block. Ctrl-C still raises SIGINT."""
     before = termios.tcgetattr(descriptor)
     tty.setcbreak(descriptor)
     try:
@@ -35,8 +35,7 @@ def single_keys(descriptor: int) -> Iterator[None]:
 
 
 async def read_keys(command: Callable[[str], None]) -> None:
-    """Obey the terminal on standard input, until cancelled. Its keys are taken one by one
-    meanwhile."""
+    """Call ``command`` with the word of each key that is pressed, until cancelled. Other keys are ignored."""
     async for piece in _pieces(STDIN):
         for key in piece.decode(errors="replace"):
             if key in KEYS:
@@ -44,8 +43,12 @@ async def read_keys(command: Callable[[str], None]) -> None:
 
 
 async def read_words(command: Callable[[str], None], at_end: Callable[[], None]) -> None:
-    """Obey the words on standard input, one a line, until cancelled. ``at_end``: nothing more will
-    come."""
+    """Call ``command`` with each line of standard input, until cancelled or until its end.
+
+    Args:
+        command: Called with each word.
+        at_end: Called when standard input has ended.
+    """
     rest = b""
     async for piece in _pieces(STDIN):
         *lines, rest = (rest + piece).split(b"\n")
@@ -57,6 +60,7 @@ async def read_words(command: Callable[[str], None], at_end: Callable[[], None])
 
 
 async def _pieces(descriptor: int) -> AsyncIterator[bytes]:
-    """What is read, as it comes. In a thread: standard input may be a file, which no poll knows."""
+    """Yield the bytes as they arrive. A thread reads them, because standard input may be a file, and files
+    cannot be polled."""
     while piece := await trio.to_thread.run_sync(os.read, descriptor, 4096, abandon_on_cancel=True):
         yield piece

@@ -1,6 +1,6 @@
-"""LeRobot's format, version 3: which files there are, and what stands in ``info.json``.
+"""LeRobot's format, version 3: the names of the files and the contents of ``info.json``.
 
-Pure, but for reading what is there.
+Pure, except for ``read_info``.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from .errors import DatasetError
 from .info import VERSION, Feature, Info, decode_info
 
 CHUNK_FILES = 1000
-"""Files of one folder."""
+"""Files in one folder."""
 DATA_MB = 100
 VIDEO_MB = 200
 
-# Of each name that begins with ``observation`` LeRobot makes an input of a policy, and an output of
-# each that begins with ``action``.
+# LeRobot makes each feature an input of a policy if its name begins with ``observation``, and an output if it
+# begins with ``action``. So ``requested_action`` and ``age_ms`` begin with neither.
 STATE = "observation.state"
 CAMERA = "observation.images."
 ACTION = "action"
@@ -50,7 +50,7 @@ _OWN = re.compile(
 
 
 class CameraShape(msgspec.Struct, frozen=True):
-    """How large the pictures of one camera are."""
+    """The name of a camera and the size of its pictures, in pixels."""
 
     name: str
     height: int
@@ -62,9 +62,18 @@ class CameraShape(msgspec.Struct, frozen=True):
 
 
 class Layout(msgspec.Struct, frozen=True):
-    """What every frame of a dataset has. ``joints``: the names of an action and of a state, as
-    LeRobot spells them (``shoulder_pan.pos``); ``units``: theirs, one each, where they are known;
-    ``read_only``: what a state alone has behind them, each with its unit."""
+    """The contents of every frame of a dataset.
+
+    Attributes:
+        robot_type: The robot, as in ``info.json``.
+        fps: Frames per second.
+        joints: Names of the numbers of an action and a state, as LeRobot spells them
+            (``shoulder_pan.pos``).
+        cameras: The cameras.
+        codec: The codec of all videos.
+        units: The unit of each joint; empty if not known.
+        read_only: (name, unit) of further numbers that only a state has, after ``joints``.
+    """
 
     robot_type: str
     fps: int
@@ -76,7 +85,7 @@ class Layout(msgspec.Struct, frozen=True):
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """Whose age each frame has: the robot's state, and each camera."""
+        """The sources of a frame, in the order of their ages in it: the robot's state, and each camera."""
         return ("state", *(camera.name for camera in self.cameras))
 
     def names_of(self, vector: str) -> tuple[str, ...]:
@@ -85,21 +94,21 @@ class Layout(msgspec.Struct, frozen=True):
         return (*self.joints, *(name for name, _ in self.read_only)) if vector == STATE else self.joints
 
     def units_of(self, vector: str) -> tuple[str, ...]:
-        """Return the unit of each of a vector's numbers; empty where they are not known."""
+        """Return the unit of each of a vector's numbers; empty if they are not known."""
         if vector == AGE or not self.units:
             return ()
         return (*self.units, *(unit for _, unit in self.read_only)) if vector == STATE else self.units
 
     def features(self) -> dict[str, Any]:
-        """As ``info.json`` has them."""
-        found: dict[str, Any] = {}
+        """Return the features as in ``info.json``."""
+        features: dict[str, Any] = {}
         for vector in (ACTION, REQUESTED, STATE, AGE):
             names = self.names_of(vector)
-            found[vector] = {"dtype": "float32", "shape": [len(names)], "names": list(names)}
+            features[vector] = {"dtype": "float32", "shape": [len(names)], "names": list(names)}
             if units := self.units_of(vector):
-                found[vector][UNITS] = list(units)  # LeRobot keeps it, and does not look at it
+                features[vector][UNITS] = list(units)  # LeRobot keeps this key, but does not read it
         for camera in self.cameras:
-            found[camera.key] = {
+            features[camera.key] = {
                 "dtype": "video",
                 "shape": [camera.height, camera.width, 3],
                 "names": ["height", "width", "channels"],
@@ -114,9 +123,9 @@ class Layout(msgspec.Struct, frozen=True):
                     "has_audio": False,
                 },
             }
-        found["timestamp"] = {"dtype": "float32", "shape": [1], "names": None}
-        found |= {name: {"dtype": "int64", "shape": [1], "names": None} for name in COUNTERS}
-        return found
+        features["timestamp"] = {"dtype": "float32", "shape": [1], "names": None}
+        features |= {name: {"dtype": "int64", "shape": [1], "names": None} for name in COUNTERS}
+        return features
 
     def typed_features(self) -> dict[str, Feature]:
         return msgspec.convert(self.features(), dict[str, Feature])
@@ -140,7 +149,7 @@ class Layout(msgspec.Struct, frozen=True):
 
 
 class FileSlot(msgspec.Struct, frozen=True, order=True):
-    """One file among its kind."""
+    """The number of a file, among the data files, the index files, or the videos of one camera."""
 
     chunk: int
     file: int
@@ -165,13 +174,20 @@ class FileSlot(msgspec.Struct, frozen=True, order=True):
 
 
 def is_own_name(path: Path) -> bool:
-    """Whether a file of a dataset, or one on its way to be one, is called so: ``path`` in its folder."""
+    """Return True if a recorder or a copy gives a file this name, or gave it until the commit.
+
+    Args:
+        path: The path, relative to the dataset.
+    """
     return _OWN.fullmatch(path.as_posix()) is not None
 
 
 def read_info(root: Path) -> Info | None:
-    """Return what the dataset states about itself; None: it has no ``info.json``. Raise
-    ``DatasetError``."""
+    """Return the decoded ``info.json``; None if there is no such file.
+
+    Raises:
+        DatasetError: It cannot be read or decoded, or is a pointer of Git LFS.
+    """
     try:
         if pointer := pointer_reason(root / INFO):
             raise DatasetError(pointer)
@@ -215,14 +231,15 @@ def _named(info: Info, vector: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 def difference_of(ours: Mapping[str, Feature], theirs: Mapping[str, Feature]) -> str:
-    """Return which features differ in what a program relies on; empty: none."""
+    """Return the first difference between features that matters to a program; empty if there is no such
+    difference."""
     for key in (*ours, *(key for key in theirs if key not in ours)):
         mine, other = ours.get(key), theirs.get(key)
         if mine is None or other is None:
             return f"{key} is only in {'the dataset' if mine is None else 'the recording'}"
         if (here := _essence(mine)) != (there := _essence(other)):
             return f"{key} is {there}, not {here}"
-        # A dataset of an older version has no units: then they are the robot's.
+        # A dataset that an older version of this package recorded states no units. Its units are the robot's.
         if mine.flat_units and other.flat_units and mine.flat_units != other.flat_units:
             here, there = (", ".join(unit or "no unit" for unit in each.flat_units) for each in (mine, other))
             return f"{key} is in {there}, not in {here}"
@@ -230,9 +247,15 @@ def difference_of(ours: Mapping[str, Feature], theirs: Mapping[str, Feature]) ->
 
 
 def contradiction_of(ours: Mapping[str, Feature], theirs: Mapping[str, Feature]) -> str:
-    """Return which feature of a dataset that has no episode yet a recording would not have; empty: none.
+    """Return which declared feature a recording would not have, or would have in another form; empty if
+    there is no such feature.
 
-    LeRobot declares no ``requested_action`` and no ``age_ms``: the first episode adds them.
+    It is for a dataset without episodes. LeRobot declares no ``requested_action`` and no ``age_ms``. The
+    first episode adds them.
+
+    Args:
+        ours: The features of the recording.
+        theirs: The features that the dataset declares.
     """
     return difference_of({key: feature for key, feature in ours.items() if key in theirs}, theirs)
 
@@ -246,7 +269,7 @@ def _essence(feature: Feature) -> str:
 
 
 def tasks_table(tasks: list[str]) -> pa.Table:
-    """As pandas writes it: the text of a task is the index."""
+    """Return the table of tasks as pandas would write it, with the text of each task as the index."""
     table = pa.table(
         {"task_index": pa.array(range(len(tasks)), pa.int64()), "__index_level_0__": pa.array(tasks, pa.string())}
     )
@@ -278,7 +301,11 @@ def tasks_table(tasks: list[str]) -> pa.Table:
 
 
 def tasks_of(table: pa.Table) -> list[str]:
-    """Return the tasks in the order of their numbers. Raise ``ValueError``, or what pyarrow raises."""
+    """Return the tasks in the order of their numbers.
+
+    Raises:
+        ValueError: They are not numbered from 0. A damaged table raises pyarrow's errors.
+    """
     text = next((name for name in table.column_names if name != "task_index"), "")
     numbers, tasks = (table[name].to_pylist() for name in ("task_index", text))
     ordered = dict(sorted(zip(numbers, tasks, strict=True)))

@@ -1,5 +1,8 @@
-"""The keys of a recorder on a page of its own, for touch and gamepads: for who is not at its terminal,
-and leads the robot by something that is no page."""
+"""Serve the recorder's keys as a web page, for touch and gamepads.
+
+An operator needs it away from the recorder's terminal, if the robot is not led by the page of a
+teleoperation (which has these keys, too).
+"""
 
 from __future__ import annotations
 
@@ -18,8 +21,19 @@ from .run import Command, Onlooker
 async def serve_keys(
     robot: str, host: str, port: int, shown: Onlooker, command: Command, tell: Callable[[str], None]
 ) -> None:
-    """Until cancelled. ``shown``: what the page shows; ``tell``: is told its address. Raise
-    ``OSError``."""
+    """Serve the page, until cancelled.
+
+    Args:
+        robot: The robot's name.
+        host: The address to listen at.
+        port: The TCP port.
+        shown: The state that the page shows.
+        command: Called with the word and the time of each key.
+        tell: Called with the address of the page.
+
+    Raises:
+        OSError: The port cannot be opened.
+    """
 
     def status() -> dict[str, Any]:
         episode = msgspec.structs.asdict(shown.state)

@@ -1,8 +1,8 @@
 """Move a robot along an episode of a dataset.
 
-The robot gets the episode's ``action``, at the dataset's rate. A dataset of ours states its units. A
-dataset of LeRobot's does not, so the caller states them: the robot's own, or ``normalized``
-(``policies.scale``). A number in the wrong unit would move the robot anywhere, so there is no default.
+The robot gets the episode's ``action`` at the dataset's rate. A dataset that was recorded here states its
+units. A dataset of LeRobot's does not, so the caller states them: the robot's units, or ``normalized``
+(``policies.scale``). Numbers in a wrong unit would move the robot anywhere, so there is no default.
 """
 
 from __future__ import annotations
@@ -35,7 +35,15 @@ class Movable(Protocol):
 
 
 class Played(msgspec.Struct, frozen=True):
-    """The commands of an episode. ``units``: of each joint; empty: the dataset does not state them."""
+    """The commands of an episode.
+
+    Attributes:
+        joints: The joints, by the names of the driver.
+        units: The unit of each joint; empty if the dataset does not state them.
+        rows: One target per joint for each frame.
+        hz: Frames per second.
+        task: The task of the episode.
+    """
 
     joints: tuple[str, ...]
     units: tuple[str, ...]
@@ -47,17 +55,18 @@ class Played(msgspec.Struct, frozen=True):
 def replay_episode(
     robot: Movable, root: str | Path, episode: int = 0, *, units: str = "", wait: bool = True
 ) -> dict[str, Any]:
-    """Move a robot along an episode: to its first action as ``move_to`` does, then as it was recorded.
+    """Move a robot along an episode: first to its first action, as ``move_to`` does, then as recorded.
 
     Args:
-        robot: Its handle.
+        robot: The robot's handle.
         root: The folder of the dataset.
-        episode: Its number, from 0.
-        units: Of the numbers, where the dataset does not say them: the robot's own, or ``normalized``.
-        wait: Return when the motion is over. False: return at once.
+        episode: The number of the episode, from 0.
+        units: The units of the numbers, if the dataset does not state them: the robot's units, or
+            ``normalized``.
+        wait: True to return when the motion is over, False to return at once.
 
     Returns:
-        What ``move_along`` answers.
+        The result of ``move_along``.
 
     Raises:
         DatasetError: The episode cannot be read, or is not in units of this robot.
@@ -67,7 +76,11 @@ def replay_episode(
 
 
 def read_episode(root: Path, episode: int) -> Played:
-    """Read the commands of an episode. Raise ``DatasetError``."""
+    """Read the commands of an episode.
+
+    Raises:
+        DatasetError: There is no such episode, or it cannot be read.
+    """
     index = Index(root)
     if index.info is None:
         raise DatasetError(f"{root}: there is no dataset")
@@ -97,7 +110,16 @@ def read_episode(root: Path, episode: int) -> Played:
 
 
 def rows_for(driver: Driver, played: Played, units: str = "") -> list[dict[str, float]]:
-    """Return the rows in the units of a robot. Raise ``DatasetError``."""
+    """Return the rows in the units of a robot.
+
+    Args:
+        driver: The robot's driver.
+        played: The episode.
+        units: The units, if the dataset does not state them.
+
+    Raises:
+        DatasetError: The episode is of another robot, or its units are missing or wrong.
+    """
     strange = [joint for joint in played.joints if joint not in driver.axes]
     if strange:
         raise DatasetError(f"{driver.robot} has no joint {strange[0]}: the episode is of another robot")
@@ -122,7 +144,7 @@ def _require_units(driver: Driver, played: Played, units: str) -> None:
 
 
 def _scale(driver: Driver, joints: Sequence[str], units: str) -> Scale | None:
-    """None: the numbers are the robot's."""
+    """Return the scale of normalized numbers; None if they are in the robot's units."""
     own = unit_word(driver.unit)
     if units and units == own:
         return None
@@ -138,7 +160,7 @@ def _scale(driver: Driver, joints: Sequence[str], units: str) -> Scale | None:
 
 
 def _joint(name: str) -> str:
-    """Return the name of a joint as its driver has it."""
+    """Return the driver's name of a joint."""
     return name.removesuffix(".pos").removesuffix(".vel")
 
 

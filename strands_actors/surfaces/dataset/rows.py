@@ -24,7 +24,7 @@ NEEDED = ("min", "max", "mean", "std")
 
 
 class VideoSpan(msgspec.Struct, frozen=True):
-    """Where the pictures of an episode begin: a file below the dataset, and a time in it."""
+    """The start of an episode's pictures: a file, relative to the dataset, and a time in it."""
 
     path: Path
     start_s: float
@@ -85,7 +85,11 @@ class OlderFigures(msgspec.Struct, frozen=True):
 
 
 def decode_row(row: Mapping[str, Any], info: Info) -> EpisodeRow:
-    """Decode a row of ``meta/episodes``. Raise ``DatasetError`` when a value is missing or impossible."""
+    """Decode a row of ``meta/episodes``.
+
+    Raises:
+        DatasetError: A value is missing or impossible.
+    """
     try:
         fields = msgspec.convert(dict(row), _Row)
         spans = {}
@@ -113,20 +117,29 @@ def decode_row(row: Mapping[str, Any], info: Info) -> EpisodeRow:
 
 
 def frames_of(root: Path, row: EpisodeRow, without: Collection[str] = ()) -> pa.Table:
-    """Return the frames of an episode, without some columns. Raise ``DatasetError``."""
+    """Return the frames of an episode.
+
+    Args:
+        root: The folder of the dataset.
+        row: The episode.
+        without: Columns that are left out, for example large pictures.
+
+    Raises:
+        DatasetError: The data file is missing or damaged.
+    """
     table = read_table(root / row.data, without)
     with refuse_damage(root / row.data):
         return table.filter(pc.equal(table["episode_index"], row.number)).combine_chunks()
 
 
 def slot_stated(row: Mapping[str, Any]) -> FileSlot | None:
-    """Return the file of the index in which a row states that it stands."""
+    """Return the file of the index that a row names as its own; None if it names no file."""
     chunk, file = row.get("meta/episodes/chunk_index"), row.get("meta/episodes/file_index")
     return FileSlot(chunk, file) if isinstance(chunk, int) and isinstance(file, int) else None
 
 
 def older_row(row: OlderRow, first: int, figures: Mapping[str, Any], info: Info) -> EpisodeRow:
-    """Return an episode of version 2: it has files for itself, whose names follow from its number."""
+    """Return an episode of version 2. It has separate files, and their names follow from its number."""
     chunk = f"chunk-{row.episode_index // info.chunks_size:03d}"
     name = f"episode_{row.episode_index:06d}"
     return EpisodeRow(
@@ -151,7 +164,7 @@ def figures_in(row: Mapping[str, Any]) -> dict[str, Figures]:
 
 
 def usable_figures(values: object) -> Figures | None:
-    """Return figures if they have all that is needed, in one shape; else None."""
+    """Return figures in one shape, as nested lists; None if a needed one is missing or a shape differs."""
     if not isinstance(values, Mapping):
         return None
     try:
@@ -160,7 +173,7 @@ def usable_figures(values: object) -> Figures | None:
         shapes = {array.shape for array in arrays.values()}
         if not set(NEEDED) <= arrays.keys() or len(shapes) != 1 or count.size != 1 or not count[0] >= 1:
             return None
-        if not next(iter(shapes)):  # a number alone
+        if not next(iter(shapes)):  # a single number
             arrays = {name: array.reshape(1) for name, array in arrays.items()}
         return {name: array.tolist() for name, array in arrays.items()} | {"count": [int(count[0])]}
     except (ValueError, TypeError, KeyError, OverflowError):

@@ -1,4 +1,4 @@
-"""The recorder's process: attach to the robot, open the dataset, obey who demonstrates."""
+"""The recorder process: attach to the robot, open the dataset, and carry out the demonstrator's commands."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ FPS = (1, 240)
 
 
 class Command(Protocol):
-    """As ``DatasetSession.command``."""
+    """The type of ``DatasetSession.command``."""
 
     def __call__(self, word: str, pressed_ns: int = 0, asked: int = 0) -> None: ...
 
 
 Controls = Callable[[Command], Awaitable[None]]
-"""Calls what it is given with each command, until it is cancelled."""
+"""Reads commands from somewhere, and calls its argument with each, until it is cancelled."""
 
 
 class Onlooker:
-    """What somebody is shown who is not at the recorder's terminal."""
+    """Keeps the recording's state for operators away from the recorder's terminal."""
 
     def __init__(self, tell: Callable[[EpisodeState], None] = lambda state: None) -> None:
         self._tell = tell
@@ -71,13 +71,13 @@ class Summary(msgspec.Struct, frozen=True):
     seconds: float
     episodes: list[EpisodeSummary]  # of this recording
     total_episodes: int
-    swept: list[str]  # what nothing counted when the dataset was opened: it lies in .staging/uncounted
-    left: str  # what is left to repair
+    swept: list[str]  # files that were not counted when the dataset was opened, now in .staging/uncounted
+    left: str  # the part that is left to repair; empty if the last episode is complete
     ended: str
 
 
 def require_order(order: Order) -> None:
-    """Raise ``DatasetError`` for what cannot be recorded."""
+    """Raise ``DatasetError`` if an order cannot be recorded."""
     if not isinstance(order.task, str) or not order.task.strip():
         raise DatasetError("a dataset needs a task: a sentence that says what is shown")
     if type(order.fps) is not int or not FPS[0] <= order.fps <= FPS[1]:
@@ -96,8 +96,22 @@ async def record_episodes(
     attach: Attach = attach_camera,
     storage: Storage | None = None,
 ) -> Summary:
-    """Until ``quit``, the last episode, Ctrl-C or the end of the robot. In the main thread. Raise
-    ``RecordingError``, ``OSError``."""
+    """Record episodes until ``quit``, the last episode, Ctrl-C or the end of the robot.
+
+    It must run in the main thread, since it receives signals.
+
+    Args:
+        order: The options of the recording.
+        controls: Delivers the demonstrator's commands.
+        tell: Called with each event.
+        show: Called with the progress, once per second.
+        attach: Opens a camera; a test may replace it.
+        storage: The disk; a test may replace it.
+
+    Raises:
+        RecordingError: The robot, a camera or the dataset cannot be used.
+        OSError: The disk cannot be written.
+    """
     require_order(order)
     dataset = Dataset(Path(order.root), storage)
     try:

@@ -1,5 +1,7 @@
-"""``with record_dataset(robot, folder, task=...) as recording:`` from a script: the recorder runs in
-a process of its own."""
+"""Record a dataset from a script: ``with record_dataset(robot, folder, task=...) as recording:``.
+
+The recorder runs in a separate process (``child``). The script sends it commands, and waits for the answers.
+"""
 
 from __future__ import annotations
 
@@ -26,13 +28,15 @@ from .session import LEAVE_S, Event, Order
 
 CHILD = f"{__package__}.child"
 END_S = LEAVE_S + 15.0
+"""Timeout of the recorder's end after SIGINT, in seconds."""
 READY_S = 60.0
-"""For a slow machine to start it, and for cameras and robot to show something."""
+"""Timeout of the recorder's start, in seconds: on a slow computer, with the first state and pictures."""
 SILENT_S = 10.0
-"""A recorder says each second that it lives."""
+"""Timeout without any line from the recorder, in seconds. It sends a heartbeat each second."""
 ANSWER_S = 300.0
-"""For a slow disk to take an episode."""
+"""Timeout of an answer, in seconds, for a slow disk that has to take an episode."""
 KILL_S = 5.0
+"""Timeout of the recorder's end after SIGKILL, in seconds."""
 SLICE_S = 0.5
 
 
@@ -50,41 +54,57 @@ def record_dataset(
     cameras: Sequence[str] | str = (),
     codec: str | None = None,
 ) -> DatasetRecording:
-    """Record episodes of a robot, or of the running one of that name, into a dataset, which is made,
-    or grows. A robot that is not connected yet is connected, as its first command would do.
+    """Record episodes of a robot into a dataset in LeRobot's format.
 
-    with record_dataset(arm, "pick", task="pick the cube up", cameras=["wrist"]) as recording:
-        with recording.episode():
-            ...
+    Example::
 
-    Raise ``RecordingError`` when it cannot be recorded; the robot does not notice.
+        with record_dataset(arm, "pick", task="pick the cube up", cameras=["wrist"]) as recording:
+            with recording.episode():
+                ...
+
+    Args:
+        robot: A robot, or the name of a running one. A robot that is not connected yet is connected, as
+            by its first command.
+        root: The folder of the dataset. A new one is created, and an existing one grows.
+        task: The task of the episodes, as a sentence.
+        fps: Frames per second, from 1 to 240.
+        cameras: The names of the robot's cameras.
+        codec: The codec of the videos, ``av1`` or ``mpeg4``. None: that of the dataset, or else ``av1``.
+
+    Returns:
+        The recording, to be used in a ``with`` statement.
+
+    Raises:
+        RecordingError: It cannot be recorded. The robot is not affected.
     """
-    what = "record_dataset"
-    name = name_of(what, robot, DatasetError)
-    folder = os.path.abspath(path_of(what, "root", root, DatasetError))
+    func = "record_dataset"
+    name = name_of(func, robot, DatasetError)
+    folder = os.path.abspath(path_of(func, "root", root, DatasetError))
     named = (cameras,) if isinstance(cameras, str) else cameras
     if not isinstance(named, Sequence) or not all(isinstance(each, str) and each.strip() for each in named):
-        raise DatasetError(f"{what}: cameras is {shown(cameras)}. give the names of the robot's cameras, in a list")
+        raise DatasetError(f"{func}: cameras is {shown(cameras)}. give the names of the robot's cameras, in a list")
     order = Order(name, folder, task, fps, tuple(named), codec)
     require_order(order)
-    started(what, robot, DatasetError)
+    started(func, robot, DatasetError)
     return DatasetRecording(order)
 
 
 class DatasetRecording:
-    """Episodes, one after the other, within its ``with`` block. What it is told is answered by the
-    recorder's process."""
+    """A recording in progress. Within its ``with`` block, episodes are recorded one after the other.
+
+    Each method sends a command to the recorder process and waits for its answer.
+    """
 
     def __init__(self, order: Order) -> None:
         self._order = order
         self._process: subprocess.Popen[bytes] | None = None
         self._said = bytearray()
-        self._answers: queue.SimpleQueue[Event | None] = queue.SimpleQueue()  # None: no more
-        self._heard = 0  # lines
-        self._ended = ""  # why, in its words or in ours
-        self._asked = 0  # commands so far
+        self._answers: queue.SimpleQueue[Event | None] = queue.SimpleQueue()  # None: its output has ended
+        self._heard = 0  # number of received lines
+        self._ended = ""  # why the recording ended
+        self._asked = 0  # number of the last command
         self.saved: list[dict[str, object]] = []
-        """What was saved: number, frames and marks of each episode."""
+        """The saved episodes: ``episode`` (its number), ``frames`` and ``marks`` of each."""
 
     def __enter__(self) -> DatasetRecording:
         self._process = subprocess.Popen(
@@ -94,7 +114,7 @@ class DatasetRecording:
             stderr=subprocess.PIPE,
             env=environment(),
         )
-        # Read all the time: a process that says a lot must not wait for us.
+        # Read its output all the time, so that the recorder never waits for a full pipe.
         self._listeners = [
             threading.Thread(target=listen, args=(self._process,), daemon=True)
             for listen in (self._listen, self._hear)
@@ -111,37 +131,50 @@ class DatasetRecording:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """End the recording. An episode that runs is not finished by that; it can be repaired."""
+        """End the recording. A running episode is not finished, but can be repaired."""
         process = self._process
-        if process is None:  # it was given up
+        if process is None:  # the recorder was ended after a timeout, or has ended
             return
         process.send_signal(signal.SIGINT)
         self._wait_for_its_end()
         why = self._why() if process.returncode else ""
         self._close()
-        if why and kind is None:  # what the block raised comes first
+        if why and kind is None:  # an error of the block is more important
             raise DatasetError(why)
 
     def start(self) -> None:
-        """Begin an episode. Raise ``RecordingError`` when it cannot begin: no picture, no room."""
+        """Begin an episode.
+
+        Raises:
+            RecordingError: It cannot begin: a camera has no picture, or the disk is full.
+        """
         self._tell("start", "started")
 
     def finish(self) -> None:
-        """Return when the episode is saved: counted, and on the disk."""
+        """Finish the episode, and wait until it is counted and on the disk.
+
+        Raises:
+            RecordingError: It could not be saved.
+        """
         event = self._tell("finish", "saved")
         self.saved.append({"episode": event.episode, "frames": event.frames, "marks": event.marks})
 
     def discard(self) -> None:
+        """Remove the running episode.
+
+        Raises:
+            RecordingError: No episode runs, or the recorder has ended.
+        """
         self._tell("discard", "discarded")
 
     @contextlib.contextmanager
     def episode(self) -> Iterator[None]:
-        """Record the block as an episode; one that raises is discarded."""
+        """Record the block as an episode. If the block raises, the episode is discarded."""
         self.start()
         try:
             yield
         except BaseException:
-            with contextlib.suppress(DatasetError):  # what the block raised comes first
+            with contextlib.suppress(DatasetError):  # the block's own error is more important
                 self.discard()
             raise
         self.finish()
@@ -158,14 +191,14 @@ class DatasetRecording:
         return self._wait_for(answer, ANSWER_S, SILENT_S)
 
     def _wait_for(self, what: str, within_s: float, silent_s: float) -> Event:
-        """Return the answer to what was asked last. The keys of a page are answered, too: to others."""
+        """Return the answer to the last command. Events with other numbers belong to the keys of a page."""
         waited_s = silence_s = 0.0
         heard = self._heard
         while waited_s < within_s and silence_s < silent_s:
             try:
                 event = self._answers.get(timeout=SLICE_S)
             except queue.Empty:
-                # By slices: a script that was suspended has not listened meanwhile.
+                # Count time in slices. A suspended script has not listened, so that time must not count.
                 waited_s += SLICE_S
                 silence_s = silence_s + SLICE_S if self._heard == heard else 0.0
                 heard = self._heard
@@ -181,7 +214,8 @@ class DatasetRecording:
         return self._give_up(f"does not answer: nothing was {what} within {min(waited_s, within_s):g} s")
 
     def _give_up(self, why: str) -> NoReturn:
-        """Nobody can say any more what becomes of it, and its dataset is to be repaired by others."""
+        """Kill the recorder, because its state is unknown, and raise. Its dataset can be repaired
+        afterwards."""
         self._kill()
         self._ended = f"the recorder {why}, and was ended. {self._remedy()}"
         raise DatasetError(self._ended)
@@ -233,7 +267,7 @@ class DatasetRecording:
     def _end_it(self) -> None:
         assert self._process is not None
         self._process.kill()
-        with contextlib.suppress(subprocess.TimeoutExpired):  # a disk that hangs keeps it
+        with contextlib.suppress(subprocess.TimeoutExpired):  # a hanging disk may delay its end
             self._process.wait(KILL_S)
         self._join()
 

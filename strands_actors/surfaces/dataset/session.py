@@ -1,7 +1,10 @@
-"""Episodes of one robot, begun and ended by whoever demonstrates.
+"""Record episodes of one robot. The demonstrator's commands begin and end them.
 
-The journal comes in by way of a sink, pictures are taken when a frame is due, and frames go to a
-worker. What the worker is too slow for is a gap, which is counted in its episode.
+The session is the sink of a recorder, which delivers the robot's journal. Each period it takes the newest
+picture of each camera and queues a frame (``frames``). Built frames go to a worker thread, which encodes and
+writes them. If the worker is too slow, frames are dropped, and the episode counts them as gaps.
+
+States: IDLE (between episodes), RECORDING, and FINISHING (the last frames still wait for the journal).
 """
 
 from __future__ import annotations
@@ -34,24 +37,33 @@ from .worker import Worker
 
 QUEUE_FRAMES = 60
 QUEUE_BYTES = 128 << 20
-"""What may wait for the disk and the encoders, whichever is less."""
+"""Longest queue for the disk and the encoders: the smaller of these two limits applies."""
 LEAST_FREE_BYTES = 256 << 20
-"""No episode begins with less on the disk."""
+"""No episode begins with less free space on the disk."""
 FIRST_S = 10.0
-"""How long to wait for the robot's first state."""
+"""How long to wait for the robot's first state, in seconds."""
 ABSENT_S = 1.0
-"""An axis that a robot may lack, and that its first states for so long are without, it has not. One
-alone is no proof."""
+"""If an optional axis is in no state for so long, in seconds, the robot does not have it. One state without it
+is no proof."""
 PRESSED_NS = NS
-"""A key that was pressed longer ago is not obeyed: who pressed it has seen that it was not."""
+"""A key that was pressed longer ago is ignored. By then the operator has seen that it had no effect."""
 LEAVE_S = 20.0
-"""How long the worker may take for what it still has."""
+"""Longest time for the worker to finish its queue at the end, in seconds."""
 
 
 class Order(msgspec.Struct, frozen=True):
-    """What is to be recorded. ``codec``: the dataset's own, or the default, unless one is named;
-    ``episodes``: end after so many; ``seconds``: episodes begin by
-    themselves and are so long."""
+    """The options of a recording.
+
+    Attributes:
+        robot: The robot's name.
+        root: The folder of the dataset.
+        task: The task of the episodes, as a sentence.
+        fps: Frames per second.
+        cameras: Names of the cameras.
+        codec: The codec of the videos. None: that of the dataset, or else the default.
+        episodes: End after so many episodes. None: no limit.
+        seconds: Begin each episode automatically, and end it after this time. None: on command.
+    """
 
     robot: str
     root: str
@@ -70,19 +82,28 @@ class State(enum.StrEnum):
 
 
 class Event(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Something happened. ``what``: ready, started, saved, discarded, refused or ended; alive: nothing
-    did. ``asked``: the number of the command that it answers; 0: of nobody who numbers them."""
+    """An event of a recording.
+
+    Attributes:
+        what: ``ready``, ``started``, ``saved``, ``discarded``, ``refused`` or ``ended``; ``alive`` is a
+            heartbeat.
+        episode: The number of the episode.
+        frames: Its number of frames.
+        marks: Its defects, in words.
+        text: A message.
+        asked: The number of the command that this answers; 0 if the command had no number.
+    """
 
     what: str
     episode: int = -1
     frames: int = 0
-    marks: str = ""  # what is wrong with it, in words
+    marks: str = ""
     text: str = ""
     asked: int = 0
 
     @property
     def line(self) -> str:
-        """It, for people."""
+        """The event as a line of text."""
         match self.what:
             case "ready":
                 return f"recording {self.text}"
@@ -104,12 +125,12 @@ class Progress(msgspec.Struct, frozen=True):
     seconds: float
     fps: float
     gaps: int
-    late: int  # frames with something too old in them
+    late: int  # frames with a stale state or picture
     free_bytes: int
 
     @property
     def line(self) -> str:
-        """It, for people."""
+        """The progress as a line of text."""
         done = f"{self.done}{'' if self.of is None else f'/{self.of}'} saved"
         left = f"{self.free_bytes / 1e9:.1f} GB left"
         if self.state == State.IDLE:
@@ -146,13 +167,13 @@ class DatasetSession:
         self._state = State.IDLE
         self.is_ready = self._leaving = self._has_ended = False
         self._number = len(dataset.episodes)  # of the running episode, or the next
-        self._finish_asked = 0  # whose word it was
+        self._finish_asked = 0  # the number of the command that finishes the episode
         self._finished = 0
-        self._episode: StagedEpisode | None = None  # the worker's
+        self._episode: StagedEpisode | None = None  # used in the worker's thread
         self._shown: dict[str, tuple[Picture, int]] = {}
         self._began_ns = self._last_ns = self._first_ns = 0
         self._frames = self._gaps = self._late = 0  # of the running episode
-        self._seen = 0  # frames of the last second
+        self._seen = 0  # frames since the last call of ``progress``
         self.saved: list[Episode] = []
 
     # -- the sink
@@ -181,16 +202,22 @@ class DatasetSession:
             self._assembler.hear(self._view.lost(self._clock.now_ns(), why))
 
     def flush(self) -> None:
-        """Nothing waits in here but what the worker has."""
+        """Do nothing. Everything pending is already in the worker."""
 
     def close(self) -> None:
-        """The worker may still write: see ``leave``."""
+        """Do nothing. The worker may still write: see ``leave``."""
 
-    # -- what the demonstrator wants
+    # -- the demonstrator's commands
 
     def command(self, word: str, pressed_ns: int = 0, asked: int = 0) -> None:
-        """``start``, ``finish``, ``discard``, ``again`` or ``quit``; ``toggle`` starts or finishes.
-        ``pressed_ns``: when, by who is elsewhere; ``asked``: its number, which the answer has, too."""
+        """Carry out a command. The result is an ``Event``.
+
+        Args:
+            word: ``start``, ``finish``, ``discard``, ``again`` or ``quit``; ``toggle`` starts or finishes.
+            pressed_ns: When a remote operator pressed the key, in nanoseconds of CLOCK_MONOTONIC; 0 for
+                a local command.
+            asked: The number of the command, which its event repeats; 0 for a command without a number.
+        """
         if pressed_ns and (late_ns := self._clock.now_ns() - pressed_ns) > PRESSED_NS:
             self._refuse(f"{word}: that was pressed {late_ns / NS:.1f} s ago. press it again", asked)
             return
@@ -256,7 +283,7 @@ class DatasetSession:
         if self._state is State.IDLE:
             self._refuse("discard: no episode runs", asked)
             return
-        if self._state is State.FINISHING and self._finish_asked:  # by somebody who waits for it
+        if self._state is State.FINISHING and self._finish_asked:  # a script waits for the answer
             self._refuse("finish: the episode was discarded meanwhile", self._finish_asked)
         self._state = State.IDLE
         self._assembler.begin()
@@ -269,7 +296,7 @@ class DatasetSession:
         self._start(asked)
 
     def _quit(self, asked: int = 0) -> None:
-        """What runs is finished first."""
+        """End the recording. A running episode is finished first."""
         self._leaving = True
         if self._state is State.RECORDING:
             self._finish(asked)
@@ -279,13 +306,13 @@ class DatasetSession:
     # -- frames
 
     async def run(self) -> None:
-        """Take a frame each period, until cancelled."""
+        """Queue a frame each period, until cancelled."""
         async with aclosing(self._clock.ticks(self._period_ns / NS)) as ticks:
             async for now_ns in ticks:
                 self.tick(now_ns)
 
     async def work(self) -> None:
-        """Let the worker work, until cancelled."""
+        """Run the worker, until cancelled. Its errors end the recording."""
         try:
             await self._worker.run()
         except (OSError, DatasetError) as failure:
@@ -362,10 +389,11 @@ class DatasetSession:
             frame = frame_of(reader.newest())
             shown = self._shown.get(name)
             if frame is not None and (shown is None or frame.captured_ns != shown[1]):
-                # Its own: a reader may have the picture in memory that the camera fills again.
+                # Copy the picture: a reader may return shared memory that the camera overwrites.
                 shown = self._shown[name] = np.array(frame.image), frame.captured_ns
             if shown is None:
-                self._assembler.miss()  # it had one when the episode began
+                # The camera had a picture when the episode began, and has lost it.
+                self._assembler.miss()
                 return
             pictures[name], captured_ns = shown
             age_ms[name] = max(0.0, (now_ns - captured_ns) / 1e6)
@@ -419,10 +447,15 @@ class DatasetSession:
         if self._order.episodes is not None and len(self.saved) >= self._order.episodes and not self._leaving:
             self._quit()
 
-    # -- for who looks on, and the end
+    # -- progress, and the end
 
     def progress(self) -> Progress:
-        """Once a second. Raise ``DatasetError``, ``OSError``."""
+        """Return the progress. It is called once per second, so the frames since the last call are the rate.
+
+        Raises:
+            DatasetError: The dataset's folder is no longer the one that was opened.
+            OSError: The disk does not answer.
+        """
         runs = self._state is not State.IDLE
         seen, self._seen = self._seen, 0
         return Progress(
@@ -438,8 +471,12 @@ class DatasetSession:
         )
 
     async def leave(self) -> str:
-        """Let the worker finish what it has. Return what is left to repair, in words."""
-        self._has_ended = True  # no frame comes behind what is waited for
+        """Wait until the worker has finished its queue, for ``LEAVE_S`` at most.
+
+        Returns:
+            What is left to repair, in words; empty if the last episode is complete.
+        """
+        self._has_ended = True  # no more frames are queued
         with trio.move_on_after(LEAVE_S) as scope:
             await self._worker.drain()
         if scope.cancelled_caught:
@@ -451,8 +488,8 @@ class DatasetSession:
 
 
 def axes_of(attached: Attached) -> Axes:
-    """Which of the robot's axes are speeds, and what they count in: its driver says so, where it is
-    known here."""
+    """Return the robot's axes. Without the robot's driver on this computer, their units and modes are not
+    known."""
     try:
         driver = driver_from(attached)
         table, read_only, cycle_s = driver.table, driver.READ_ONLY_JOINTS, 1 / driver.timing.control_hz
@@ -470,5 +507,5 @@ def axes_of(attached: Attached) -> Axes:
 
 
 def give_way() -> None:
-    """The robot's processes come first, on a busy machine too."""
+    """Lower the priority of this process, so that the robot's processes run first on a busy computer."""
     os.nice(10)

@@ -1,4 +1,4 @@
-"""What is in a dataset, and what is wrong with it. Touches nothing."""
+"""Describe the contents and the defects of a dataset. Nothing is changed."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class ShownEpisode(msgspec.Struct, frozen=True):
     late: dict[str, int]
     repaired: bool
     began: str
-    marks: str  # all of these in words; empty: nothing is wrong
-    damaged: str = ""  # why it cannot be used: then `frames` counts those that are still there
+    marks: str  # its defects in words; empty if there are no defects
+    damaged: str = ""  # why it cannot be used; then `frames` counts the readable ones
 
 
 class Shown(msgspec.Struct, frozen=True):
@@ -39,18 +39,21 @@ class Shown(msgspec.Struct, frozen=True):
     total_frames: int
     bytes: int
     episodes: list[ShownEpisode]
-    good: list[int]  # with nothing wrong: what to train on, --dataset.episodes
-    uncounted: list[str]  # what LeRobot would read though nothing counts it, and `repair` puts aside
-    strange: list[str]  # the same, under names that are not ours: nobody touches it
+    good: list[int]  # episodes without defects: train on these, --dataset.episodes
+    uncounted: list[str]  # files that LeRobot would read although they are not counted; `repair` puts them aside
+    strange: list[str]  # the same with other names than ours; they are never touched
     unfinished: list[Unfinished]
     version: str = VERSION
     damaged: list[int] = []  # episodes that cannot be used
-    faults: list[str] = []  # what is wrong with the dataset as a whole
+    faults: list[str] = []  # defects of the whole dataset
 
 
 def show(root: Path) -> Shown:
-    """Open every file that the dataset counts. Raise ``DatasetError`` when it has no ``info.json`` that
-    can be used."""
+    """Open every file of the counted episodes, and describe the dataset.
+
+    Raises:
+        DatasetError: It has no usable ``info.json``.
+    """
     require_dataset(root)
     index = Index(root)
     found = check(index)
@@ -98,7 +101,7 @@ def show(root: Path) -> Shown:
 
 
 def as_shown(number: float) -> int | float:
-    """Return a whole number as one."""
+    """Return a whole number as an int, and any other unchanged."""
     return int(number) if number == int(number) else number
 
 
@@ -108,7 +111,8 @@ def _camera(feature: Feature) -> str:
 
 
 def _bytes(root: Path) -> int:
-    """Of all files that are there: a recorder may take some away, and a link may lead nowhere."""
+    """Return the size of all files. A file may vanish meanwhile (a recorder runs), and a link may be
+    broken."""
     total = 0
     for folder, below, names in os.walk(root):
         below[:] = [name for name in below if name != STAGING.name]

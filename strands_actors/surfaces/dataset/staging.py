@@ -1,7 +1,7 @@
-"""The episode that runs: streams that can be read up to the moment in which their writer died.
+"""Write the running episode as streams. If the recorder is killed, they can be read up to the last write.
 
-An episode's folder has ``episode.json`` (what it is), ``frames.arrows`` (an Arrow stream, a batch
-each half second), a fragmented MP4 for each camera, and, once somebody has finished it,
+An episode's folder has ``episode.json`` (layout, task and date), ``frames.arrows`` (an Arrow stream, with one
+batch per half second), a fragmented MP4 for each camera and, after the episode was finished,
 ``finished.json``.
 """
 
@@ -33,13 +33,21 @@ Picture = NDArray[np.uint8]
 
 
 class Row(msgspec.Struct, frozen=True):
-    """One frame, but for its pictures. ``gap``: frames that are missing before it; ``stale``: what
-    in it is older than it may be."""
+    """One frame without its pictures.
+
+    Attributes:
+        state: The measured positions, and the values of read-only joints.
+        action: The target in force.
+        requested: The target that the caller requested.
+        age_ms: The age of each of ``Layout.sources``, in milliseconds.
+        gap: Number of missing frames before this one.
+        stale: The sources that are older than allowed.
+    """
 
     state: tuple[float, ...]
     action: tuple[float, ...]
     requested: tuple[float, ...]
-    age_ms: tuple[float, ...]  # of each of ``Layout.sources``
+    age_ms: tuple[float, ...]
     gap: int = 0
     stale: tuple[str, ...] = ()
 
@@ -51,8 +59,13 @@ class About(msgspec.Struct, frozen=True):
 
 
 class Finished(msgspec.Struct, frozen=True):
-    """``levels``: of each camera, how often each level of each colour was seen; ``gap``: frames
-    that are missing after the last."""
+    """The contents of ``finished.json``.
+
+    Attributes:
+        frames: Number of frames.
+        gap: Number of missing frames after the last one.
+        levels: For each camera, how often each level of each colour occurred.
+    """
 
     frames: int
     gap: int
@@ -60,7 +73,7 @@ class Finished(msgspec.Struct, frozen=True):
 
 
 class Staged(msgspec.Struct, frozen=True):
-    """An episode as its folder has it."""
+    """An episode as read from its staging folder."""
 
     folder: Path
     about: About
@@ -77,8 +90,10 @@ def schema_of(layout: Layout) -> pa.Schema:
 
 
 class StagedEpisode:
-    """Writes one. Raise ``OSError``; after that, as after a kill, what has been written can be
-    repaired."""
+    """The writer of one episode.
+
+    Any method may raise ``OSError``. After that, as after a kill, the written part can be repaired.
+    """
 
     def __init__(self, storage: Storage, folder: Path, layout: Layout, task: str) -> None:
         require_codec(layout.codec, layout.cameras)
@@ -100,7 +115,7 @@ class StagedEpisode:
         self._threads = ThreadPoolExecutor(max(1, len(layout.cameras)), "encoder")
 
     def add(self, row: Row, pictures: Mapping[str, Picture]) -> None:
-        """One frame. Its cameras are encoded side by side."""
+        """Write one frame. The pictures of its cameras are encoded in parallel."""
         for _ in self._threads.map(self._encode, pictures.items()):
             pass
         self._rows.append(row)
@@ -132,7 +147,11 @@ class StagedEpisode:
         self._file.flush()
 
     def finish(self, gap: int = 0) -> None:
-        """The episode is complete: from here on it is not lost."""
+        """Complete the episode. When this returns, it is on the disk.
+
+        Args:
+            gap: Number of missing frames after the last one.
+        """
         if self._rows:
             self._write()
         self._stream.close()
@@ -146,7 +165,7 @@ class StagedEpisode:
         self.abandon()
 
     def abandon(self) -> None:
-        """Close what is open; what has been written stays."""
+        """Close all open files. The written part stays."""
         self._threads.shutdown()
         for encoder in self._encoders.values():
             encoder.abandon()
@@ -154,7 +173,11 @@ class StagedEpisode:
 
 
 def read_staged(folder: Path) -> Staged:
-    """Return what is in a folder. Raise ``DatasetError`` when it is nothing of ours, or damaged."""
+    """Read an episode from its staging folder.
+
+    Raises:
+        DatasetError: It is no such folder, or it is damaged.
+    """
     try:
         about = msgspec.json.decode((folder / ABOUT).read_bytes(), type=About)
         finished = None
@@ -166,7 +189,7 @@ def read_staged(folder: Path) -> Staged:
 
 
 def _read_frames(path: Path, layout: Layout) -> pa.Table:
-    """All batches that are whole."""
+    """Return all complete batches."""
     batches: list[pa.RecordBatch] = []
     schema = schema_of(layout)
     try:
@@ -176,12 +199,12 @@ def _read_frames(path: Path, layout: Layout) -> pa.Table:
             for batch in stream:
                 batches.append(batch)
     except (pa.ArrowInvalid, FileNotFoundError, EOFError, OSError):
-        pass  # it was cut off here
+        pass  # the recorder was killed here
     return pa.Table.from_batches(batches, schema)
 
 
 def staged_folders(staging: Path) -> Sequence[Path]:
-    """Oldest first."""
+    """Return the folders of the staged episodes, oldest first."""
     return sorted(path for path in staging.glob("episode-*") if path.is_dir())
 
 

@@ -1,4 +1,4 @@
-"""Figures of an episode, and of all: what training normalises with. As LeRobot computes them."""
+"""Compute the statistics of episodes as LeRobot does. Training normalises with them."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 LEVELS = 256
 PIXELS = 150
-"""Of the smaller side of a picture, that figures are taken of: as many as LeRobot takes."""
+"""Pictures are subsampled for their figures: the smaller side keeps about so many pixels, as in LeRobot."""
 
 Figures = dict[str, Any]
 """min, max, mean, std, count and the quantiles, as nested lists."""
 
 
-@np.errstate(invalid="ignore", over="ignore")  # of an infinity: its figures are no numbers
+@np.errstate(invalid="ignore", over="ignore")  # the figures of infinite values are NaN
 def of_column(values: NDArray[Any]) -> Figures:
-    """``values``: a row a frame."""
+    """Return the figures of a column with one row per frame."""
     rows = np.asarray(values, dtype=np.float64).reshape(len(values), -1)
     found = {"min": rows.min(0), "max": rows.max(0), "mean": rows.mean(0), "std": rows.std(0)}
     found |= {name: np.quantile(rows, at, axis=0) for name, at in QUANTILES.items()}
@@ -27,8 +27,8 @@ def of_column(values: NDArray[Any]) -> Figures:
 
 
 class PictureFigures:
-    """Of the pictures of one camera, as they come: how often each level of each colour was
-    seen."""
+    """The figures of one camera's pictures, from a histogram of each colour. Pictures are added one by
+    one."""
 
     def __init__(self) -> None:
         self.seen: NDArray[np.int64] = np.zeros((3, LEVELS), dtype=np.int64)
@@ -42,12 +42,12 @@ class PictureFigures:
         self.pictures += 1
 
     def take(self, seen: list[list[int]], pictures: int) -> None:
-        """What was counted before."""
+        """Load a histogram that was counted before."""
         self.seen[:] = seen
         self.pictures = pictures
 
     def figures(self) -> Figures:
-        """Levels from 0 to 1, one row a colour."""
+        """Return the figures of levels from 0 to 1, one row per colour."""
         levels = np.arange(LEVELS) / (LEVELS - 1)
         share = self.seen / self.seen.sum(1, keepdims=True)
         mean = share @ levels
@@ -65,9 +65,10 @@ class PictureFigures:
 
 
 def aggregate(episodes: Sequence[Mapping[str, Figures]]) -> dict[str, Figures]:
-    """Merge the figures of several episodes: exact but for the quantiles, which are weighted means.
+    """Merge the figures of several episodes. They are exact, except for quantiles, which become weighted
+    means.
 
-    A feature that an episode lacks, or has in another shape, is left out.
+    A feature is left out if an episode lacks it or has it in another shape.
     """
     found = {}
     for feature in episodes[0] if episodes else ():

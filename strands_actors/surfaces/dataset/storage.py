@@ -1,4 +1,4 @@
-"""The disk below a dataset: files that are whole or not there."""
+"""Write the files of a dataset, so that after a crash each is complete or missing."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from .errors import DatasetError
 
 STAGED_SUFFIX = ".staged"
 REMOVED = "removed-"
-"""Before the name of a folder that is being removed."""
+"""Prefix of the name of a folder that is being removed."""
 
 
 class Storage:
-    """Every byte of a dataset goes through here."""
+    """All writes of a dataset. Tests replace it."""
 
     def create(self, path: Path) -> IO[bytes]:
-        """Open a new file that grows. Its folder is made."""
+        """Open a new file for writing, and create its folder."""
         path.parent.mkdir(parents=True, exist_ok=True)
         return path.open("w+b")
 
     def sync(self, file: IO[bytes]) -> None:
-        """Wait until what was written is on the disk."""
+        """Wait until the written bytes are on the disk."""
         file.flush()
         os.fsync(file.fileno())
 
     def place(self, staged: Path, final: Path) -> None:
-        """Give a complete file its name, in one step; one that is there is replaced."""
+        """Rename a complete file to its final name, atomically. An existing file is replaced."""
         final.parent.mkdir(parents=True, exist_ok=True)
         os.replace(staged, final)
 
     def sync_path(self, path: Path) -> None:
-        """Wait until a file, or the names in a folder, are on the disk."""
+        """Wait until a file, or the entries of a folder, are on the disk."""
         descriptor = os.open(path, os.O_RDONLY)
         try:
             os.fsync(descriptor)
@@ -42,7 +42,7 @@ class Storage:
             os.close(descriptor)
 
     def write(self, path: Path, data: bytes) -> None:
-        """Write a whole file: beside its place first, then under its name."""
+        """Write a whole file: first under a staged name in the same folder, then rename it."""
         staged = path.with_name(path.name + STAGED_SUFFIX)
         with self.create(staged) as file:
             file.write(data)
@@ -50,8 +50,8 @@ class Storage:
         self.place(staged, path)
 
     def remove(self, path: Path) -> None:
-        """Remove a file or a folder, if it is there. A folder loses its name first: half of one
-        means nothing."""
+        """Remove a file or a folder, if it exists. A folder is renamed first, so that a half-removed one is
+        not taken for a complete one."""
         if path.is_dir():
             gone = path.with_name(REMOVED + path.name)
             os.replace(path, gone)
@@ -64,10 +64,15 @@ class Storage:
 
 
 class Lock:
-    """Who writes into a folder; one at a time. It ends with its process."""
+    """A lock on a folder, for one writing process at a time. The system releases it when the process
+    ends."""
 
     def __init__(self, folder: Path) -> None:
-        """Raise ``DatasetError`` when another process writes into it."""
+        """Take the lock.
+
+        Raises:
+            DatasetError: Another process holds it.
+        """
         self._descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
         try:
             fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -76,8 +81,8 @@ class Lock:
             raise DatasetError(f"{folder}: another process writes into it. end that one first") from None
 
     def is_of(self, folder: Path) -> bool:
-        """Whether this is still the folder of that name: it may have been moved, or its disk taken
-        away."""
+        """Return True if ``folder`` is still the locked folder. It may have been moved, or its disk
+        unmounted."""
         try:
             return os.path.samestat(os.stat(folder), os.fstat(self._descriptor))
         except OSError:

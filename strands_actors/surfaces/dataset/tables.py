@@ -1,6 +1,6 @@
 """Read parquet files that any program may have written or damaged.
 
-Whatever is wrong with a file, the caller gets a ``DatasetError`` of one line.
+Any defect of a file raises a ``DatasetError`` with a message of one line.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Rows(msgspec.Struct, frozen=True):
 
 @contextlib.contextmanager
 def refuse_damage(path: Path) -> Iterator[None]:
-    """Turn what pyarrow raises for a damaged file into a ``DatasetError``."""
+    """Turn the errors that pyarrow raises for a damaged file into a ``DatasetError``."""
     try:
         yield
     except FileNotFoundError as missing:
@@ -45,7 +45,7 @@ def refuse_damage(path: Path) -> Iterator[None]:
 
 
 def unreadable(path: Path, damage: BaseException) -> str:
-    """Return in one line why a file cannot be read."""
+    """Return why a file cannot be read, as one line."""
     with contextlib.suppress(OSError):
         if pointer := pointer_reason(path):
             return pointer
@@ -53,7 +53,7 @@ def unreadable(path: Path, damage: BaseException) -> str:
 
 
 def read_table(path: Path, without: Collection[str] = ()) -> pa.Table:
-    """Read a table. Pages that have a checksum are verified.
+    """Read a table, and verify the pages that have a checksum.
 
     Args:
         path: The parquet file.
@@ -69,17 +69,17 @@ def read_table(path: Path, without: Collection[str] = ()) -> pa.Table:
 
 
 def read_groups(path: Path, without: Collection[str] = ()) -> tuple[pa.Table, str]:
-    """Read the groups of rows that are whole. A copy has one for each episode.
+    """Read the undamaged groups of rows. A copied dataset has one group for each episode.
 
     Args:
         path: The parquet file.
         without: Columns that are left out, for example large pictures.
 
     Returns:
-        The rows, and why others cannot be read; empty when all were read.
+        The rows, and why others cannot be read; empty if all were read.
 
     Raises:
-        DatasetError: It is missing, or it has no footer that can be read.
+        DatasetError: It is missing, or it has no readable footer.
     """
     unread = ""
     tables = []
@@ -100,7 +100,7 @@ def read_groups(path: Path, without: Collection[str] = ()) -> tuple[pa.Table, st
 
 
 def read_schema(path: Path) -> pa.Schema:
-    """Return the columns of a table. Raise ``DatasetError`` when it is missing or damaged."""
+    """Return the columns of a table. Raise ``DatasetError`` if it is missing or damaged."""
     with refuse_damage(path), pq.ParquetFile(path) as file:
         return file.schema_arrow
 
@@ -114,26 +114,27 @@ def _read_group(file: pq.ParquetFile, group: int, names: list[str]) -> pa.Table:
 
 
 def read_rows(path: Path) -> Rows:
-    """Read a table whole. Raise ``DatasetError`` when it is missing or damaged."""
+    """Read a whole table. Raise ``DatasetError`` if it is missing or damaged."""
     table = read_table(path)
     with refuse_damage(path):
         return Rows(table.to_pylist(), dict(table.schema.metadata or {}))
 
 
 def integers(table: pa.Table, name: str) -> NDArray[np.int64]:
-    """Return a column of whole numbers; a value that is missing is -1. Raise what pyarrow raises."""
+    """Return a column of whole numbers, with -1 for a missing value. A damaged column raises pyarrow's
+    errors."""
     return np.asarray(table[name].cast(pa.int64()).fill_null(-1).to_numpy(), dtype=np.int64)
 
 
 class Numbers(msgspec.Struct, frozen=True):
-    """How many numbers each row of a column has, and how many of them are not null."""
+    """For each row of a column, the count of its numbers and of those that are not null."""
 
     counted: NDArray[np.int64]
     valid: NDArray[np.int64]
 
 
 def numbers_in(column: pa.ChunkedArray) -> Numbers | None:
-    """Count the numbers of each row, in lists of any depth. None: the column holds something else."""
+    """Count the numbers of each row, in lists of any depth. Return None if the column holds no numbers."""
     rows, row = len(column), np.arange(len(column))
     while is_list(column.type):
         row = row[pc.list_parent_indices(column).to_numpy()]
@@ -150,7 +151,7 @@ def is_list(kind: pa.DataType) -> bool:
 
 
 def is_same(one: pa.Table, other: pa.Table) -> bool:
-    """Return True if two tables have the same values. A NaN is the same as another NaN."""
+    """Return True if two tables have the same values. Two NaN count as equal."""
     return one.schema.equals(other.schema) and all(map(_is_same, one.columns, other.columns))
 
 
@@ -167,7 +168,7 @@ def _is_same(one: pa.ChunkedArray, other: pa.ChunkedArray) -> bool:
 
 
 def decode_json(data: bytes, kind: type[Decoded]) -> Decoded:
-    """Decode JSON as Python's ``json`` writes it, with NaN and Infinity. Raise what ``JSON_DAMAGE`` has."""
+    """Decode JSON as Python's ``json`` writes it, with NaN and Infinity. Raise one of ``JSON_DAMAGE``."""
     try:
         return msgspec.json.decode(data, type=kind)
     except msgspec.ValidationError:
@@ -179,7 +180,7 @@ def decode_json(data: bytes, kind: type[Decoded]) -> Decoded:
 def parquet(*tables: pa.Table) -> Callable[[IO[bytes]], object]:
     """Return a function that writes tables of one schema into an open file.
 
-    Each is a group of rows, and each page has a checksum: damage costs the table in which it is.
+    Each table becomes one group of rows, and each page has a checksum. Damage then costs one table only.
     """
 
     def write(file: IO[bytes]) -> None:

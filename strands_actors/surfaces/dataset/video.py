@@ -1,4 +1,4 @@
-"""Pictures to MP4 and back. No encoder under the GPL: see ``CODECS``."""
+"""Encode pictures into MP4 files, cut and join these, and decode them. No encoder is under the GPL (``CODECS``)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from .errors import DatasetError
 from .layout import CameraShape
 from .tables import unreadable
 
-os.environ.setdefault("SVT_LOG", "1")  # errors only: the encoder greets on stderr otherwise
+os.environ.setdefault("SVT_LOG", "1")  # errors only, otherwise the encoder prints a banner
 
 import av
 from av.container import OutputContainer
@@ -32,41 +32,46 @@ VideoError = av.error.FFmpegError
 
 PIXELS = "yuv420p"
 KEY_EVERY = 2
-"""Frames from one key frame to the next: training reads single frames, anywhere."""
+"""Frames from one key frame to the next. It is small because training reads single frames at random."""
 FRAGMENT_S = 0.5
-"""What a recorder that is killed has not written yet."""
+"""Length of a fragment in seconds. A killed recorder loses at most so much."""
 
 
 DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
+"""Errors of the disk, not of the video."""
 QUALITY_UNIT = 118
-"""FFmpeg's, of one step of a quantiser."""
+"""FFmpeg's ``global_quality`` for one step of the quantiser."""
 
 
 class Codec(msgspec.Struct, frozen=True):
-    """``name``: as ``info.json`` and the decoders call it."""
+    """A codec with its encoder. ``name`` is the codec's name in ``info.json`` and of the decoders."""
 
     name: str
     encoder: str
     options: dict[str, str]
-    least: int  # pixels of a side
+    least: int  # pixels of the smaller side
 
 
 CODECS = {
     "av1": Codec(
         "av1",
         "libsvtav1",  # BSD; LeRobot's own default
-        {"preset": "13", "crf": "30", "svtav1-params": "lp=1:pred-struct=1"},  # each frame leaves at once
+        {"preset": "13", "crf": "30", "svtav1-params": "lp=1:pred-struct=1"},  # no delay: each frame leaves at once
         64,
     ),
     "mpeg4": Codec(
         "mpeg4", "mpeg4", {"flags": "+qscale", "global_quality": str(4 * QUALITY_UNIT)}, 16
-    ),  # FFmpeg's own, LGPL: a third of the time, larger
+    ),  # FFmpeg's own encoder, LGPL: takes a third of the time, files are larger
 }
 DEFAULT = "av1"
 
 
 def require_codec(name: str, cameras: Sequence[CameraShape]) -> Codec:
-    """Raise ``DatasetError`` for a codec that there is not, or that cannot have such pictures."""
+    """Return a codec by name.
+
+    Raises:
+        DatasetError: There is no such codec, or it cannot encode pictures of a camera's size.
+    """
     if not isinstance(name, str) or name not in CODECS:
         raise DatasetError(f"there is no codec {shown(name)}. use {' or '.join(CODECS)}")
     codec = CODECS[name]
@@ -80,25 +85,29 @@ def require_codec(name: str, cameras: Sequence[CameraShape]) -> Codec:
 
 
 class Encoder:
-    """Writes the pictures of one camera into a fragmented MP4: what has been written is readable,
-    whatever becomes of the rest. Frame n is shown at n / fps."""
+    """Writes the pictures of one camera into a fragmented MP4.
+
+    Complete fragments stay readable if the process is killed. Frame n is shown at n / fps.
+    """
 
     def __init__(self, path: Path, camera: CameraShape, fps: int, codec: str) -> None:
-        how = require_codec(codec, [camera])
+        spec = require_codec(codec, [camera])
         self._shape = (camera.height, camera.width, 3)
         self._base = Fraction(1, fps)
         options = {
             "movflags": "empty_moov+default_base_moof",
             "frag_duration": str(int(FRAGMENT_S * 1e6)),
-            "flush_packets": "1",  # a fragment that waits in a buffer of ours dies with us
+            "flush_packets": "1",  # a fragment in a buffer of this process would be lost with it
         }
         self._container = _writer(path, fps, options)
-        self._stream = cast(VideoStream, self._container.add_stream(how.encoder, rate=fps, options=how.options))
+        self._stream = cast(VideoStream, self._container.add_stream(spec.encoder, rate=fps, options=spec.options))
         self._stream.width, self._stream.height, self._stream.pix_fmt = camera.width, camera.height, PIXELS
         self._stream.time_base = self._base
         self._stream.gop_size = KEY_EVERY
-        with run_as_before():  # run by root, SVT-AV1 puts its threads and this one at SCHED_FIFO 99
-            self._container.start_encoding()  # the file is there, and what the encoder does not take is refused now
+        # Under the user root, SVT-AV1 sets its threads and this one to SCHED_FIFO 99.
+        with run_as_before():
+            # This creates the file, and the encoder refuses unsuitable options now.
+            self._container.start_encoding()
         self.frames = 0
 
     def add(self, picture: NDArray[np.uint8]) -> None:
@@ -114,18 +123,19 @@ class Encoder:
         self._container.close()
 
     def abandon(self) -> None:
-        """What was written stays."""
-        with contextlib.suppress(OSError):  # a full disk: there is nothing more to write
+        """Close the file. The written fragments stay."""
+        with contextlib.suppress(OSError):  # a full disk: nothing more can be written
             self._container.close()
 
 
 def _writer(path: Path, timescale: int, options: dict[str, str]) -> OutputContainer:
-    # The library writes by itself: one that is left open and writes into a file of Python's ends the process.
+    # Pass a path, so that the library writes the file itself. If it wrote into a Python file object and were
+    # left open, it would end the process.
     return av.open(str(path), "w", format="mp4", options=options | {"video_track_timescale": str(timescale)})
 
 
 class Pictures(msgspec.Struct, frozen=True):
-    """What the index of a video counts, where its file is long enough for it."""
+    """The pictures of a video file, as its index counts them and its length confirms."""
 
     count: int
     height: int
@@ -149,7 +159,7 @@ def rate_of(fps: float) -> Fraction:
 
 @contextlib.contextmanager
 def _reading(path: Path) -> Iterator[tuple[Any, VideoStream]]:
-    """Open a video. Raise ``DatasetError`` when it is missing or damaged."""
+    """Open a video. Raise ``DatasetError`` if it is missing or damaged."""
     try:
         with contextlib.closing(av.open(str(path))) as container:
             if not container.streams.video:
@@ -160,13 +170,13 @@ def _reading(path: Path) -> Iterator[tuple[Any, VideoStream]]:
     except FileNotFoundError as missing:
         raise DatasetError(f"{path} is missing") from missing
     except (VideoError, OSError, ValueError, OverflowError, MemoryError) as damage:
-        if getattr(damage, "errno", None) in DISK:  # of a file that is being written
+        if getattr(damage, "errno", None) in DISK:  # an error of the file that is being written
             raise
         raise DatasetError(unreadable(path, damage)) from damage
 
 
 def look(path: Path) -> Pictures:
-    """Read a video's index, and its end: an index that counts more than the file has is not believed.
+    """Read a video's index, and its end. So an index that counts more pictures than the file has is noticed.
 
     Raises:
         DatasetError: It is missing or damaged.
@@ -178,20 +188,20 @@ def look(path: Path) -> Pictures:
         last = max((packet.pts or 0 for packet in _packets(container)), default=None)
         if stream.frames and last is not None:
             return Pictures(stream.frames, *size, float((last - start) * base))
-    with _reading(path) as (container, stream):  # fragments, or a file that was cut off
+    with _reading(path) as (container, stream):  # a fragmented file, or a truncated one
         times = [packet.pts or 0 for packet in _packets(container)]
         seconds = float((max(times, default=start) - start) * base)
         return Pictures(len(times), *size, seconds)
 
 
 def remux(source: Path, path: Path, fps: int, frames: int) -> int:
-    """Write the first ``frames`` frames as an ordinary MP4, which begins with its index, without
-    encoding them again. Return their checksum."""
+    """Copy the first ``frames`` frames into an ordinary MP4, with its index at the beginning. They are not
+    encoded again. Return their checksum."""
     return concatenate([Span(source, 0, frames)], path, fps)[0]
 
 
 def concatenate(spans: Sequence[Span], path: Path, fps: float) -> list[int]:
-    """Write the pictures of each span one behind the other, without encoding them again.
+    """Join the pictures of several spans in one video, without encoding them again.
 
     Returns:
         A checksum of the pictures of each span.
@@ -223,15 +233,16 @@ def concatenate(spans: Sequence[Span], path: Path, fps: float) -> list[int]:
 
 
 def checksums(path: Path, spans: Sequence[tuple[int, int]], fps: float) -> list[int | None]:
-    """Read the pictures of spans, without decoding them.
+    """Return checksums of the pictures of spans, without decoding them.
 
     Args:
         path: The video.
-        spans: For each span its first picture and how many it has, in their order.
-        fps: Pictures a second.
+        spans: For each span, the number of its first picture and its number of pictures, in ascending
+            order.
+        fps: Pictures per second.
 
     Returns:
-        For each span what ``concatenate`` returned for it; None when a picture of it is not there.
+        For each span, the checksum that ``concatenate`` has returned for it; None if a picture is missing.
     """
     found: list[int | None] = [None] * len(spans)
     with contextlib.suppress(DatasetError), _reading(path) as (container, stream):
@@ -245,7 +256,7 @@ def checksums(path: Path, spans: Sequence[tuple[int, int]], fps: float) -> list[
 
 
 def _numbered(packets: Iterator[Any], stream: VideoStream, span: Span, rate: Fraction) -> Iterator[tuple[int, Any]]:
-    """The packets of a span in the order of decoding, each with the number of its picture in the span."""
+    """Yield the packets of a span in decoding order, each with the number of its picture in the span."""
     base, start = stream.time_base or Fraction(1), stream.start_time or 0
     missing = set(range(span.frames))
     for packet in packets:
@@ -264,10 +275,11 @@ def _numbered(packets: Iterator[Any], stream: VideoStream, span: Span, rate: Fra
 
 
 def _packets(container: Any) -> Iterator[Any]:
-    """In order, one a frame. The end of a file that was cut off is where it was cut off."""
+    """Yield the packets in order, one per frame, up to the end of the file or the place where it was cut
+    off."""
     try:
         for packet in container.demux(video=0):
-            if packet.is_corrupt:  # it was cut off within this one
+            if packet.is_corrupt:  # the file was cut off within this packet
                 return
             if packet.size:
                 yield packet
@@ -276,7 +288,7 @@ def _packets(container: Any) -> Iterator[Any]:
 
 
 def count_frames(path: Path) -> int:
-    """Return how many frames can be read; 0: it is no video, or not yet one."""
+    """Return how many frames can be read; 0 if the file is no video, or not yet one."""
     try:
         with contextlib.closing(av.open(str(path))) as container:
             return sum(1 for _ in _packets(container)) if container.streams.video else 0
@@ -285,22 +297,22 @@ def count_frames(path: Path) -> int:
 
 
 def setup_of(path: Path) -> bytes:
-    """Return what a decoder is told before the first frame: videos are joined when it is the
-    same."""
+    """Return the decoder's setup data, the size and the codec. Videos can be joined only if these are
+    equal."""
     with _reading(path) as (_, stream):
         setup = bytes(stream.codec_context.extradata or b"")
         return setup + f"{stream.width}x{stream.height} {stream.codec_context.codec.canonical_name}".encode()
 
 
 def pictures_of(path: Path) -> Iterator[NDArray[np.uint8]]:
-    """Decode a video. Raise ``DatasetError`` when it is missing or damaged."""
+    """Decode a video. Raise ``DatasetError`` if it is missing or damaged."""
     with _reading(path) as (container, _):
         for frame in container.decode(video=0):
             yield cast(NDArray[np.uint8], frame.to_ndarray(format="rgb24"))
 
 
 def decode_image(file: IO[bytes]) -> NDArray[np.uint8]:
-    """Decode one picture of a file of pictures. Raise ``DatasetError`` when it is damaged."""
+    """Decode an image file. Raise ``DatasetError`` if it is damaged."""
     try:
         with contextlib.closing(av.open(file, "r")) as container:
             return cast(NDArray[np.uint8], next(container.decode(video=0)).to_ndarray(format="rgb24"))

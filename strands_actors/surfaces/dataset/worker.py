@@ -1,5 +1,5 @@
-"""What may wait for a disk or an encoder: in a thread, in order, beside what listens to the
-robot."""
+"""Run jobs that may wait for a disk or an encoder, in a thread and in order. So listening to the robot never
+waits for them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,11 @@ Job = Callable[[], None]
 
 
 class Worker:
-    """Does one job after the other. Of frames only so many may wait: more are refused."""
+    """A queue of jobs, done one after the other.
+
+    The number of waiting frames should not exceed ``most``. The caller looks at ``is_full`` before it queues
+    a frame.
+    """
 
     def __init__(self, most: int) -> None:
         self._most = most
@@ -37,7 +41,7 @@ class Worker:
         self._send.send_nowait((job, frames))
 
     async def run(self) -> None:
-        """Until cancelled. Raise what a job raises; what waits behind it is not done."""
+        """Run the jobs, until cancelled. An error of a job is raised, and later jobs are not run."""
         try:
             async for job, frames in self._receive:
                 await trio.to_thread.run_sync(job, abandon_on_cancel=True)
@@ -49,5 +53,5 @@ class Worker:
             self._idle.set()
 
     async def drain(self) -> None:
-        """Return when everything is done, or nothing is done any more."""
+        """Wait until all jobs are done, or ``run`` has ended."""
         await self._idle.wait()

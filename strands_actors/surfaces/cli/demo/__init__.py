@@ -1,4 +1,4 @@
-"""``demo``: an SO-101 twin and its tree, broken process by process while you watch."""
+"""``demo``: run the twin of an SO-101, break its tree process by process, and show the reactions."""
 
 from __future__ import annotations
 
@@ -30,7 +30,17 @@ LOG_VARIABLE = "STRANDS_ACTORS_TWIN_LOG"
 
 
 def run(seconds: float, *, faults: bool, as_json: bool, out: Path) -> int:
-    """0 when every fault was followed by the safe state, in time and for good."""
+    """Run the demo.
+
+    Args:
+        seconds: Length of the demo, without the time in which processes start.
+        faults: Break processes; False only runs the policy.
+        as_json: Print one JSON object and nothing else.
+        out: The path of the picture.
+
+    Returns:
+        The exit code: 0 if after every fault the safe state came in time, and no setpoint followed it.
+    """
     if not out.absolute().parent.is_dir():
         raise Problem(f"demo: there is no folder {out.absolute().parent} for the picture")
     driver_class = get_native_driver_class(ROBOT)
@@ -90,7 +100,7 @@ def run(seconds: float, *, faults: bool, as_json: bool, out: Path) -> int:
 def _draw(out: Path, watch: Watch, scenario: Scenario, story: Story) -> Path | None:
     if not watch.positions:
         return None
-    from . import picture  # matplotlib takes its time
+    from . import picture  # importing matplotlib is slow
 
     picture.draw(out, watch, scenario.outcomes, story.began_ns)
     return out
@@ -98,7 +108,7 @@ def _draw(out: Path, watch: Watch, scenario: Scenario, story: Story) -> Path | N
 
 @contextlib.contextmanager
 def _twin_log() -> Iterator[Path]:
-    """Where the twin writes what is on the wire, for as long as the block runs."""
+    """Yield the path of the log in which the twin writes the frames on its wire, during the block."""
     with tempfile.TemporaryDirectory(prefix="strands-demo-") as directory:
         before = os.environ.get(LOG_VARIABLE)
         log = Path(directory) / "wire.ndjson"
@@ -114,7 +124,7 @@ def _twin_log() -> Iterator[Path]:
 
 @contextlib.contextmanager
 def _deaf_to_interrupts() -> Iterator[None]:
-    """An impatient second Ctrl-C shall not keep the first from making the robot safe."""
+    """Ignore Ctrl-C during the block, so that a second one does not interrupt the cleanup."""
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         yield

@@ -1,4 +1,4 @@
-"""``demo.png``: every joint over time, what it was told, and what was done to its processes."""
+"""Draw ``demo.png``: the position and the setpoint of each joint over time, and the faults."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .scenario import Outcome
 from .watch import Sample, Watch
 
 GAP_S = 0.25
-"""No line is drawn over a longer time without a reading: nobody knows what was there."""
+"""If readings are further apart than this, in seconds, the line has a gap, because the position is unknown."""
 
 COLORS = ("#1f6fb4", "#2a9d5c", "#b8621b", "#7b52ab", "#c03a4b", "#4d6a7a")
 SETPOINT = "#222222"
@@ -37,9 +37,9 @@ def draw(path: Path, watch: Watch, outcomes: list[Outcome], began_ns: int) -> No
         ha="left",
         y=0.985,
     )
-    told = "Whichever process is lost, the arm is made safe, and only resume() lets it move again."
+    text = "Whichever process is lost, the arm is made safe, and only resume() lets it move again."
     gaps = " Where a line is missing, no process was left to read the arm."
-    figure.text(0.06, 0.945, told + gaps if outcomes else "", fontsize=10, color="#555555")
+    figure.text(0.06, 0.945, text + gaps if outcomes else "", fontsize=10, color="#555555")
     plots = figure.subplots(len(watch.axes), 1, sharex=True, squeeze=False)[:, 0]
     figure.subplots_adjust(left=0.085, right=0.985, top=0.87 if outcomes else 0.93, bottom=0.105, hspace=0.16)
     for at, (plot, axis) in enumerate(zip(plots, watch.axes, strict=True)):
@@ -93,7 +93,7 @@ def draw(path: Path, watch: Watch, outcomes: list[Outcome], began_ns: int) -> No
 
 
 def _curve(samples: list[Sample], at: int, began_ns: int) -> tuple[list[float], list[float]]:
-    """One axis, with a NaN where readings are missing, which ends the line there."""
+    """Return the curve of one axis. A NaN where readings are missing makes a gap in the line."""
     xs: list[float] = []
     ys: list[float] = []
     for sample in samples:

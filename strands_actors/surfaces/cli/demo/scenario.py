@@ -1,5 +1,4 @@
-"""What happens in the demo, in order: move, break a process, look at the wire, resume, move
-again."""
+"""The course of the demo: move, break a process, watch the wire, resume, move again."""
 
 from __future__ import annotations
 
@@ -29,22 +28,21 @@ READY = {
     "wrist_roll": 0.0,
     "gripper": 45.0,
 }
-"""What the sine eases into: a limp arm has sunk, and a sine needs room on both sides."""
+"""The pose around which the sine moves. A limp arm has sunk, and the sine needs room on both sides."""
 
 LOOK_S = 3.0
-"""How long the wire is searched for a safe frame, far past every bound."""
+"""How long the wire is watched for a safe frame, in seconds. This is far longer than every bound."""
 RESTART_S = 15.0
-"""For processes to start on a busy machine."""
+"""Timeout for processes to start on a busy computer, in seconds."""
 TRIES = 4
 
 
 class Fault(msgspec.Struct, frozen=True):
     victim: str
     signal: str
-    reason: Reason  # as which the tree sees it: the driver's table of fallbacks has the safe state
+    reason: Reason  # the tree's reason for the stop, which selects the safe state in the driver's fallbacks
     freezes: bool = False
-    """A death is seen at once. A freeze shows only by silence, as long as a heartbeat may be
-    late."""
+    """True if the process is frozen. A death is noticed at once, a freeze only after a heartbeat's timeout."""
 
     def bound_ms(self, driver: type[Driver]) -> float:
         return round(1e3 * (driver.bound_s + (driver.timing.heartbeat_ttl_s if self.freezes else 0.0)), 3)
@@ -58,7 +56,7 @@ FAULTS = (
 
 
 class Outcome(msgspec.Struct):
-    """What one fault did, by the wire's log."""
+    """The effect of one fault, from the wire's log."""
 
     victim: str
     signal: str
@@ -89,21 +87,21 @@ class Outcome(msgspec.Struct):
 
 
 class Pace(msgspec.Struct):
-    """How steadily the policy ran, undisturbed."""
+    """The regularity of the policy's setpoints before the first fault."""
 
     policy_hz: float
-    setpoints_per_s: float  # on the wire: the policy's, and those re-sent between them
+    setpoints_per_s: float  # on the wire, with those re-sent between the policy's
     gap_ms_median: float
     gap_ms_p99: float
     gap_ms_max: float
 
 
 class Failed(Exception):
-    """The demo cannot go on. The text says why."""
+    """The demo cannot continue. The text is the reason."""
 
 
 class Scenario:
-    """``note(text, kind)`` hears what happens: kinds are plain, good, bad and fault."""
+    """Runs the demo. ``note(text, kind)`` is called for each event; kinds are plain, good, bad and fault."""
 
     def __init__(
         self, robot: RealRobot, watch: Watch, driver: type[Driver], note: Callable[[str, str], None]
@@ -128,7 +126,7 @@ class Scenario:
         self._note(f"twin and tree up in {time.monotonic() - began:.1f} s, armed where it stands", "good")
 
     def run(self, seconds: float, faults: tuple[Fault, ...]) -> None:
-        """Moving takes twice as long as looking at what was made safe."""
+        """Run the demo. Each phase of moving takes twice as long as each phase of watching a safe robot."""
         look_s = seconds / (3 * len(faults) + 2)
         self._move("a sine policy runs")
         began_ns = time.monotonic_ns()
@@ -143,7 +141,7 @@ class Scenario:
     # -- moving
 
     def _move(self, what: str) -> None:
-        """Start the rollout; return when its first setpoint was on the wire."""
+        """Start the rollout, and wait until its first setpoint was on the wire."""
         deadline = time.monotonic() + RESTART_S
         self._insist(self._start_task, deadline)
         wait_for(lambda: self._task()["steps"] > 0 or not self._task()["running"], RESTART_S)
@@ -156,8 +154,8 @@ class Scenario:
         )
 
     def _insist(self, verb: Callable[[], dict[str, Any]], deadline: float) -> dict[str, Any]:
-        """Until it is accepted: a policy whose gate has died takes a moment to end by itself, and a
-        machine that has no time for the twin makes a robot that does not answer."""
+        """Repeat a verb until it is accepted. It is refused for a short time after the gate has died, until
+        the policy has ended, and while a busy computer keeps the twin from answering."""
         while (answer := verb())["status"] != "success":
             if time.monotonic() > deadline:
                 raise Failed(answer["content"][0]["text"])
@@ -171,7 +169,7 @@ class Scenario:
             task = self._task()
             if task["running"] and task["steps"]:
                 return
-            # Seen on a busy machine: the gate refuses what rests on old readings.
+            # Seen on a busy computer: the gate refuses setpoints because the readings are too old.
             self._note(f"the policy ended by itself: {task['exit_detail']}", "bad")
             self._insist(self._robot.resume, time.monotonic() + RESTART_S)
             self._move("it is started again")
@@ -219,12 +217,13 @@ class Scenario:
         return outcome
 
     def _first_safe(self, outcome: Outcome) -> int | None:
-        """Return its index in the wire's log."""
+        """Return the index of the first safe frame after the fault in the wire's log; None if there is no
+        such frame."""
         self._watch.wire.poll()
         return self._watch.wire.first_safe(outcome.safe_state, outcome.struck_ns)
 
     def _look(self, outcome: Outcome, look_s: float) -> None:
-        """Count what comes behind the safe frame until just before the resume."""
+        """Count the setpoints after the safe frame, until just before the resume."""
         wire, index = self._watch.wire, self._first_safe(outcome)
         assert index is not None
         outcome.safe_ns = wire.frames[index].t_ns
@@ -260,7 +259,7 @@ class Scenario:
         outcome.restarted = wait_for(lambda: self._watch.pid(outcome.victim) not in (None, outcome.pid), 5.0)
 
     def _read(self, key: str) -> Any:
-        """From the status, as soon as the wire answers."""
+        """Return a value of the status, as soon as the wire process answers."""
         deadline = time.monotonic() + RESTART_S
         while key not in (status := status_of(self._robot)):
             if time.monotonic() > deadline:

@@ -1,4 +1,4 @@
-"""The live display: tree, joints, wire, and what happened so far."""
+"""The live display: tree, joints, wire, and the events so far."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SPARK_S = 0.2
 
 
 class Screen:
-    """Use as a context manager around the scenario."""
+    """The live display. Use it as a context manager around the scenario."""
 
     def __init__(self, console: Console, watch: Watch, story: Story, scenario: Scenario) -> None:
         self._watch = watch
@@ -102,7 +102,7 @@ class Screen:
         return Panel(table, title=f"joints: {self._watch.unit}", title_align="left")
 
     def _bar(self, at: int, value: float, aim: float | None) -> RenderableType:
-        """Its range is what the joint has shown so far, with some room."""
+        """Return a bar. It spans the joint's positions so far, with a margin."""
         low, high = self._span[at]
         seen = [value - 5, value + 5] if aim is None else [value - 5, value + 5, aim]
         self._span[at] = low, high = min(low, *seen), max(high, *seen)
@@ -137,7 +137,7 @@ class Screen:
 
 
 class _Bar:
-    """Marks on a line as long as there is room: (place between 0 and 1, sign, style)."""
+    """Marks on a line that fills the width. A mark is (place between 0 and 1, sign, style)."""
 
     def __init__(self, marks: list[tuple[float, str, str]]) -> None:
         self._marks = marks
@@ -154,7 +154,7 @@ class _Bar:
 
 
 class _Sparkline:
-    """Setpoints on the wire over the last seconds; half a block is the control rate."""
+    """Setpoints on the wire during the last seconds. Half a block stands for the control rate."""
 
     def __init__(self, wire: Wire, now_ns: int) -> None:
         self._wire = wire
@@ -174,7 +174,7 @@ class _Sparkline:
 
 
 class _Tail:
-    """The last lines, as many as there is room for."""
+    """The last lines that fit."""
 
     def __init__(self, lines: list[Text]) -> None:
         self._lines = lines

@@ -1,5 +1,4 @@
-"""Watches a robot while it runs: samples of its state, its tree, the wire. It only asks; it
-commands nothing."""
+"""Watch a running robot: sample its state, its tree and its wire. No commands are sent."""
 
 from __future__ import annotations
 
@@ -38,14 +37,14 @@ class Sample(NamedTuple):
 
 
 class Watch:
-    """Runs in the loop of the robot's handle, from ``start`` to ``stop``."""
+    """Samples a robot in its handle's event loop, from ``start`` to ``stop``."""
 
     def __init__(self, robot: RealRobot, log: Path) -> None:
         self.wire = Wire(log)
         self.positions: list[Sample] = []
         self.targets: list[Sample] = []  # only while setpoints move the robot
         self.status: Status | None = None  # None: the wire process does not answer
-        self.tree: TreeReport | None = None  # the last one the root gave
+        self.tree: TreeReport | None = None  # the root's last answer
         self.unit = ""
         self.axes: tuple[str, ...] = ()
         self._robot = robot
@@ -53,7 +52,7 @@ class Watch:
         self._ended = False
 
     def start(self) -> None:
-        """Once the robot is connected."""
+        """Start sampling. The robot must be connected."""
         self.unit = status_of(self._robot)["unit"]
         self.axes = tuple(self._robot.get_observation())
         at, node = addresses.of(self._robot.name), portal().node
@@ -65,18 +64,18 @@ class Watch:
         self.wire.poll()
 
     def pid(self, role: str) -> int | None:
-        """Of the process that plays a role now."""
+        """Return the pid of the running process with a role; None if there is no such process."""
         processes = self.tree.processes if self.tree is not None else ()
         found = next((process.pid for process in processes if process.role == role), None)
         return found if found is not None and state_of(found) == "running" else None
 
     def left_over(self) -> list[int]:
-        """Processes of the tree, past and present, that have not ended."""
+        """Return all processes that ever belonged to the tree and have not ended."""
         others = [pid for pids in self._pids.values() for pid in pids if pid != os.getpid()]
         return [pid for pid in others if state_of(pid) != "ended"]
 
     def restarts(self, role: str) -> int:
-        """Return how often the role got a new process, whoever started it."""
+        """Return how often the role got a new process, started by any process."""
         return max(0, len(self._pids.get(role, ())) - 1)
 
     # -- in the loop
@@ -104,7 +103,7 @@ class Watch:
 
     @property
     def moving(self) -> bool:
-        """Setpoints are what the wire heard last."""
+        """True if the newest frame on the wire is a setpoint, and neither safe nor enable."""
         last = self.wire.last("setpoint", "safe", "enable")
         return last is not None and last.kind == "setpoint"
 
@@ -119,7 +118,7 @@ class Watch:
             await trio.sleep(TREE_S)
 
     def _counted(self, report: TreeReport) -> TreeReport:
-        """With our own count of restarts: a new root knows nothing of those before it."""
+        """Return the report with our own count of restarts, since a new root does not know the earlier ones."""
         processes = []
         for process in report.processes:
             pids = self._pids.setdefault(process.role, [])
@@ -137,7 +136,7 @@ def status_of(robot: RealRobot) -> dict[str, Any]:
 
 
 def state_of(pid: int) -> str:
-    """``running``, ``frozen`` or ``ended``, as the operating system says."""
+    """Return ``running``, ``frozen`` or ``ended``, from the operating system."""
     try:
         with open(f"/proc/{pid}/stat") as file:
             letter = file.read().rpartition(")")[2].split()[0]
@@ -149,7 +148,7 @@ def state_of(pid: int) -> str:
 
 
 def wait_for(condition: Callable[[], bool], at_most_s: float) -> bool:
-    """Return whether it came true in time."""
+    """Wait until a condition is true. Return False if it was not within ``at_most_s``."""
     deadline = time.monotonic() + at_most_s
     while not condition():
         if time.monotonic() > deadline:

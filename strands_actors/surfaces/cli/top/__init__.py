@@ -1,4 +1,4 @@
-"""``top``: the robots that run now, live; stop, e-stop and resume by a key."""
+"""``top``: show the running robots live; stop, e-stop and resume by a key."""
 
 from __future__ import annotations
 

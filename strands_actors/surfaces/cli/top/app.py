@@ -1,5 +1,4 @@
-"""The screen of ``top``: a line for each robot, the tree and the facts of the one that is
-selected."""
+"""The screen of ``top``: a line for each robot, and the tree and the facts of the selected one."""
 
 from __future__ import annotations
 
@@ -24,7 +23,7 @@ from .feed import Feed, Seen
 from .rows import Columns, Rates, columns_for, facts, heading, row
 
 TOLD = 4
-"""Answers that stay on the screen."""
+"""Number of results that stay on the screen."""
 
 EMPTY = Text.assemble(
     "No robot of this user is running.\n\n",
@@ -35,8 +34,10 @@ EMPTY = Text.assemble(
 
 
 class Confirm(ModalScreen[bool]):
-    """Energising is asked for twice. Stopping never is, and a question that is open takes no stop
-    away. ``stop``: does one to the robot it is about."""
+    """The question before a robot is energised. A stop needs no confirmation, and its keys work here, too.
+
+    ``stop`` is called with the verb ``stop`` or ``e-stop``, and applies it to this robot.
+    """
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("y,enter", "answer(True)", "energise"),
@@ -72,12 +73,12 @@ class Confirm(ModalScreen[bool]):
         self.dismiss(yes)
 
     def action_instead(self, verb: str) -> None:
-        self._stop(verb)  # before anything of the screen
+        self._stop(verb)  # before any work on the screen
         self.dismiss(False)
 
 
 class Top(App[None]):
-    """``s`` stops the selected robot at once."""
+    """The application. The key ``s`` stops the selected robot at once."""
 
     ENABLE_COMMAND_PALETTE = False
     CSS = """
@@ -131,7 +132,7 @@ class Top(App[None]):
         self._feed.close()
 
     def leave(self, code: int) -> None:
-        """End, from any thread."""
+        """End the application with an exit code. Any thread may call this."""
         self._soon(self.exit, None, code)
 
     def on_resize(self, event: Resize) -> None:
@@ -158,7 +159,7 @@ class Top(App[None]):
     def _soon(self, function: object, *args: object) -> None:
         loop = self._loop
         if loop is not None and self._running:
-            with contextlib.suppress(RuntimeError):  # it has just ended
+            with contextlib.suppress(RuntimeError):  # the loop has just ended
                 loop.call_soon_threadsafe(function, *args)  # type: ignore[arg-type]
 
     # -- on the screen
@@ -169,7 +170,7 @@ class Top(App[None]):
 
     @property
     def selected(self) -> Seen | None:
-        """Return the robot that keys act on."""
+        """The robot that keys act on."""
         at = self._table.cursor_row
         return self._seen[at] if 0 <= at < len(self._seen) else None
 
@@ -226,7 +227,7 @@ class Top(App[None]):
             self._table.move_cursor(row=max(0, min(len(self._seen) - 1, self._table.cursor_row + by)))
 
     def action_ask(self, verb: str) -> None:
-        """At once: nothing is asked back before a stop."""
+        """Send a stop or an e-stop to the selected robot at once, without a confirmation."""
         if self.selected is not None:
             self._feed.ask(verb, self.selected.note.robot)
 

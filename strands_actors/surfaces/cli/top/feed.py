@@ -1,7 +1,6 @@
-"""What ``top`` shows: every robot of this user, asked a few times a second, in a trio loop of its
-own thread.
+"""The data of ``top``: ask every robot of this user a few times per second, in a trio loop in a thread.
 
-It asks and it passes on what the user wants; it holds no lease, and its end changes no robot.
+It also sends the user's stops and resumes. It holds no lease, and its end affects no robot.
 """
 
 from __future__ import annotations
@@ -25,22 +24,22 @@ PERIOD_S = 0.4
 
 
 class Seen(NamedTuple):
-    """One look at one robot."""
+    """The state of one robot at one time."""
 
     at_s: float  # time.monotonic()
     note: Note
     tree: TreeReport
     status: Status | None  # None: the wire process does not answer
-    processes: dict[int, str]  # pid -> running, frozen or ended, as the system says
+    processes: dict[int, str]  # pid -> running, frozen or ended, from the operating system
 
 
 Show = Callable[[list[Seen]], None]
 Told = Callable[[str, bool], None]
-"""(a line for people, whether it was done)"""
+"""Takes a line for the user, and whether the verb succeeded."""
 
 
 class Feed:
-    """``show`` and ``told`` are called from the feed's thread."""
+    """The thread that asks the robots. It calls ``show`` with their states and ``told`` with results of verbs."""
 
     def __init__(self, show: Show, told: Told) -> None:
         self._show = show
@@ -53,12 +52,12 @@ class Feed:
         self._began.wait()
 
     def close(self) -> None:
-        """End the loop and wait for it, and for the verbs that are under way."""
+        """End the loop, and wait for it and for the verbs in progress."""
         self._token.run_sync_soon(self._scope.cancel)
         self._thread.join()
 
     def ask(self, verb: str, robot: str) -> None:
-        """Carry out a verb of ``operate.VERBS``; the answer goes to ``told``."""
+        """Start a verb of ``operate.VERBS``. Its result goes to ``told``."""
         self._token.run_sync_soon(self._start, verb, robot)
 
     # -- in the loop
@@ -73,7 +72,7 @@ class Feed:
                     await self._watch()
 
     async def _watch(self) -> None:
-        """Until a robot comes or goes: then the mesh is joined anew."""
+        """Ask the robots until one starts or ends. Then the mesh has to be joined again."""
         async with directory.join() as joined, trio.open_nursery() as self._asked:
             self._joined = joined
             try:
@@ -85,7 +84,7 @@ class Feed:
 
     def _start(self, verb: str, robot: str) -> None:
         joined = self._joined
-        if joined is None:  # just between two: this one joins by itself
+        if joined is None:  # the mesh is being joined again, so the verb joins it separately
             self._verbs.start_soon(self._join_and_carry_out, verb, robot)
         else:
             self._asked.start_soon(self._carry_out, joined, verb, robot)
@@ -95,7 +94,7 @@ class Feed:
             await self._carry_out(joined, verb, robot)
 
     async def _carry_out(self, joined: Directory, verb: str, robot: str) -> None:
-        with trio.CancelScope(shield=True):  # a stop that was asked for is not given up
+        with trio.CancelScope(shield=True):  # a requested stop is finished even if ``top`` ends
             note = next((note for note in joined.notes if note.robot == robot), None)
             if note is None:
                 self._told(f"{verb} {robot}: it is not running any more", False)

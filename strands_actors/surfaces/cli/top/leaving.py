@@ -1,9 +1,12 @@
-"""The end of ``top`` by a signal, or because its terminal has gone, whatever its screen waits for.
+"""End ``top`` on a signal, or when its terminal is gone, even if its screen is blocked.
 
-A screen that nobody reads takes no more output, and the loop that draws it stands still; a terminal
-that is no controlling one ends without a signal. So signals are taken by Python's own handlers,
-which run while the loop waits for its output, and a thread looks at the terminal. What has not
-ended in ``GRACE_S`` is ended.
+Two cases need care:
+
+* If the terminal's output is not read, it blocks, and so does the loop that draws the screen. Therefore
+  Python's signal handlers are used, since they run while the loop is blocked.
+* A terminal that is not the controlling one vanishes without a signal. Therefore a thread watches it.
+
+If the application has not ended within ``GRACE_S``, the process ends itself.
 """
 
 from __future__ import annotations
@@ -20,16 +23,19 @@ from types import FrameType
 from typing import Any
 
 GRACE_S = 1.0
-"""For the screen to be put back. An order has left long before; nobody is there to read what became
-of it."""
+"""Time to restore the screen, in seconds. An order has been sent long before, and its result cannot be read any
+more."""
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _SCREEN_AS_IT_WAS = b"\x1b[?1049l\x1b[?25h\x1b[?1000l\x1b[?1002l\x1b[?1003l\x1b[?1006l\x1b[?2004l"
 
 
 @contextlib.contextmanager
 def ends_with_its_terminal(leave: Callable[[int], None]) -> Iterator[None]:
-    """In the main thread, around the screen. ``leave``: of any thread, with an exit code; it may
-    have no effect."""
+    """Watch signals and the terminal during the block, which runs the screen. Use it in the main thread.
+
+    Args:
+        leave: Called from any thread with an exit code, to end the application. It may have no effect.
+    """
     ending = _Ending(sys.stdin.fileno(), leave)
     before = {number: signal.signal(number, ending.by_signal) for number in SIGNALS}
     threading.Thread(target=ending.watch, name="top-terminal", daemon=True).start()
@@ -54,7 +60,7 @@ class _Ending:
 
     def watch(self) -> None:
         hung_up = select.poll()
-        hung_up.register(self._terminal, 0)  # POLLHUP is always told, and nothing else is asked for
+        hung_up.register(self._terminal, 0)  # no events are requested; POLLHUP is always reported
         hung_up.poll()
         self._begin(128 + signal.SIGHUP)
 
@@ -68,7 +74,7 @@ class _Ending:
     def _insist(self, code: int) -> None:
         if self.over.wait(GRACE_S):
             return
-        with contextlib.suppress(OSError, termios.error):  # it may have gone, or take nothing
+        with contextlib.suppress(OSError, termios.error):  # the terminal may be gone or blocked
             termios.tcsetattr(self._terminal, termios.TCSANOW, self._settings)
             os.set_blocking(self._terminal, False)
             os.write(self._terminal, _SCREEN_AS_IT_WAS)

@@ -1,4 +1,4 @@
-"""What each robot's line and page say: pure functions of what was seen."""
+"""Build each robot's line and page from its state. Pure."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from strands_actors.surfaces.cli.trees import styled
 from .feed import Seen
 
 WINDOW_S = 2.0
-"""Rates are means over this: shorter and they flicker."""
+"""Rates are means over this time, in seconds. Over shorter times they would flicker."""
 LATE_S, GONE_S = 0.3, 1.0
-"""An observation older than this is marked; than that, there is none."""
+"""Ages of an observation, in seconds: above the first it is yellow, above the second red."""
 
 Columns = tuple[tuple[str, int], ...]
-"""Titles and widths."""
+"""Title and width of each column."""
 
 COLUMNS: Columns = (
     ("robot", 17),
@@ -33,17 +33,17 @@ COLUMNS: Columns = (
     ("refused", 7),
 )
 LEASE = (12, 40)
-"""The lease takes what the others leave: at least and at most so much."""
+"""Least and greatest width of the lease's column. It takes the width that the others leave."""
 SPARED = ("lease", "refused", "restarts", "epoch")
-"""What a narrow screen goes without, in this order."""
+"""Columns that a narrow screen leaves out, in this order."""
 PADDING = 2
-"""Of every cell, both sides together."""
+"""Padding of every cell, both sides together."""
 RIGHT = frozenset({"epoch", "writes/s", "reads/s", "age", "restarts", "refused"})
 NOTHING = Text("–", "dim")
 
 
 def columns_for(width: int) -> Columns:
-    """Return those that fit into so many cells."""
+    """Return the columns that fit into a width, in characters."""
     titles = [title for title, _ in COLUMNS]
     for spared in ("", *SPARED):
         titles = [title for title in titles if title != spared]
@@ -57,7 +57,7 @@ def columns_for(width: int) -> Columns:
 
 
 class Rates:
-    """Writes and reads per second of one robot, from the counters its gate shows."""
+    """Writes and reads per second of one robot, from its gate's counters."""
 
     def __init__(self) -> None:
         self._counts: deque[tuple[float, int, int]] = deque()
@@ -75,7 +75,7 @@ class Rates:
 
     @property
     def per_s(self) -> tuple[float, float] | None:
-        """(writes, reads); None until there are two looks."""
+        """(writes, reads) per second; None until there are two states."""
         if len(self._counts) < 2:
             return None
         (began_s, *before), (ended_s, *after) = self._counts[0], self._counts[-1]
@@ -84,7 +84,7 @@ class Rates:
 
 
 def row(seen: Seen, rates: Rates, columns: Columns) -> list[Text]:
-    """Return one cell a column."""
+    """Return one cell per column."""
     status = seen.status
     per_s = rates.per_s
     restarts = sum(process.restarts for process in seen.tree.processes)
@@ -103,7 +103,7 @@ def row(seen: Seen, rates: Rates, columns: Columns) -> list[Text]:
 
 
 def state(seen: Seen) -> Text:
-    """Return the failsafe mode; the gate's word is newer than the root's."""
+    """Return the failsafe mode. The gate's value is preferred, since it is newer than the root's."""
     if seen.status is None:
         return styled(seen.tree.state)
     if seen.status.locked_by and seen.status.mode == Mode.DISARMED:
@@ -112,7 +112,7 @@ def state(seen: Seen) -> Text:
 
 
 def holder(name: str) -> str:
-    """``arm in process 12`` as ``arm (12)``."""
+    """Return ``arm in process 12`` as ``arm (12)``."""
     return f"{name.replace(' in process ', ' (')})" if " in process " in name else name
 
 
@@ -124,7 +124,7 @@ def age(age_s: float) -> Text:
 
 
 def facts(seen: Seen) -> Table:
-    """Return the page beside the tree: why it is as it is."""
+    """Return the table next to the tree: the state of the robot and its reasons."""
     status = seen.status
     table = Table.grid(padding=(0, 2))
     table.add_column(style="dim", no_wrap=True)
@@ -165,7 +165,7 @@ def _stop(report: StopReport | None) -> Text:
 
 
 def _set(cell: Text, title: str, width: int) -> Text:
-    """Cut and aligned: a column never changes its width."""
+    """Return the cell cut and aligned, so that a column never changes its width."""
     cell = cell.copy()
     cell.truncate(width, overflow="ellipsis")
     cell.align("right" if title in RIGHT else "left", width)
