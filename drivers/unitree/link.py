@@ -1,7 +1,7 @@
-"""One participant on a Unitree robot's network: it sends commands and receives states. The wire and the
-stop channel both use it.
+"""One participant on a Unitree robot's network. It sends commands and receives states. The wire and the stop
+channel both use it.
 
-No call here waits or loops: ``poll`` handles what has arrived, ``send`` and ``ask`` send at once.
+No call here waits or loops: ``poll`` handles received data, ``send`` and ``ask`` send at once.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Service:
 
     @property
     def found(self) -> bool:
-        """Return True if somebody serves it, in either direction."""
+        """Return True if a server is matched in at least one direction."""
         return self._writer.matched > 0 or self._reader.matched > 0
 
     @property
@@ -63,7 +63,7 @@ class Service:
 
     @property
     def takes_stops(self) -> bool:
-        """Return True if a stop may reach the service: it knows us, or knew us until it announced its end."""
+        """Return True if a stop may reach the service. It knows us, or knew us until it announced its end."""
         return self.matched or self._writer.has_parted
 
     def order(self, api: int) -> None:
@@ -120,11 +120,11 @@ class Network:
         self.model = model
         self.state: State | None = None
         self.state_ns = 0
-        """When the newest state arrived whose tick had increased; 0 if none has.
+        """When the newest state with an increased tick arrived; 0 if there is no such state.
 
         A repeated tick, from a loop that is stuck, brings nothing new, and the first state may be one.
         An older tick, delayed by a network or a proxy, brings nothing new either. A robot that has
-        restarted is another participant, whose ticks start anew.
+        restarted is another participant, and its ticks start anew.
         """
         self._ticks = None if config.simulator else Stamps(TICK_WRAP)  # a simulator need not count ticks
         self._writer = b""  # of the newest state
