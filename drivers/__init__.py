@@ -149,11 +149,11 @@ def _load() -> None:
     _loaded = True
     from importlib.metadata import entry_points  # takes 9 ms; a robot's processes get the name of their driver
 
-    wheres = dict(WIRES)
+    locations = dict(WIRES)
     for point in entry_points(group="strands_actors.drivers"):
-        wheres.setdefault(point.name, point.value)
-    for wire, where in wheres.items():
-        module, _, name = where.partition(":")
+        locations.setdefault(point.name, point.value)
+    for wire, location in locations.items():
+        module, _, name = location.partition(":")
         try:
             driver_class = getattr(importlib.import_module(module), name)
             missing = missing_driver_members(driver_class)
@@ -256,9 +256,11 @@ def register_robot(
         if not _NAME.match(one):
             raise ValueError(f"register_robot: the name is {one!r}. use 1 to 64 of A-Z a-z 0-9 _ -")
     taken = {_plain(one) for one in (*_known(), *_found, *SHORT_NAMES, *_aliases)}
-    known = [one for one in names if _plain(one) in taken]
-    if known and not overwrite:
-        raise ValueError(f"register_robot: {', '.join(known)} is known already. pass overwrite=True to replace it")
+    present = [one for one in names if _plain(one) in taken]
+    if present and not overwrite:
+        raise ValueError(
+            f"register_robot: {', '.join(present)} is known already. pass overwrite=True to replace it"
+        )
     if model_xml is not None and not os.path.isfile(os.path.expanduser(model_xml)):
         raise FileNotFoundError(
             f"register_robot: there is no file {os.fspath(model_xml)!r}. give an MJCF or a URDF"
@@ -280,21 +282,21 @@ def canonical_name(name: str) -> str:
     """
     _load()
     _checked(name, "Robot")
-    known = {**{robot: robot for robot in _known()}, **SHORT_NAMES, **_aliases}
-    if name not in known:
+    names = {**{robot: robot for robot in _known()}, **SHORT_NAMES, **_aliases}
+    if name not in names:
         plain = _plain(name)
-        name = next((each for each in known if _plain(each) == plain), name)
-    return known.get(name, name)
+        name = next((each for each in names if _plain(each) == plain), name)
+    return names.get(name, name)
 
 
 _NAME = re.compile(r"(?=.*[A-Za-z0-9])[A-Za-z0-9_-]{1,64}\Z")
 """Valid names of robots. A robot's name is a key of the mesh, and an agent's tool."""
 
 
-def _checked(name: object, who: str) -> str:
+def _checked(name: object, caller: str) -> str:
     if not isinstance(name, str) or not name:
         wrong = ValueError if isinstance(name, str) else TypeError
-        raise wrong(f"{who}: the name is {name!r}. give the name of a robot as text: list_robots() has them all")
+        raise wrong(f"{caller}: the name is {name!r}. give the name of a robot as text: list_robots() has them all")
     return name
 
 
@@ -394,8 +396,8 @@ def get_lerobot_class(name: str) -> type[Any]:
         raise ValueError(f"Robot: LeRobot has no class for {name}. it has one for {', '.join(sorted(types))}")
     if line := lerobot_missing(robot):
         raise ValueError(f"Robot: {name} is driven by LeRobot's own class, and that is not installed. {line}")
-    found: type[Any] = load(LEROBOT_CLASS)(robot)
-    return found
+    lerobot_class: type[Any] = load(LEROBOT_CLASS)(robot)
+    return lerobot_class
 
 
 def lerobot_missing(robot: str) -> str:
@@ -422,7 +424,7 @@ def list_driver_coverage() -> dict[str, tuple[str, ...]]:
     _load()
     lerobots = _lerobots()
     return {
-        name: tuple(who for who, has in (("lerobot", lerobots), ("strands", _registered)) if name in has)
+        name: tuple(driver for driver, has in (("lerobot", lerobots), ("strands", _registered)) if name in has)
         for name in list_robots()
     }
 
@@ -436,8 +438,8 @@ def list_leaders() -> dict[str, type[Driver]]:
 def leader_name(name: str) -> str | None:
     """Return the leader arm's name for an alias or another spelling; None for an unknown name."""
     leaders = list_leaders()
-    known = {robot: robot for robot in leaders}
+    names = {robot: robot for robot in leaders}
     for driver_class in leaders.values():
-        known |= driver_class.ALIASES
+        names |= driver_class.ALIASES
     plain = _plain(name)
-    return next((robot for each, robot in known.items() if _plain(each) == plain), None)
+    return next((robot for each, robot in names.items() if _plain(each) == plain), None)

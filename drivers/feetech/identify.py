@@ -91,8 +91,8 @@ def check(axis: Axis, servo: Identity, motor: MotorCalibration | None) -> None:
     if servo.mode != POSITION_MODE:
         raise WireDown(f"{axis.label} is in mode {servo.mode}, must be 0 (position). Set register 33 to 0")
     if motor is not None:
-        found = {"homing_offset": servo.homing_offset, "range_min": servo.low, "range_max": servo.high}
-        check_calibration(axis, motor, found)
+        values = {"homing_offset": servo.homing_offset, "range_min": servo.low, "range_max": servo.high}
+        check_calibration(axis, motor, values)
 
 
 async def answer_at_once(bus: Bus, axis: Axis, servo: Identity) -> None:
@@ -117,5 +117,5 @@ async def _set(bus: Bus, axis: Axis, register: protocol.Register, value: int) ->
 def facts(axes: Sequence[Axis], servos: Mapping[int, Identity]) -> dict[str, dict[str, object]]:
     """Return facts for ``status``, by axis key."""
     limited = {axis.key: servos[axis.id].speed_limit for axis in axes if servos[axis.id].speed_limit}
-    found = facts_of({axis.key: servos[axis.id] for axis in axes})
-    return {**found, "speed_limit": dict(limited)} if limited else found
+    result = facts_of({axis.key: servos[axis.id] for axis in axes})
+    return {**result, "speed_limit": dict(limited)} if limited else result

@@ -127,9 +127,9 @@ ERROR_BITS = {1: "voltage", 2: "sensor", 4: "overheat", 8: "overcurrent", 32: "o
 
 def error_words(error: int) -> str:
     """Return the names of the bits in a status packet's error byte."""
-    known = [word for bit, word in ERROR_BITS.items() if error & bit]
+    names = [word for bit, word in ERROR_BITS.items() if error & bit]
     rest = error & ~sum(ERROR_BITS)
-    return ", ".join(known + ([f"unknown 0x{rest:02x}"] if rest else []))
+    return ", ".join(names + ([f"unknown 0x{rest:02x}"] if rest else []))
 
 
 class Packet(NamedTuple):

@@ -180,7 +180,7 @@ class Servo(TwinServo):
         """Switch the torque off for a condition that UNLOAD_CONDITION names: a load above OVERLOAD_TORQUE for
         PROTECTION_TIME, a current above PROTECTION_CURRENT for OVERCURRENT_TIME, or overheating."""
         table, load = self.table, abs(self.reading.load)
-        found = (
+        conditions = (
             (ERROR_OVERLOAD, load * 100 > table[p.OVERLOAD_TORQUE.address], table[p.PROTECTION_TIME.address]),
             (
                 ERROR_OVERCURRENT,
@@ -189,7 +189,7 @@ class Servo(TwinServo):
             ),
             (ERROR_OVERHEAT, self.temperature_c >= table[p.MAX_TEMPERATURE.address], 0),
         )
-        for bit, is_so, centiseconds in found:
+        for bit, is_so, centiseconds in conditions:
             if not is_so or not table[p.UNLOAD_CONDITION.address] & bit:
                 self._since_s.pop(bit, None)
             elif now_s - self._since_s.setdefault(bit, now_s) >= centiseconds * 0.01:

@@ -106,10 +106,10 @@ def _load_urdf(place: Path, text: str, root: Element) -> tuple[Any, Any, tuple[L
             exclude_neighbours_of_base(spec, model)
             return spec, model, urdf.left_out
         except REFUSALS as error:
-            found = tuple(mesh for mesh in dict.fromkeys(urdf.visuals) if not _reads(mesh))
-            if not found or unreadable:
+            rejected = tuple(mesh for mesh in dict.fromkeys(urdf.visuals) if not _reads(mesh))
+            if not rejected or unreadable:
                 raise _refused(place, error) from None
-            unreadable = found
+            unreadable = rejected
 
 
 def _reads(mesh: Path) -> bool:
@@ -160,11 +160,11 @@ def _name_joints(spec: Any) -> None:
 def _keyframes(spec: Any, model: Any) -> dict[str, tuple[float, ...]]:
     """Return the positions of each keyframe, by its name, or by its number if it has no name. Its values for
     actuators are dropped, since the actuators are replaced."""
-    found = {}
+    positions = {}
     for at, key in enumerate(spec.keys):
-        found[key.name or str(at)] = tuple(model.key_qpos[at].tolist())
+        positions[key.name or str(at)] = tuple(model.key_qpos[at].tolist())
         key.ctrl, key.act = [], []
-    return found
+    return positions
 
 
 def _drive(spec: Any, model: Any) -> tuple[Joint, ...]:
@@ -185,15 +185,15 @@ def _drive(spec: Any, model: Any) -> tuple[Joint, ...]:
     actuators: dict[str, list[tuple[int, Any]]] = {}
     for at, actuator in enumerate(spec.actuators):
         actuators.setdefault(_target(spec, actuator), []).append((at, actuator))
-    actuators = {name: found for name, found in actuators.items() if name in by_name}
+    actuators = {name: pairs for name, pairs in actuators.items() if name in by_name}
     led = {equality.name1 for equality in spec.equalities if _couples(equality)}
     if not actuators:
         actuators = {name: [] for name in by_name if name not in led}
         # The model declares no actuators: compensate gravity, as its controller would.
         for body in spec.bodies[1:]:
             body.gravcomp = 1.0
-    gains = {name: _gains(model, model.joint(name).id, found) for name, found in actuators.items()}
-    for _, actuator in (pair for found in actuators.values() for pair in found):
+    gains = {name: _gains(model, model.joint(name).id, pairs) for name, pairs in actuators.items()}
+    for _, actuator in (pair for pairs in actuators.values() for pair in pairs):
         _forget(spec, actuator)
     names = {actuator.name for actuator in spec.actuators}
     joints = []

@@ -65,11 +65,11 @@ def readable_urdf(path: Path, text: str, root: Element, unreadable: Iterable[Pat
             if mesh is None or "filename" not in mesh.attributes or (is_visual and drops_visuals):
                 continue
             name, start, end = mesh.attributes["filename"]
-            found, why = _find(path, name, compiler)
-            why = why or refused.get(found, "")
+            file, why = _find(path, name, compiler)
+            why = why or refused.get(file, "")
             if not why:
-                edits.append(Edit(start, end, f'filename="{escaped(str(found))}"'))
-                visuals += [found] if is_visual else []
+                edits.append(Edit(start, end, f'filename="{escaped(str(file))}"'))
+                visuals += [file] if is_visual else []
             elif is_visual:
                 edits.append(Edit(shape.start, shape.end, ""))
                 left_out.append(LeftOut(link.get("name"), name, why))
@@ -81,12 +81,12 @@ def readable_urdf(path: Path, text: str, root: Element, unreadable: Iterable[Pat
 def _find(path: Path, name: str, compiler: Element | None) -> tuple[Path, str]:
     """Return the file of a mesh, and why it cannot be used; empty if it can."""
     places = _places(path, name, compiler)
-    found = next((place for place in places if place.is_file()), places[0])
-    if found.suffix.lower() not in READABLE:
-        return found, f"MuJoCo reads no {found.suffix or 'mesh without a suffix'}. convert it to .stl or .obj"
-    if not found.is_file():
-        return found, f"it is not there. it was looked for as {found}"
-    return found, pointer_reason(found)
+    file = next((place for place in places if place.is_file()), places[0])
+    if file.suffix.lower() not in READABLE:
+        return file, f"MuJoCo reads no {file.suffix or 'mesh without a suffix'}. convert it to .stl or .obj"
+    if not file.is_file():
+        return file, f"it is not there. it was looked for as {file}"
+    return file, pointer_reason(file)
 
 
 def _places(path: Path, name: str, compiler: Element | None) -> list[Path]:

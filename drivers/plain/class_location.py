@@ -87,10 +87,10 @@ def load_class(location: ClassLocation) -> type[Any]:
         module = _script(location.script) if location.script else importlib.import_module(location.module)
     finally:
         _loading = False
-    found: Any = module
+    member: Any = module
     for part in location.name.split("."):
-        found = getattr(found, part)
-    loaded: type[Any] = found
+        member = getattr(member, part)
+    loaded: type[Any] = member
     return loaded
 
 

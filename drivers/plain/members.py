@@ -77,7 +77,7 @@ def declared_by(thing: Any, name: str) -> Declared:
 
 def require_axes(declared: Declared, name: str) -> None:
     """Raise ``ValueError`` for a limit of an unknown axis: a misspelt key would limit nothing."""
-    known = {spelling for key in declared.keys for spelling in (key, key.removesuffix(".pos"))}
+    spellings = {spelling for key in declared.keys for spelling in (key, key.removesuffix(".pos"))}
     tables: dict[str, Mapping[str, Any]] = {
         "action_limits": declared.limits,
         "action_speeds": declared.speeds,
@@ -85,7 +85,7 @@ def require_axes(declared: Declared, name: str) -> None:
     }
     for member, table in tables.items():
         for key in table:
-            if key not in known:
+            if key not in spellings:
                 axes = ", ".join(declared.keys)
                 raise ValueError(f"{name}.{member} names {key!r}, which is no axis. It has {axes}")
 
@@ -127,8 +127,8 @@ def _row(value: Any) -> tuple[float, ...]:
     value = value.tolist() if callable(getattr(value, "tolist", None)) else value
     parts = value if isinstance(value, list | tuple) else [value]
     numbers_ = [number(part) for part in parts]
-    known = tuple(part for part in numbers_ if part is not None)
-    return known if 0 < len(known) == len(parts) <= LONGEST_ROW else ()
+    finite = tuple(part for part in numbers_ if part is not None)
+    return finite if 0 < len(finite) == len(parts) <= LONGEST_ROW else ()
 
 
 def number(value: Any) -> float | None:
@@ -151,10 +151,10 @@ def failure_of(answer: Any) -> str:
         return ""
     content = answer.get("content")
     blocks = [block for block in content if isinstance(block, Mapping)] if isinstance(content, list | tuple) else []
-    told = [block["json"] for block in blocks if isinstance(block.get("json"), Mapping)]
+    details = [block["json"] for block in blocks if isinstance(block.get("json"), Mapping)]
     reasons = [
         str(json.get("reason") or "it says that it has not stopped")
-        for json in told
+        for json in details
         if json.get("stopped") is False
     ]
     if answer.get("status") == "error":
@@ -165,8 +165,8 @@ def failure_of(answer: Any) -> str:
 
 def _member(thing: Any, name: str) -> Any:
     """Return a member that is data. None for a property of a class, which has no value yet."""
-    found = getattr(thing, name, None)
-    return None if isinstance(found, property) or callable(found) else found
+    value = getattr(thing, name, None)
+    return None if isinstance(value, property) or callable(value) else value
 
 
 def _keys(features: Any, name: str) -> tuple[str, ...]:
@@ -198,10 +198,10 @@ def _limits(given: Any, where: str) -> tuple[float, float]:
 
 
 def _above_zero(given: Any, where: str) -> float:
-    found = number(given)
-    if found is None or found <= 0:
+    value = number(given)
+    if value is None or value <= 0:
         raise ValueError(f"{where} is {given!r}. Give a finite number above 0")
-    return found
+    return value
 
 
 def _optional(given: Any, where: str) -> float | None:

@@ -77,6 +77,6 @@ def _learn(instance: Instance, config: PlainConfig) -> Told:
     return Told(failure, declared)
 
 
-def _tell(sock: socket.socket, what: Ready | Told) -> None:
-    message = msgspec.msgpack.encode(what)
+def _tell(sock: socket.socket, report: Ready | Told) -> None:
+    message = msgspec.msgpack.encode(report)
     sock.sendall(len(message).to_bytes(4, "little") + message)

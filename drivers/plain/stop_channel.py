@@ -94,12 +94,12 @@ async def learn(config: PlainConfig) -> Declared:
     """
     spare = Spare(config)
     try:
-        told = await spare.run(LEARN)
+        result = await spare.run(LEARN)
     finally:
         spare.kill()
-    if told.failure or told.declared is None:
-        raise WireDown(told.failure or "the class says nothing of its axes")
-    return told.declared
+    if result.failure or result.declared is None:
+        raise WireDown(result.failure or "the class says nothing of its axes")
+    return result.declared
 
 
 class Spare:
@@ -169,15 +169,15 @@ class Spare:
             if not data:
                 raise WireDown("the process ended before it was done: a call of the class hangs, or ended it")
             self._heard += data
-        found, self._heard = self._heard[:size], self._heard[size:]
-        return found
+        taken, self._heard = self._heard[:size], self._heard[size:]
+        return taken
 
 
 @contextlib.contextmanager
-def _within(longest_s: float, what: str) -> Iterator[None]:
+def _within(longest_s: float, failure: str) -> Iterator[None]:
     """Raise ``WireDown`` if the block takes longer."""
     try:
         with trio.fail_after(longest_s):
             yield
     except trio.TooSlowError:
-        raise WireDown(f"{what} within {longest_s:g} s") from None
+        raise WireDown(f"{failure} within {longest_s:g} s") from None

@@ -148,8 +148,8 @@ class PlainWire(Wire):
             self._calls.spent = f"{self._config.name}: its object was connected, and was not given up in order"
 
     async def _call(self, name: str, deadline_s: float, function: Any, *args: Any) -> str:
-        told: str = await self._calls.call(name, deadline_s, function, *args)
-        return told
+        failure: str = await self._calls.call(name, deadline_s, function, *args)
+        return failure
 
     async def _observe(self) -> str:
         """Take one reading. Return an error text if there is no reading."""

@@ -140,5 +140,5 @@ class SimDriver(Driver):
 def _class_of(options: Mapping[str, Any]) -> type[Driver]:
     """Return the class of the robot's own driver."""
     module, _, name = options["class"].partition(":")
-    found: type[Driver] = getattr(importlib.import_module(module), name)
-    return found
+    driver_class: type[Driver] = getattr(importlib.import_module(module), name)
+    return driver_class

@@ -59,12 +59,12 @@ class ScenePictures:
             self._renderer = None
 
     async def _take_scene(self) -> None:
-        found = await self._client.call(p.GetModel(0), p.Model, MODEL_S)
+        answer = await self._client.call(p.GetModel(0), p.Model, MODEL_S)
         if self._renderer is not None:
             await trio.to_thread.run_sync(self._renderer.close)
             self._renderer = None
-        self._renderer = await trio.to_thread.run_sync(self._build, found.binary)
-        self._scene = found.scene
+        self._renderer = await trio.to_thread.run_sync(self._build, answer.binary)
+        self._scene = answer.scene
 
     def _build(self, binary: bytes) -> SceneRenderer:
         model: Any = plain(mujoco.MjModel.from_binary_path("scene.mjb", {"scene.mjb": binary}))

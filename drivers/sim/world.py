@@ -33,8 +33,8 @@ async def render(control: str, width: int, height: int, camera: str) -> Picture:
     Raises:
         RuntimeError: There is no picture. The text is the reason.
     """
-    got = await _ask(control, p.Render(0, width, height, camera), p.Picture, PICTURE_S)
-    return Picture(got.width, got.height, got.rgb)
+    picture = await _ask(control, p.Render(0, width, height, camera), p.Picture, PICTURE_S)
+    return Picture(picture.width, picture.height, picture.rgb)
 
 
 async def reset(control: str) -> None:

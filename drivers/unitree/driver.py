@@ -133,9 +133,9 @@ class _Legs(Driver):
     def parse_simulated(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         """Parse an action, with a last row of ones and zeros. Joints that were never named (0) stay with the
         onboard controller, which keeps the robot on its feet."""
-        count, told = len(self.axes), len(self.axes) * len(ROWS)
-        before = state.target[told:] or (0.0,) * count
-        parsed = self.parse(action, msgspec.structs.replace(state, target=state.target[:told]))
+        count, rows_end = len(self.axes), len(self.axes) * len(ROWS)
+        before = state.target[rows_end:] or (0.0,) * count
+        parsed = self.parse(action, msgspec.structs.replace(state, target=state.target[:rows_end]))
         if isinstance(parsed, Refused):
             return parsed
         which = [*before]
@@ -163,11 +163,11 @@ class _Legs(Driver):
         return {**self.commanded(action, values), **telling(sensors)}
 
     def readings(self, observation: Observation) -> dict[str, Any]:
-        told = telling(observation.sensors)
+        result = telling(observation.sensors)
         pct = observation.sensors.get("battery_pct")
-        told["battery_pct"] = None if pct is None else pct[0]
-        told["imu"] = {field: list(observation.sensors.get(name, ())) or None for field, name in IMU.items()}
-        return told
+        result["battery_pct"] = None if pct is None else pct[0]
+        result["imu"] = {field: list(observation.sensors.get(name, ())) or None for field, name in IMU.items()}
+        return result
 
     def energised(self, safe_state: SafeState) -> bool:
         return False
@@ -176,7 +176,7 @@ class _Legs(Driver):
 def telling(sensors: Mapping[str, tuple[float, ...]]) -> dict[str, Any]:
     """Return what the robot reports about its controller, by the field names of strands-robots. Fields
     that it does not report are missing."""
-    return {field: kind(sensors[name][0]) for field, (name, kind) in _TELLING.items() if name in sensors}
+    return {field: convert(sensors[name][0]) for field, (name, convert) in _TELLING.items() if name in sensors}
 
 
 _TELLING: Mapping[str, tuple[str, Callable[[float], Any]]] = {

@@ -64,11 +64,11 @@ _HANDSHAKE = ", ".join(map(str, HANDSHAKE_FSM))
 
 def fsm(observation: Observation, now_ns: int) -> Refused | None:
     """G1: refuse low-level commands unless the FSM is in a state that balances."""
-    known = observation.sensors.get("fsm")
-    if known is None:
+    reported = observation.sensors.get("fsm")
+    if reported is None:
         why = "the FSM id is not known"
         return Refused(UnitreeCode.FSM_UNKNOWN, why, "check that the robot has booted", "", _HANDSHAKE)
-    number, asked_s = known
+    number, asked_s = reported
     age_s = now_ns / NS - asked_s
     if age_s > FSM_TTL_S:
         why = f"FSM id is {age_s:.1f} s old (limit {FSM_TTL_S:.1f} s)"
@@ -84,11 +84,11 @@ def fsm(observation: Observation, now_ns: int) -> Refused | None:
 
 def sport_mode(observation: Observation, now_ns: int) -> Refused | None:
     """Other robots: refuse unless their own controller is released, and they have reported this recently."""
-    known = observation.sensors.get("sport_mode_released")
+    reported = observation.sensors.get("sport_mode_released")
     remedy = "call release_sport_mode() first: the robot no longer balances by itself then"
-    if known is None:
+    if reported is None:
         return Refused(UnitreeCode.SPORT_MODE_UNKNOWN, "the onboard mode is not known", remedy, "", "released")
-    released, asked_s = known
+    released, asked_s = reported
     age_s = now_ns / NS - asked_s
     if age_s > MODE_TTL_S:
         why = f"the onboard mode is {age_s:.1f} s old (limit {MODE_TTL_S:.1f} s)"
@@ -116,10 +116,10 @@ def battery_known(observation: Observation, now_ns: int) -> Refused | None:
 
 def battery_above(floor_pct: float) -> ConditionCheck:
     def battery_above(observation: Observation, now_ns: int) -> Refused | None:
-        known = observation.sensors.get("battery_pct")
-        if known is None or known[0] >= floor_pct:
+        reported = observation.sensors.get("battery_pct")
+        if reported is None or reported[0] >= floor_pct:
             return None
-        charge = f"{known[0]:.1f} %"
+        charge = f"{reported[0]:.1f} %"
         why = f"battery {charge} is under the floor of {floor_pct:.1f} %"
         return Refused(UnitreeCode.BATTERY_LOW, why, "charge it", charge, f"{floor_pct:.1f} %")
 

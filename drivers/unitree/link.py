@@ -97,10 +97,10 @@ class Service:
             if response.id in self.owed:
                 self.owed.remove(response.id)
                 self.settled_ns = t_ns
-            heard = self._pending.pop(response.id, None)
-            if heard is not None:
+            on_response = self._pending.pop(response.id, None)
+            if on_response is not None:
                 self.owed = {number for number in self.owed if response.id - number < LOST_NS}
-                heard(response)
+                on_response(response)
 
 
 class Network:
@@ -143,9 +143,9 @@ class Network:
         if not count:
             return "no LowState comes"
         whys = [f"{number} {why}" for why, number in self.discarded.items()]
-        what = f"all {next(iter(self.discarded))}" if len(whys) == 1 else ", ".join(whys)
+        shown = f"all {next(iter(self.discarded))}" if len(whys) == 1 else ", ".join(whys)
         return (
-            f"{count} LowStates come, {what}: a simulator? For Unitree's own, unitree_mujoco, say simulator=True. "
+            f"{count} LowStates come, {shown}: a simulator? For Unitree's own, unitree_mujoco, say simulator=True. "
             "A robot that goes on so has to be restarted"
         )
 

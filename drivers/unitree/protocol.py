@@ -181,8 +181,8 @@ class CommandCodec:
     def decode(self, body: bytes) -> Command:
         """Return the command of a frame. Raise ``MalformedFrame`` if its length or checksum is wrong."""
         if len(body) != COMMAND_BYTES[self._family]:
-            known = COMMAND_BYTES[self._family]
-            raise MalformedFrame(f"a LowCmd of {self._family} has {known} bytes, not {len(body)}")
+            expected = COMMAND_BYTES[self._family]
+            raise MalformedFrame(f"a LowCmd of {self._family} has {expected} bytes, not {len(body)}")
         if checksum(body, self._first_motor) != int.from_bytes(body[-4:], "little"):
             raise MalformedFrame("the checksum of the LowCmd is wrong")
         flat = self._struct.unpack(body)
@@ -230,8 +230,8 @@ class StateCodec:
                 these positions, so they must be finite.
         """
         if len(body) != STATE_BYTES[self._family]:
-            known = STATE_BYTES[self._family]
-            raise MalformedFrame(f"a LowState of {self._family} has {known} bytes, not {len(body)}")
+            expected = STATE_BYTES[self._family]
+            raise MalformedFrame(f"a LowState of {self._family} has {expected} bytes, not {len(body)}")
         flat = self._struct.unpack(body)
         if self._family == "hg":
             unsealed = self._unsealed and flat[-1] == 0

@@ -52,12 +52,12 @@ async def bring_down(
             if passed_s > AT_MOST_S or (passed_s > AT_LEAST_S and (all(_obeys(link, zero_ns)) or held_by())):
                 break
     if link.state_ns < began_ns:
-        said = "no new LowState came" if link.heard else "the robot does not hear us"
-        return reports(link.model, written, said)
+        detail = "no new LowState came" if link.heard else "the robot does not hear us"
+        return reports(link.model, written, detail)
     obeys, holder = _obeys(link, zero_ns), held_by()
     if holder and not all(obeys):
-        said = f"held by the robot's own controller, {holder}"
-        return tuple(MotorReport(joint.key, joint.slot, written, True, True, said) for joint in link.model.joints)
+        detail = f"held by the robot's own controller, {holder}"
+        return tuple(MotorReport(joint.key, joint.slot, written, True, True, detail) for joint in link.model.joints)
     return tuple(
         MotorReport(joint.key, joint.slot, written, True, safe, "" if safe else "it still shows torque")
         for joint, safe in zip(link.model.joints, obeys, strict=True)

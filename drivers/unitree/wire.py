@@ -276,21 +276,21 @@ class UnitreeWire(PromptSessionWire[UnitreeSession]):
         Raises:
             WireDown: No answer came.
         """
-        said: list[str] = []
+        reported: list[str] = []
 
         def hear(response: rpc.Response) -> None:
             session.on_mode(response)
             if not response.why and session.mode is not None:
-                said.append(session.mode[0])
+                reported.append(session.mode[0])
 
         with trio.move_on_after(RELEASE_S / 2):
-            while not said:
+            while not reported:
                 session.modes.ask(rpc.CHECK_MODE, hear)
                 await trio.sleep(ASK_EVERY_NS / NS)
-        if not said:
+        if not reported:
             owed = f"; {MAY_LET_GO}" if session.modes.owed else ""
             raise WireDown(f"the robot does not say which mode is active{owed}")
-        return said[-1]
+        return reported[-1]
 
     async def _until_served(self, service: Service) -> None:
         where = self._config.port

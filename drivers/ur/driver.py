@@ -119,12 +119,12 @@ class UR(Driver):
 
     def readings(self, observation: Observation) -> dict[str, Any]:
         sensors = observation.sensors
-        told: dict[str, Any] = {"model": self.robot}
+        result: dict[str, Any] = {"model": self.robot}
         for field, name in _READINGS.items():
-            told[field] = list(sensors[name]) if name in sensors else None
+            result[field] = list(sensors[name]) if name in sensors else None
         for field, modes in (("robot_mode", RobotMode), ("safety_mode", SafetyMode)):
-            told[field] = _word(modes, round(sensors[field][0])) if field in sensors else None
-        return told
+            result[field] = _word(modes, round(sensors[field][0])) if field in sensors else None
+        return result
 
 
 def _word(modes: type[enum.IntEnum], number: int) -> str:

@@ -60,8 +60,8 @@ def all_gates(axes: Sequence[Axis], state_ttl_s: float, period_s: float = CONTRO
 def refuse_modes(robot: int, safety: int) -> Refused | None:
     """Refuse if the controller's modes do not allow the arm to move. Arming uses the same check."""
     if robot != RobotMode.RUNNING:
-        name, wanted = mode_name(RobotMode, robot), mode_name(RobotMode, RobotMode.RUNNING)
-        return Refused(Code.ROBOT_MODE, f"robot is {name}", "power on and release brakes", name, wanted)
+        name, required = mode_name(RobotMode, robot), mode_name(RobotMode, RobotMode.RUNNING)
+        return Refused(Code.ROBOT_MODE, f"robot is {name}", "power on and release brakes", name, required)
     if safety not in MOVABLE_SAFETY:
         name, remedy = mode_name(SafetyMode, safety), _UNLOCK.get(safety, "clear it on the pendant")
         return Refused(URCode.SAFETY_MODE, name, remedy, name, "NORMAL (1) or REDUCED (2)")
@@ -84,8 +84,8 @@ def program(observation: Observation, now_ns: int) -> Refused | None:
         return Refused(URCode.PAUSED, "control script was paused on the pendant", remedy, limit="PLAYING")
     if number_of(observation.sensors, "control", 0) != 1 or runs != RuntimeState.PLAYING:
         why = observation.faults.get("controller", "")
-        said = "control script is not running" + (f" ({why})" if why else "")
-        return Refused(URCode.PROGRAM, said, remedy, limit="PLAYING")
+        text = "control script is not running" + (f" ({why})" if why else "")
+        return Refused(URCode.PROGRAM, text, remedy, limit="PLAYING")
     return None
 
 

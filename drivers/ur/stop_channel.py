@@ -47,12 +47,12 @@ class _Stop:
         self.trouble: list[str] = []
 
     def reports(self) -> tuple[MotorReport, ...]:
-        said = ", ".join(dict.fromkeys(self.trouble))
+        trouble = ", ".join(dict.fromkeys(self.trouble))
         reports = []
         for at, joint in enumerate(JOINTS):
             moves = at in self.moving
             safe = self.written and not self.playing and not moves
-            detail = "" if safe else said or ("moves" if moves else "its program runs")
+            detail = "" if safe else trouble or ("moves" if moves else "its program runs")
             reports.append(MotorReport(joint, at, self.written, self.acknowledged, safe, detail))
         return tuple(reports)
 
@@ -73,10 +73,10 @@ class _Stop:
         async with connected(self._host, p.DASHBOARD_PORT) as stream:
             stream.write(f"{p.DASHBOARD_STOP}\n".encode())  # without waiting for the banner, which may never come
             self.written = True
-            said = b""
-            while p.DASHBOARD_STOPPED.encode() not in said:
-                said += await receive(stream)
-                refuse_long(stream, said)
+            received = b""
+            while p.DASHBOARD_STOPPED.encode() not in received:
+                received += await receive(stream)
+                refuse_long(stream, received)
             self.acknowledged = self.ordered = True
 
     async def _by_script(self) -> None:

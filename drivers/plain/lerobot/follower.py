@@ -59,11 +59,11 @@ class Follower:
         robots = importlib.import_module("lerobot.robots")
         importlib.import_module(f"lerobot.robots.{self._kind.module}")
         config_class = robots.RobotConfig.get_choice_class(self._kind.type)
-        known = _fields_of(config_class)
-        if unknown := [name for name in self._fields if name not in known]:
-            raise ValueError(f"{self._kind.type} has no {', '.join(unknown)}. it has {', '.join(known)}")
+        fields = _fields_of(config_class)
+        if unknown := [name for name in self._fields if name not in fields]:
+            raise ValueError(f"{self._kind.type} has no {', '.join(unknown)}. it has {', '.join(fields)}")
         own = {"cameras": {}, "use_degrees": True, "disable_torque_on_disconnect": True}
-        given = {name: value for name, value in own.items() if name in known} | self._fields
+        given = {name: value for name, value in own.items() if name in fields} | self._fields
         return robots.make_robot_from_config(draccus.decode(config_class, given))
 
     @property
@@ -128,8 +128,8 @@ class Follower:
     def limp_of(self, action: Collection[str]) -> list[str]:
         """Return the motors without torque that an action would move: those that it names, and those
         without a key of the robot (wheels), which any action may move."""
-        known = self.action_features if self.limp else ()
-        return sorted(name for name in self.limp if f"{name}.pos" in action or f"{name}.pos" not in known)
+        features = self.action_features if self.limp else ()
+        return sorted(name for name in self.limp if f"{name}.pos" in action or f"{name}.pos" not in features)
 
     def hold(self) -> str:
         """Make the present positions the goals of all motors with torque, and put the others into ``limp``.
@@ -226,8 +226,8 @@ def _read(bus: Any, register: str, motors: Sequence[str] | None = None) -> dict[
         return {
             motor: bus.read(register, motor, num_retry=TRIES, normalize=False) for motor in motors or bus.motors
         }
-    found: dict[str, int] = bus.sync_read(register, motors, num_retry=TRIES, normalize=False)
-    return found
+    values: dict[str, int] = bus.sync_read(register, motors, num_retry=TRIES, normalize=False)
+    return values
 
 
 def _limp(bus: Any, agreeing: int = 1) -> None:
@@ -272,8 +272,8 @@ def class_name(robot: str) -> str:
 
 def class_of(robot: str) -> type[Follower]:
     """Return the class of a robot of ``TYPES``."""
-    found: type[Follower] = globals()[class_name(robot)]
-    return found
+    follower_class: type[Follower] = globals()[class_name(robot)]
+    return follower_class
 
 
 def _made(robot: str) -> type[Follower]:

@@ -135,7 +135,7 @@ class Onboard:
     def lead(self, rows: Sequence[Sequence[float]], which: Sequence[float]) -> None:
         """Drive the joints that the flags name. The onboard controller drives the others."""
         mixed = (
-            [value if told else own for value, own, told in zip(row, stand, which, strict=True)]
+            [value if led else own for value, own, led in zip(row, stand, which, strict=True)]
             for row, stand in zip(rows, self._stand, strict=True)
         )
         self.body.drive(*mixed)

@@ -40,8 +40,8 @@ def conditions(dialect: Dialect, floor_pct: float) -> tuple[Condition, ...]:
 
 def released(observation: Observation, now_ns: int) -> Refused | None:
     """Refuse a robot whose onboard controller has released its joints: they are commanded elsewhere."""
-    known = observation.sensors.get("sport_mode_released")
-    if known is None or not known[0] or now_ns / NS - known[1] > MODE_TTL_S:
+    reported = observation.sensors.get("sport_mode_released")
+    if reported is None or not reported[0] or now_ns / NS - reported[1] > MODE_TTL_S:
         return None
     why = "the sport mode is released: the joints are commanded one by one, and the robot does not balance"
     return Refused(
@@ -56,11 +56,11 @@ class Walks:
         self._dialect = dialect
 
     def mode_known(self, observation: Observation, now_ns: int) -> Refused | None:
-        known = observation.sensors.get("sport_mode")
-        if known is None:
+        reported = observation.sensors.get("sport_mode")
+        if reported is None:
             why = f"no {self._dialect.mode_source} yet"
             return Refused(Code.MODE_UNKNOWN, why, "check that its sport service runs")
-        age_s = now_ns / NS - known[1]
+        age_s = now_ns / NS - reported[1]
         if age_s <= GAIT_TTL_S:
             return None
         age, limit = f"{age_s:.1f} s", f"{GAIT_TTL_S:g} s"
@@ -72,10 +72,10 @@ class Walks:
         mode = round(observation.sensors["sport_mode"][0])
         if mode in self._dialect.walks:
             return None
-        name, wanted = self._dialect.name(mode), ", ".join(map(self._dialect.name, sorted(self._dialect.walks)))
+        name, allowed = self._dialect.name(mode), ", ".join(map(self._dialect.name, sorted(self._dialect.walks)))
         service = next((call for call, one in self._dialect.postures.items() if mode in one.after), "")
         remedy = f"call {service}() first" if service else "wait until that is over"
-        return Refused(UnitreeCode.POSTURE, f"the robot is {name}", remedy, name, wanted)
+        return Refused(UnitreeCode.POSTURE, f"the robot is {name}", remedy, name, allowed)
 
 
 def refused_by_robot(observation: Observation, now_ns: int) -> Refused | None:

@@ -193,8 +193,8 @@ class WalkingWire(PromptSessionWire[WalkingSession]):
         else:
             answer = await self._take_posture(service, session.link.dialect.postures[service], permit)
         # Wait for the next reading, so that the gate knows the new state before the caller gets the answer.
-        session.told = told = trio.Event()
-        await told.wait()
+        session.told = next_reading = trio.Event()
+        await next_reading.wait()
         return answer
 
     async def _take_posture(self, service: str, posture: Posture, permit: Permit) -> dict[str, Any] | Refused:
@@ -209,9 +209,9 @@ class WalkingWire(PromptSessionWire[WalkingSession]):
         if mode in posture.done:
             return {"mode": name, "already": True}
         if mode not in posture.after:
-            wanted = ", ".join(map(link.dialect.name, sorted(posture.after)))
+            allowed = ", ".join(map(link.dialect.name, sorted(posture.after)))
             why = f"the robot is {name}"
-            return Refused(UnitreeCode.POSTURE, why, f"it can when it is {wanted}", name, wanted)
+            return Refused(UnitreeCode.POSTURE, why, f"it can when it is {allowed}", name, allowed)
         for order, modes in posture.steps:
             while not link.is_in(modes):
                 permit.check()
@@ -246,16 +246,16 @@ class WalkingWire(PromptSessionWire[WalkingSession]):
         session = self.session
         if session.mode is not None and session.mode[0]:
             return {"onboard_mode": session.mode[0], "already": True}
-        name, heard = self._config.model.sport_mode, list[rpc.Response]()
+        name, answers = self._config.model.sport_mode, list[rpc.Response]()
         while True:
             permit.check()
-            heard.clear()
-            session.modes.ask(rpc.SELECT_MODE, heard.append, json.dumps({"name": name}))
-            await session.link.until(lambda: bool(heard), AGAIN_S)
+            answers.clear()
+            session.modes.ask(rpc.SELECT_MODE, answers.append, json.dumps({"name": name}))
+            await session.link.until(lambda: bool(answers), AGAIN_S)
             session.ask_mode()
             await session.link.until(lambda: session.mode is not None and bool(session.mode[0]), AGAIN_S)
             if session.mode is not None and session.mode[0]:
                 return {"onboard_mode": session.mode[0], "already": False}
-            if heard and heard[0].why and heard[0].code != rpc.SELECTED_TOO_SOON:
-                why = f"the robot refuses: {heard[0].why}"
+            if answers and answers[0].why and answers[0].code != rpc.SELECTED_TOO_SOON:
+                why = f"the robot refuses: {answers[0].why}"
                 return Refused(Code.REFUSED_BY_ROBOT, why, "look at the robot, then try again")

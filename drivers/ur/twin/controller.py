@@ -241,10 +241,10 @@ class Controller:
 
     def solved(self, goal: Frame, near: Sequence[float]) -> Sequence[float]:
         """As ``joints_for``. Raise ``Unreachable`` if there is no solution."""
-        found = self.joints_for(goal, near)
-        if found is None:
+        joints = self.joints_for(goal, near)
+        if joints is None:
             raise Unreachable("no joints bring the tool there")
-        return found
+        return joints
 
     def watch(self, register: int, min_hz: float) -> None:
         """``rtde_set_watchdog``: stop the program if the register is written at a lower rate."""

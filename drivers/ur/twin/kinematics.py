@@ -82,10 +82,10 @@ class Kinematics:
                 continue
             for sign in (math.copysign(1.0, math.sin(near[4])),) if follow else (1.0, -1.0):
                 q5 = sign * math.acos(max(-1.0, min(1.0, c5)))
-                for found in self._bent(flange, q1, q5, side, near, follow):
-                    change = sum(abs(rad - was) for rad, was in zip(found, near, strict=True))
+                for solution in self._bent(flange, q1, q5, side, near, follow):
+                    change = sum(abs(rad - was) for rad, was in zip(solution, near, strict=True))
                     if change < least:
-                        least, best = change, found
+                        least, best = change, solution
         return best
 
     def _bent(

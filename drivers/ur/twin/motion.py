@@ -108,12 +108,12 @@ class Speed(Motion):
 
 def _led(solve: Solve, frame: Frame, joints: Sequence[float]) -> list[float]:
     """Return the joints that bring the tool to a frame in one tick. Raise ``Unreachable`` if they cannot."""
-    found = solve(frame, joints)
-    if found is None:
+    solution = solve(frame, joints)
+    if solution is None:
         raise Unreachable("the tool is led to where the arm does not reach")
-    if max(abs(rad - was) for rad, was in zip(found, joints, strict=True)) > LEAP_RAD:
+    if max(abs(rad - was) for rad, was in zip(solution, joints, strict=True)) > LEAP_RAD:
         raise Unreachable("the tool is led through a singularity faster than the joints turn")
-    return list(found)
+    return list(solution)
 
 
 class ToolSpeed(Motion):

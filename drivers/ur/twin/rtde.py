@@ -21,8 +21,8 @@ TEXT_ERROR = 1
 
 def _text_message(text: str) -> bytes:
     """Return the payload of a text message: the text, its source and its severity."""
-    said = text.encode()[:255]
-    return bytes((len(said),)) + said + b"\x04RTDE" + bytes((TEXT_ERROR,))
+    message = text.encode()[:255]
+    return bytes((len(message),)) + message + b"\x04RTDE" + bytes((TEXT_ERROR,))
 
 
 class RtdeServer:

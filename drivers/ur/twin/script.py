@@ -36,8 +36,8 @@ def program_of(text: bytes, controller: Controller) -> Callable[[], Program]:
     if c.classify_script(text) == "safe":
         return lambda: Halting(controller)
     if _CONTROL in text:
-        found, path = _OFFSET.search(text), _PATH.search(text)
-        offset = int(found.group(1)) if found else 0
+        offset_match, path = _OFFSET.search(text), _PATH.search(text)
+        offset = int(offset_match.group(1)) if offset_match else 0
         moves = parse(path.group(1).decode("utf-8", "replace")) if path else ()
         return lambda: ControlScript(controller, offset, moves)
     statements = parse(text.decode("utf-8", "replace"))

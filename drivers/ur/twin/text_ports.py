@@ -236,8 +236,8 @@ class ScriptPort:
 def _complete(text: bytes) -> int:
     """Return the size of the first program in ``text``; 0 if it is incomplete."""
     if text.lstrip().startswith((b"def ", b"sec ")):
-        found = _END_OF_PROGRAM.search(text)
-        return found.end() if found else 0
+        match = _END_OF_PROGRAM.search(text)
+        return match.end() if match else 0
     return text.find(b"\n") + 1
 
 

@@ -44,7 +44,7 @@ class Statement(NamedTuple):
 
 def parse(text: str) -> tuple[Statement, ...]:
     """Return the statements of a program. Raise ``ScriptError`` if it does not compile."""
-    lines = [_COMMENT.sub(lambda found: found.group(1) or "", line).strip() for line in text.split("\n")]
+    lines = [_COMMENT.sub(lambda match: match.group(1) or "", line).strip() for line in text.split("\n")]
     parser = _Parser([(at, line) for at, line in enumerate(lines, 1) if line])
     try:
         return parser.whole()
@@ -99,11 +99,11 @@ class _Parser:
 
     def _compound(self, number: int, word: str, rest: str) -> Statement:
         if word in ("def", "sec"):
-            found = _FUNCTION.fullmatch(rest)
-            if found is None:
+            match = _FUNCTION.fullmatch(rest)
+            if match is None:
                 raise ScriptError(f"line {number}: {word} needs a name and parentheses")
-            names = tuple(name.strip() for name in found.group(2).split(",") if name.strip())
-            return Statement(number, "def", found.group(1), blocks=((None, self._ended(number)),), names=names)
+            names = tuple(name.strip() for name in match.group(2).split(",") if name.strip())
+            return Statement(number, "def", match.group(1), blocks=((None, self._ended(number)),), names=names)
         if word == "while":
             return Statement(number, "while", blocks=((_expression(number, rest), self._ended(number)),))
         if word == "if":
@@ -350,9 +350,9 @@ class Script:
         return function(*bound.args, **bound.kwargs)
 
     def _name(self, name: str, names: dict[str, Any]) -> Any:
-        for known in (names, self._globals, _CONSTANTS):
-            if name in known:
-                return known[name]
+        for scope in (names, self._globals, _CONSTANTS):
+            if name in scope:
+                return scope[name]
         raise ScriptError(f"{name} is not defined")
 
 
