@@ -65,7 +65,8 @@ def _learn(instance: Instance, config: PlainConfig) -> Told:
     observed = {} if failure else instance.observe()
     if isinstance(observed, str):
         failure, observed = observed, {}
-    instance.stop()  # Nothing was commanded, so its answer does not matter.
+    # Nothing was commanded. It matters more that the robot was asked to stop than what it answers.
+    instance.stop()
     failure = instance.cleanup() or failure
     keys = keys_of(observed)
     declared = msgspec.structs.replace(declared, keys=keys, source=OBSERVED if keys else "")

@@ -32,7 +32,7 @@ class Model(msgspec.Struct, frozen=True):
     name: str
     family: Literal["hg", "go"]
     handshake: Literal["fsm", "sport mode"]
-    service: str  # the service by which it walks
+    service: str  # the service of its high-level requests
     sport_mode: str  # the onboard mode that the twin starts in
     max_kp: float
     max_kd: float

@@ -4,8 +4,8 @@
 Unexpected behaviour of ur-rtde, seen with 1.6.5:
 
 * Constructors and destructors keep the interpreter's lock: a constructor for 10 ms, a destructor always for
-  500 ms, or for ever if the controller is frozen. So no object is ever destroyed here, and one process opens
-  it once.
+  500 ms, and for ever if the controller is frozen. So no object is ever destroyed here, and one process
+  opens it once.
 * A call that lost its connection reconnects by itself and then *sends its old command*. So a call that
   missed its deadline ends the process: only that keeps the command from being sent late.
 * ``isConnected`` and return values do not show that a controller is frozen. Only the controller's clock

@@ -3,8 +3,8 @@ them.
 
 All but the H1-2 also walk by their onboard controller, as long as their onboard mode has the motors. A Go2
 and a B2 publish SportModeState 50 times a second, and a G1 its odometry. Velocities are ``setpoint`` in the
-log; StopMove and Damp are ``safe``. A G1 and an H1 have no StopMove. There a velocity of zero counts as one if
-it lasts for the second that the vendor's StopMove uses.
+log; StopMove and Damp are ``safe``. A G1 and an H1 have no StopMove. There a velocity of zero is ``safe`` if it
+has the duration that the vendor's StopMove sends, one second.
 
 The log has every LowCmd: ``safe`` with its safe state if it gives no torque, else ``setpoint``; ``garbled`` if
 its checksum is wrong, ``other`` if it is for another ``mode_machine``. It has every request. From the robot it

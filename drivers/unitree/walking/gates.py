@@ -39,7 +39,7 @@ def conditions(dialect: Dialect, floor_pct: float) -> tuple[Condition, ...]:
 
 
 def released(observation: Observation, now_ns: int) -> Refused | None:
-    """Refuse a robot whose onboard controller has released its joints: they are commanded elsewhere."""
+    """Refuse if the onboard controller has released the joints, which are then commanded one by one."""
     reported = observation.sensors.get("sport_mode_released")
     if reported is None or not reported[0] or now_ns / NS - reported[1] > MODE_TTL_S:
         return None

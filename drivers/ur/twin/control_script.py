@@ -1,4 +1,4 @@
-"""Play the handshake of the control script that ur-rtde uploads, in place of running its text."""
+"""Recognise the control script that ur-rtde uploads, and play its handshake instead of running its text."""
 
 from __future__ import annotations
 
