@@ -1,9 +1,9 @@
-"""Which robots have a driver here, and how another package adds one.
+"""Find the driver of a robot by its name, and register drivers of other packages.
 
-Built-in wires are listed by name and imported when asked for; a third-party package names its
-driver class in the entry point group ``strands_actors.drivers``. One that cannot be used is a
-warning and a record (``broken_drivers``), never fatal. What is registered at run time lives as long
-as the process: nothing is written to a file of the user's.
+Built-in wires are listed by name and imported when they are needed. A third-party package names its driver
+class in the entry point group ``strands_actors.drivers``. A driver that cannot be used causes a warning and a
+record (``broken_drivers``), and is never fatal. A registration at run time lasts as long as the process. No
+file of the user is written.
 """
 
 from __future__ import annotations
@@ -81,25 +81,25 @@ WIRES = {
     "unitree_g1": "strands_actors.drivers.unitree.driver:G1Driver",
     "unitree": "strands_actors.drivers.unitree.driver:Go2Driver",
 }
-"""One entry a class that declares robots: most wires have one."""
+"""Wire to its driver class. Most wires have one class; each class declares robots."""
 
 LEADERS = {
     "feetech": "strands_actors.drivers.feetech.leader:FeetechLeader",
     "dynamixel": "strands_actors.drivers.dynamixel.leader:DynamixelLeader",
 }
-"""One entry a class that declares leader arms: no robots, since nothing drives them."""
+"""Wire to its class of leader arms. These are no robots, since nothing drives them."""
 
 SIMULATION = "strands_actors.drivers.sim.driver:SimDriver"
-"""Drives any of them in simulation."""
+"""Drives any of these robots in simulation."""
 
 MODEL = "strands_actors.drivers.model.driver:ModelDriver"
-"""Simulates a model of a user's own."""
+"""Simulates a user's model."""
 
 PLAIN = "strands_actors.drivers.plain.driver:PlainDriver"
-"""Runs a driver class of the drivers page, which is no ``Driver``, as a tree."""
+"""Runs a driver class of the drivers page, which is not a ``Driver``, as a tree."""
 
 LEROBOT = "strands_actors.drivers.plain.lerobot.types:TYPES"
-"""Robots that LeRobot has a type for, by our names."""
+"""Robots that LeRobot has a type for, by the names of this package."""
 
 LEROBOT_CLASS = "strands_actors.drivers.plain.lerobot.follower:class_of"
 LEROBOT_MISSING = "strands_actors.drivers.plain.lerobot.types:missing"
@@ -111,32 +111,32 @@ OTHER_ROBOTS = (
     "skydio_x2", "talos", "tiago_dual", "toddlerbot_2xc", "toddlerbot_2xm", "trossen_wxai", "unitree_a1", "vx300s",
     "wx250s", "yam", "z1",
 )  # fmt: skip
-"""Known by name, as strands-robots knows them, with no hardware driver anywhere. A model of one
-simulates: ``register_robot(name, model_xml=...)``."""
+"""Robots that strands-robots knows by name, without a hardware driver anywhere. After
+``register_robot(name, model_xml=...)`` such a robot can be simulated."""
 
 NATIVE_DRIVER = "strands"
-"""``Robot(driver=)``: a driver class of this package, or a registered one."""
+"""``Robot(driver=)`` for a driver class of this package, or a registered one."""
 
 DEFAULT_DRIVER = "lerobot"
-"""Who drives a robot that has no native driver."""
+"""The driver of a robot without a native driver."""
 
 DRIVER_CHOICES = ("auto", DEFAULT_DRIVER, NATIVE_DRIVER)
-"""What ``Robot(driver=)`` may say."""
+"""Values of ``Robot(driver=)``."""
 
 OWN_KEYWORDS = ("cameras", "data_config", "mesh", "port", "require_drill", "sim", "tool_name", "transport")
-"""Keywords of every driver that is run as a tree."""
+"""Keywords of every driver that runs as a tree."""
 
 
 class Registered(NamedTuple):
     """A robot that was registered at run time."""
 
-    driver: str | None  # strands, lerobot, or whatever there is
+    driver: str | None  # strands or lerobot; None: the available one
     model_xml: str | None
 
 
 _broken: dict[str, str] = {}
 _registered: dict[str, type[Any]] = {}
-_found: set[str] = set()  # robots whose drivers were there when they were loaded
+_found: set[str] = set()  # robots of the drivers that were loaded at the start
 _robots: dict[str, Registered] = {}
 _aliases: dict[str, str] = {}
 _loaded = False
@@ -147,20 +147,20 @@ def _load() -> None:
     if _loaded:
         return
     _loaded = True
-    from importlib.metadata import entry_points  # 9 ms; the processes of a robot are told their driver
+    from importlib.metadata import entry_points  # takes 9 ms; a robot's processes get the name of their driver
 
-    wheres = dict(WIRES)
+    locations = dict(WIRES)
     for point in entry_points(group="strands_actors.drivers"):
-        wheres.setdefault(point.name, point.value)
-    for wire, where in wheres.items():
-        module, _, name = where.partition(":")
+        locations.setdefault(point.name, point.value)
+    for wire, location in locations.items():
+        module, _, name = location.partition(":")
         try:
             driver_class = getattr(importlib.import_module(module), name)
             missing = missing_driver_members(driver_class)
             if missing:
                 raise TypeError(f"{name} lacks {', '.join(missing)}")
             robots, aliases = list(driver_class.SUPPORTED_ROBOTS), dict(getattr(driver_class, "ALIASES", {}))
-        except Exception as error:  # a third party's module may raise anything
+        except Exception as error:  # a third-party module may raise anything
             _broken[wire] = f"{type(error).__name__}: {error}"
             continue
         for robot in robots:
@@ -175,13 +175,13 @@ def _load() -> None:
 
 
 def broken_drivers() -> dict[str, str]:
-    """Wires and entry points that cannot be used, and why."""
+    """Return wires and entry points that cannot be used, with the reasons."""
     _load()
     return dict(_broken)
 
 
 def constructor_keywords(cls: type[Any]) -> list[str]:
-    """The keywords that ``Robot`` passes on to a driver class, sorted; ``**`` among them: any."""
+    """Return the keywords that ``Robot`` passes on to a driver class, sorted. ``**`` means any keyword."""
     if issubclass(cls, Driver):
         return sorted({*OWN_KEYWORDS, *cls.OPTIONS, *cls.SPELLINGS})
     parameters = inspect.signature(cls).parameters.values()
@@ -190,9 +190,17 @@ def constructor_keywords(cls: type[Any]) -> list[str]:
 
 
 def register_native_driver(name: str, cls: type[Any], overwrite: bool = False) -> None:
-    """Serve robot ``name``, or the one it is another name of, by ``cls``. Raise ``TypeError``
-    naming the members that it lacks, ``ValueError`` for a name that nobody knows, or that is taken
-    (unless ``overwrite``)."""
+    """Use ``cls`` as the driver of a robot.
+
+    Args:
+        name: The robot, or one of its aliases.
+        cls: The driver class.
+        overwrite: Replace a present driver.
+
+    Raises:
+        TypeError: The class lacks members. The text names them.
+        ValueError: The robot is unknown, or has a driver already.
+    """
     _load()
     missing = missing_driver_members(cls)
     if missing:
@@ -222,11 +230,20 @@ def register_robot(
     aliases: Iterable[str] = (),
     overwrite: bool = False,
 ) -> None:
-    """Make a robot known by name, for this process. ``hardware={"driver": ...}`` says who drives
-    it, ``strands`` or ``lerobot``; its class is ``register_native_driver``'s business.
-    ``model_xml``: an MJCF or URDF file; ``Robot(name)`` simulates it. Raise ``ValueError`` for a
-    name that is known in any spelling (unless ``overwrite``) or cannot be one, and for other keys and
-    drivers, ``FileNotFoundError`` for a file that is not there."""
+    """Make a robot known by name, in this process.
+
+    Args:
+        name: Its name.
+        model_xml: An MJCF or URDF file, which ``Robot(name)`` simulates.
+        hardware: ``{"driver": ...}`` with ``strands`` or ``lerobot``. Its class is given to
+            ``register_native_driver``.
+        aliases: Its other names.
+        overwrite: Replace a known robot.
+
+    Raises:
+        ValueError: A name is known in any spelling or invalid, or ``hardware`` has another key or driver.
+        FileNotFoundError: The model file does not exist.
+    """
     _load()
     given = dict(hardware or {})
     driver = given.pop("driver", None)
@@ -239,9 +256,11 @@ def register_robot(
         if not _NAME.match(one):
             raise ValueError(f"register_robot: the name is {one!r}. use 1 to 64 of A-Z a-z 0-9 _ -")
     taken = {_plain(one) for one in (*_known(), *_found, *SHORT_NAMES, *_aliases)}
-    known = [one for one in names if _plain(one) in taken]
-    if known and not overwrite:
-        raise ValueError(f"register_robot: {', '.join(known)} is known already. pass overwrite=True to replace it")
+    present = [one for one in names if _plain(one) in taken]
+    if present and not overwrite:
+        raise ValueError(
+            f"register_robot: {', '.join(present)} is known already. pass overwrite=True to replace it"
+        )
     if model_xml is not None and not os.path.isfile(os.path.expanduser(model_xml)):
         raise FileNotFoundError(
             f"register_robot: there is no file {os.fspath(model_xml)!r}. give an MJCF or a URDF"
@@ -254,30 +273,35 @@ def register_robot(
 
 
 def canonical_name(name: str) -> str:
-    """Return the robot that a name stands for: ``SO-101`` is ``so101``; a name that nobody knows is
-    returned as it is. Raise ``TypeError`` for what is no text, ``ValueError`` for no letters."""
+    """Return the robot's name for an alias or another spelling: ``SO-101`` is ``so101``. An unknown name is
+    returned unchanged.
+
+    Raises:
+        TypeError: The name is not a text.
+        ValueError: The name is empty.
+    """
     _load()
     _checked(name, "Robot")
-    known = {**{robot: robot for robot in _known()}, **SHORT_NAMES, **_aliases}
-    if name not in known:
+    names = {**{robot: robot for robot in _known()}, **SHORT_NAMES, **_aliases}
+    if name not in names:
         plain = _plain(name)
-        name = next((each for each in known if _plain(each) == plain), name)
-    return known.get(name, name)
+        name = next((each for each in names if _plain(each) == plain), name)
+    return names.get(name, name)
 
 
 _NAME = re.compile(r"(?=.*[A-Za-z0-9])[A-Za-z0-9_-]{1,64}\Z")
-"""What a robot may be called: its name is a key of the mesh, and an agent's tool."""
+"""Valid names of robots. A robot's name is a key of the mesh, and an agent's tool."""
 
 
-def _checked(name: object, who: str) -> str:
+def _checked(name: object, caller: str) -> str:
     if not isinstance(name, str) or not name:
         wrong = ValueError if isinstance(name, str) else TypeError
-        raise wrong(f"{who}: the name is {name!r}. give the name of a robot as text: list_robots() has them all")
+        raise wrong(f"{caller}: the name is {name!r}. give the name of a robot as text: list_robots() has them all")
     return name
 
 
 def _plain(name: str) -> str:
-    """Return a name without what people write differently."""
+    """Return a name without the differences between spellings: case and separators."""
     return "".join(letter for letter in name.lower() if letter.isalnum())
 
 
@@ -286,9 +310,14 @@ def _known() -> set[str]:
 
 
 def list_robots(mode: str = "all") -> list[str]:
-    """Return the robots that are known by name, sorted: ``all``, those that ``Robot(name)``
-    simulates (``sim``), those that somebody drives (``real``), or those of which ``both`` is true.
-    Raise ``ValueError`` for another word."""
+    """Return the names of known robots, sorted.
+
+    Args:
+        mode: ``all``; ``sim``, which ``Robot(name)`` can simulate; ``real``, which have a driver; or ``both``.
+
+    Raises:
+        ValueError: It is another word.
+    """
     _load()
     if mode not in LIST_ROBOTS_MODES:
         raise ValueError(f"list_robots: mode is {mode!r}. use {', '.join(map(repr, LIST_ROBOTS_MODES))}")
@@ -307,20 +336,23 @@ def _simulates(robot: str) -> bool:
 
 
 def _lerobots() -> set[str]:
-    """Robots that LeRobot has a class for, or is said to have."""
+    """Return the robots that LeRobot has a class for, or that were registered for LeRobot."""
     return {*load(LEROBOT), *(name for name, robot in _robots.items() if robot.driver == "lerobot")}
 
 
 def get_native_driver_class(name: str) -> type[Any] | None:
-    """The driver class of a robot or alias, or None."""
+    """Return the driver class of a robot or alias; None if it has no native driver."""
     _load()
     return _registered.get(canonical_name(name))
 
 
 def port_kind(name: str) -> Literal["serial", "address"] | None:
-    """What the ``port`` of a robot is: a serial device, or an address on a network, which is also
-    what a driver has that does not say. Robots of lerobot alone are servo buses. None for a robot
-    that nobody drives."""
+    """Return the kind of a robot's ``port``: a serial device, or an address on a network. None for a robot
+    without a driver.
+
+    A driver that does not declare it has an address. Robots that only LeRobot drives are servo buses, unless
+    ``types.toml`` declares an address.
+    """
     driver_class = get_native_driver_class(name)
     if driver_class is not None:
         return "serial" if getattr(driver_class, "PORT_KIND", None) == "serial" else "address"
@@ -332,9 +364,12 @@ def port_kind(name: str) -> Literal["serial", "address"] | None:
 
 
 def resolve_driver(name: str, driver: str = "auto") -> Literal["strands", "lerobot"]:
-    """Who drives a robot: as asked for, else as it was registered, else a native driver, else
-    lerobot. Raise ``ValueError`` for another word, and when a native driver is asked for and there
-    is none."""
+    """Return the driver of a robot: the requested one, else the registered one, else a native driver, else
+    LeRobot.
+
+    Raises:
+        ValueError: The word is unknown, or the robot has no native driver and one was requested.
+    """
     robot = canonical_name(name)
     if driver not in DRIVER_CHOICES:
         raise ValueError(f"Robot: driver is {driver!r}. use one of {', '.join(map(repr, DRIVER_CHOICES))}")
@@ -351,20 +386,23 @@ def resolve_driver(name: str, driver: str = "auto") -> Literal["strands", "lerob
 
 
 def get_lerobot_class(name: str) -> type[Any]:
-    """The class that runs LeRobot's own class of a robot. Raise ``ValueError`` when LeRobot has
-    none, and when it is not installed, with the line that installs it."""
+    """Return the class that runs LeRobot's own class of a robot.
+
+    Raises:
+        ValueError: LeRobot has no such class, or is not installed. The text has the command that installs it.
+    """
     robot, types = canonical_name(name), load(LEROBOT)
     if robot not in types:
         raise ValueError(f"Robot: LeRobot has no class for {name}. it has one for {', '.join(sorted(types))}")
     if line := lerobot_missing(robot):
         raise ValueError(f"Robot: {name} is driven by LeRobot's own class, and that is not installed. {line}")
-    found: type[Any] = load(LEROBOT_CLASS)(robot)
-    return found
+    lerobot_class: type[Any] = load(LEROBOT_CLASS)(robot)
+    return lerobot_class
 
 
 def lerobot_missing(robot: str) -> str:
-    """The line that installs what LeRobot's class of a robot needs; empty: nothing is missing, or
-    it has no class."""
+    """Return the command that installs the missing packages of a robot's LeRobot class; empty if no package is
+    missing, or there is no class."""
     kind = load(LEROBOT).get(robot)
     return "" if kind is None else str(load(LEROBOT_MISSING)(kind))
 
@@ -376,32 +414,32 @@ def model_of(name: str) -> str | None:
 
 
 def list_native_drivers() -> dict[str, str]:
-    """Robot name to driver class name, sorted."""
+    """Return the driver class's name of each robot with a native driver, sorted."""
     _load()
     return {name: driver_name(_registered[name]) for name in sorted(_registered)}
 
 
 def list_driver_coverage() -> dict[str, tuple[str, ...]]:
-    """Every known robot with who drives it: ``lerobot``, ``strands``, both or none."""
+    """Return every known robot with its drivers: ``lerobot``, ``strands``, both, or an empty tuple."""
     _load()
     lerobots = _lerobots()
     return {
-        name: tuple(who for who, has in (("lerobot", lerobots), ("strands", _registered)) if name in has)
+        name: tuple(driver for driver, has in (("lerobot", lerobots), ("strands", _registered)) if name in has)
         for name in list_robots()
     }
 
 
 def list_leaders() -> dict[str, type[Driver]]:
-    """Return the leader arms there are, by name: what ``Teleoperator`` reads."""
+    """Return the leader arms by name, for ``Teleoperator``."""
     classes = [load(where) for where in LEADERS.values()]
     return {name: driver_class for driver_class in classes for name in sorted(driver_class.SUPPORTED_ROBOTS)}
 
 
 def leader_name(name: str) -> str | None:
-    """Return the leader that a name stands for, as ``canonical_name`` does; None: it is none."""
+    """Return the leader arm's name for an alias or another spelling; None for an unknown name."""
     leaders = list_leaders()
-    known = {robot: robot for robot in leaders}
+    names = {robot: robot for robot in leaders}
     for driver_class in leaders.values():
-        known |= driver_class.ALIASES
+        names |= driver_class.ALIASES
     plain = _plain(name)
-    return next((robot for each, robot in known.items() if _plain(each) == plain), None)
+    return next((robot for each, robot in names.items() if _plain(each) == plain), None)

@@ -15,7 +15,7 @@ from strands_actors.drivers.common.servo.driver import ServoDriver
 from .robots import TABLES
 
 DEFAULT_BAUD = 1_000_000
-"""As lerobot sets the servos up; at delivery they speak 57 600."""
+"""The rate that lerobot sets the servos up with. They are delivered with 57 600."""
 
 
 class Dynamixel(ServoDriver):
@@ -32,7 +32,7 @@ class Dynamixel(ServoDriver):
     MAX_OFFSET: ClassVar[int] = 1_044_479
     LEROBOT_TYPES: ClassVar[Mapping[str, tuple[str, ...]]] = {"koch": ("koch_follower",)}
     SETUP: ClassVar[str] = "strands_actors.drivers.common.dynamixel.setup:DynamixelSetup"
-    HOST_INVERTS: ClassVar[bool] = False  # drive mode is a register of the servo, which obeys it
+    HOST_INVERTS: ClassVar[bool] = False  # the servo itself inverts, by its drive mode register
     FAULT_CODES: ClassVar[Mapping[str, MotorCode]] = FAULT_CODES
 
     firmware_watchdog = (

@@ -7,4 +7,4 @@ from strands_actors.drivers.common.robot_tables import RobotTables
 TABLES = RobotTables(__package__, "Dynamixel")
 
 LEADERS = RobotTables(__package__, "Dynamixel", TABLES)
-"""Of the arms that lead them: ``leaders.toml``."""
+"""The leader arms of these robots: ``leaders.toml``."""

@@ -1,4 +1,4 @@
-"""What the faults of a Feetech servo mean to who is refused because of one."""
+"""The refusal codes for the faults of a Feetech servo."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a Feetech servo says of itself, whether it is the right one, and how it is set up."""
+"""Identify a Feetech servo, check that it is the right one, and set it up."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ _RAM_SIZE = protocol.TABLE_SIZE - _RAM - 20  # to register 69
 
 
 class Identity(msgspec.Struct, frozen=True):
-    """What one servo says about itself."""
+    """The registers by which one servo identifies itself."""
 
     model: int
     firmware: str
     id: int
     return_delay: int
-    low: int  # goals it takes, counts
+    low: int  # lowest goal that it accepts, counts
     high: int
     homing_offset: int
     mode: int
@@ -38,7 +38,7 @@ class Identity(msgspec.Struct, frozen=True):
     min_voltage_v: float
     max_voltage_v: float
     torque: bool
-    speed_limit: int  # counts/s on the way to a goal; 0: none
+    speed_limit: int  # counts/s on the way to a goal; 0: no limit
     locked: bool
     voltage_v: float
     temperature_c: float
@@ -49,12 +49,12 @@ class Identity(msgspec.Struct, frozen=True):
 
     @property
     def travel(self) -> tuple[int, int]:
-        """0, 0 in the registers means several turns: then one turn, as our units."""
+        """The range of goals. 0, 0 in the registers means several turns; our units use one turn then."""
         return (self.low, self.high) if self.high > self.low else (0, TOP)
 
 
 async def identify(bus: Bus, axis: Axis) -> Identity:
-    """Read one servo's registers. Raise ``WireDown``."""
+    """Read one servo's registers. Raise ``WireDown`` if it does not answer."""
     eeprom = await block(bus, protocol, axis, 0, protocol.EEPROM_END)
     ram = await block(bus, protocol, axis, _RAM, _RAM_SIZE)
 
@@ -82,18 +82,22 @@ async def identify(bus: Bus, axis: Axis) -> Identity:
 
 
 def check(axis: Axis, servo: Identity, motor: MotorCalibration | None) -> None:
-    """Refuse a servo that is not the one of the table, or not the one that was calibrated. Raise
-    ``WireDown``."""
+    """Check that a servo matches its table and its calibration.
+
+    Raises:
+        WireDown: It does not.
+    """
     check_model(axis, servo.id, servo.model, protocol)
     if servo.mode != POSITION_MODE:
         raise WireDown(f"{axis.label} is in mode {servo.mode}, must be 0 (position). Set register 33 to 0")
     if motor is not None:
-        found = {"homing_offset": servo.homing_offset, "range_min": servo.low, "range_max": servo.high}
-        check_calibration(axis, motor, found)
+        values = {"homing_offset": servo.homing_offset, "range_min": servo.low, "range_max": servo.high}
+        check_calibration(axis, motor, values)
 
 
 async def answer_at_once(bus: Bus, axis: Axis, servo: Identity) -> None:
-    """Return delay 0, behind the lock: gone at the next power off, no wear. Raise ``WireDown``."""
+    """Set the return delay to 0, behind the lock: the value is lost at the next power off, and does not wear
+    the EEPROM. Raise ``WireDown`` if the servo does not answer."""
     if not servo.locked:
         await _set(bus, axis, protocol.LOCK, 1)
     if servo.return_delay:
@@ -101,8 +105,8 @@ async def answer_at_once(bus: Bus, axis: Axis, servo: Identity) -> None:
 
 
 async def lift_speed_limit(bus: Bus, axis: Axis) -> None:
-    """What another program left in the goal velocity would make every setpoint of ours late. Raise
-    ``WireDown``."""
+    """Clear a goal velocity that another program has left, since it would delay every setpoint. Raise
+    ``WireDown`` if the servo does not answer."""
     await _set(bus, axis, protocol.GOAL_VELOCITY, 0)
 
 
@@ -111,7 +115,7 @@ async def _set(bus: Bus, axis: Axis, register: protocol.Register, value: int) ->
 
 
 def facts(axes: Sequence[Axis], servos: Mapping[int, Identity]) -> dict[str, dict[str, object]]:
-    """For ``status``: by axis key."""
+    """Return facts for ``status``, by axis key."""
     limited = {axis.key: servos[axis.id].speed_limit for axis in axes if servos[axis.id].speed_limit}
-    found = facts_of({axis.key: servos[axis.id] for axis in axes})
-    return {**found, "speed_limit": dict(limited)} if limited else found
+    result = facts_of({axis.key: servos[axis.id] for axis in axes})
+    return {**result, "speed_limit": dict(limited)} if limited else result

@@ -1,9 +1,8 @@
 """The Feetech STS/SMS/SCS serial protocol: frames, registers, checksums. Pure: no I/O, no clock.
 
-Request ``FF FF id len inst params.. sum``, status ``FF FF id len err params.. sum``; ``len`` counts
-the params plus two, ``sum`` is the inverted low byte of everything between header and sum. There is
-no sequence number: a late reply looks like the answer to the next question of the same id and
-length.
+Request ``FF FF id len inst params.. sum``, status ``FF FF id len err params.. sum``. ``len`` counts the
+params plus two. ``sum`` is the inverted low byte of the sum of all bytes between header and sum. There is no
+sequence number, so a late reply looks like the answer to the next request with the same id and length.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ HEADER = b"\xff\xff"
 BROADCAST = 0xFE
 MAX_ID = 0xFD
 OVERHEAD = 6
-"""Bytes of a status that has no params."""
+"""Bytes of a status without params."""
 
 PING = 0x01
 READ = 0x02
@@ -28,11 +27,11 @@ SYNC_READ = 0x82
 SYNC_WRITE = 0x83
 
 COUNTS = 4096
-"""Encoder counts a turn (STS, SMS)."""
+"""Encoder counts per turn (STS, SMS)."""
 
 
 class Register(NamedTuple):
-    """One entry of the control table. Signed words are sign-magnitude at ``sign_bit``, never two's
+    """One entry of the control table. Signed words are sign-magnitude with the sign at ``sign_bit``, never two's
     complement."""
 
     address: int
@@ -40,7 +39,7 @@ class Register(NamedTuple):
     sign_bit: int | None = None
 
     def encode(self, value: int) -> bytes:
-        """Little-endian bytes (STS, SMS). Raise ``ValueError`` outside the register's range."""
+        """Return little-endian bytes (STS, SMS). Raise ``ValueError`` for a value out of range."""
         size, sign_bit = self.size, self.sign_bit
         if sign_bit is not None:
             if not -1 << sign_bit < value < 1 << sign_bit:
@@ -51,8 +50,8 @@ class Register(NamedTuple):
         return value.to_bytes(size, "little")
 
     def decode(self, data: bytes, base: int | None = None) -> int:
-        """The value in ``data``, a block that was read from address ``base`` (default: this
-        register's own)."""
+        """Return the value in ``data``, a block that was read from address ``base``. The default is this
+        register's own address."""
         start = 0 if base is None else self.address - base
         raw = int.from_bytes(data[start : start + self.size], "little")
         if self.sign_bit is not None and raw >> self.sign_bit & 1:
@@ -60,7 +59,7 @@ class Register(NamedTuple):
         return raw
 
 
-# EEPROM: survives power off only when written with LOCK = 0
+# EEPROM: values survive a power off only if they are written with LOCK = 0
 FIRMWARE = Register(0, 2)
 MODEL = Register(3, 2)
 ID = Register(5)
@@ -74,7 +73,7 @@ MAX_VOLTAGE = Register(14)  # 0.1 V
 MIN_VOLTAGE = Register(15)
 MAX_TORQUE = Register(16, 2)
 PHASE = Register(18)
-UNLOAD_CONDITION = Register(19)  # bits of the error byte that take the torque away
+UNLOAD_CONDITION = Register(19)  # bits of the error byte that switch the torque off
 LED_ALARM = Register(20)
 P_GAIN = Register(21)
 D_GAIN = Register(22)
@@ -96,7 +95,7 @@ TORQUE_ENABLE = Register(40)
 ACCELERATION = Register(41)
 GOAL_POSITION = Register(42, 2, 15)
 GOAL_TIME = Register(44, 2, 10)  # in mode 2 the share of its power, 0.1 %
-GOAL_VELOCITY = Register(46, 2, 15)  # counts/s; on the way to a goal the speed limit, 0: none
+GOAL_VELOCITY = Register(46, 2, 15)  # counts/s; on the way to a goal the speed limit, 0 for no limit
 TORQUE_LIMIT = Register(48, 2)
 LOCK = Register(55)
 # read only
@@ -115,10 +114,10 @@ READ_ONLY = frozenset((*range(5), *range(56, 72)))
 POSITION_MODE, VELOCITY_MODE, PWM_MODE, STEP_MODE = range(4)
 
 MIDDLE_IS_HERE = 128
-"""Written to TORQUE_ENABLE: make the present position the middle (assumed for all STS firmware)."""
+"""Value for TORQUE_ENABLE that makes the present position the middle (assumed for all STS firmware)."""
 
 BAUD_RATES = (1_000_000, 500_000, 250_000, 128_000, 115_200, 76_800, 57_600, 38_400)
-"""Rate per code of register 6, in the vendor's order. Codes 5 to 7 are in doubt: sources
+"""Rate of each code of register 6, in the vendor's order. Codes 5 to 7 are uncertain, since sources
 disagree."""
 
 MODEL_NUMBERS = {777: "STS3215", 2825: "STS3250", 11272: "SM8512BL", 1284: "SCS0009"}
@@ -127,10 +126,10 @@ ERROR_BITS = {1: "voltage", 2: "sensor", 4: "overheat", 8: "overcurrent", 32: "o
 
 
 def error_words(error: int) -> str:
-    """The names of the bits set in a status packet's error byte."""
-    known = [word for bit, word in ERROR_BITS.items() if error & bit]
+    """Return the names of the bits in a status packet's error byte."""
+    names = [word for bit, word in ERROR_BITS.items() if error & bit]
     rest = error & ~sum(ERROR_BITS)
-    return ", ".join(known + ([f"unknown 0x{rest:02x}"] if rest else []))
+    return ", ".join(names + ([f"unknown 0x{rest:02x}"] if rest else []))
 
 
 class Packet(NamedTuple):
@@ -142,12 +141,12 @@ class Packet(NamedTuple):
 
     @property
     def failure(self) -> str:
-        """A status tells how the servo is, never that it did not obey."""
+        """Always empty: a status reports the state of a servo, but never that it has refused a request."""
         return ""
 
 
 def frame(servo_id: int, code: int, params: bytes = b"") -> bytes:
-    """Bytes of one request, or of one status when ``code`` is an error byte."""
+    """Return the bytes of a request, or of a status if ``code`` is an error byte."""
     body = bytes((servo_id, len(params) + 2, code)) + params
     return HEADER + body + bytes((~sum(body) & 0xFF,))
 
@@ -181,13 +180,13 @@ def sync_write(register: Register, values: Mapping[int, int]) -> bytes:
 
 
 def goals(counts: Mapping[int, int]) -> bytes:
-    """One setpoint for all."""
+    """Return one setpoint for all servos."""
     return sync_write(GOAL_POSITION, counts)
 
 
 def hold(positions: Mapping[int, int]) -> bytes:
-    """Goals := the measured positions. Written as the block goal + time (42, four bytes, time 0),
-    where a setpoint writes the goal alone: so the wire itself tells a hold from a setpoint."""
+    """Return a frame that sets the goals to the measured positions. It writes the block goal + time (42, four
+    bytes, time 0). A setpoint writes the goal only, so the two can be told apart on the wire."""
     rows = b"".join(
         bytes((servo_id,)) + GOAL_POSITION.encode(count) + b"\0\0" for servo_id, count in positions.items()
     )
@@ -195,17 +194,17 @@ def hold(positions: Mapping[int, int]) -> bytes:
 
 
 LIMP = torque(BROADCAST, False)
-"""Torque off on every servo in one frame. A broadcast has no status: confirm by reading register
-40."""
+"""Switches off the torque of every servo in one frame. A broadcast has no status: read register 40 to confirm
+it."""
 
 RESYNC = b"\0\0"
-"""In front of the first safe frame. After a torn FF FF id its FF would be taken for a length, and
-255 bytes be waited for; a length of 0 is none, and the parser begins anew."""
+"""Bytes in front of the first safe frame. After a torn ``FF FF id``, a servo would take the frame's FF for a
+length and wait for 255 bytes. A length of 0 is invalid, so its parser starts anew."""
 
 
 class Decoder:
-    """Bytes in any pieces, checked packets out. Garbage is skipped and counted, a torn frame waits
-    for its rest."""
+    """Decodes bytes, in pieces of any size, into checked packets. Garbage is skipped and counted. A torn frame
+    waits for its rest."""
 
     def __init__(self) -> None:
         self._buffer = bytearray()
@@ -213,7 +212,7 @@ class Decoder:
 
     @property
     def pending(self) -> int:
-        """Bytes of a frame that has not ended yet."""
+        """Number of bytes of an incomplete frame."""
         return len(self._buffer)
 
     def clear(self) -> None:
@@ -255,14 +254,14 @@ class Decoder:
 
 
 def rows_of(packet: Packet) -> tuple[int, dict[int, bytes]]:
-    """Of a sync write: the first address, and the bytes for each servo."""
+    """Return the first address of a sync write, and the bytes for each servo."""
     address, size, *_ = packet.params
     rows = packet.params[2:]
     return address, {rows[i]: rows[i + 1 : i + 1 + size] for i in range(0, len(rows), size + 1)}
 
 
 def classify(packet: Packet) -> str:
-    """What a request means for the wire log: setpoint, safe, enable, read, config or other."""
+    """Return the kind of a request in the wire log: setpoint, safe, enable, read, config or other."""
     if packet.code in (PING, READ, SYNC_READ):
         return "read"
     if packet.code in (WRITE, REG_WRITE) and packet.params:
@@ -286,7 +285,7 @@ def _classify_write(address: int, rows: Sequence[bytes]) -> str:
 
 
 def safe_state(packet: Packet, ids: Collection[int]) -> str:
-    """The safe state that a request by itself brings all of ``ids`` to: limp, hold, or none."""
+    """Return the safe state to which a request brings all of ``ids``: limp, hold, or empty."""
     if packet.code not in (WRITE, SYNC_WRITE) or classify(packet) != "safe":
         return ""
     if packet.code == WRITE:

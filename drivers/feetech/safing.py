@@ -1,4 +1,4 @@
-"""Making every Feetech servo safe: how long its replies may talk over a safe frame."""
+"""Make every Feetech servo safe, with repeats of the safe frame in case replies collide with it."""
 
 from __future__ import annotations
 
@@ -13,6 +13,6 @@ from . import protocol
 class FeetechSafing(Safing[protocol.Packet]):
     REPEATS: ClassVar[int] = 2
     REPEAT_S: ClassVar[float] = 0.0025
-    """By then six replies have finished (6 x 30 bytes), and by the last one fourteen."""
+    """In this time six replies end (6 x 30 bytes); by the last repeat it is fourteen."""
 
     ANYWHERE: ClassVar[tuple[int, int]] = (0, TOP)

@@ -11,29 +11,29 @@ from strands_actors.drivers.common.twin.servo_bus import COUNTS_PER_RAD, ZERO_CO
 from . import protocol as p
 
 STALL_CURRENT = 370
-"""At full load, in the register's 6.5 mA: 2.4 A [assumed]."""
+"""Current at full load, in the register's unit of 6.5 mA: 2.4 A [assumed]."""
 
 FIRMWARE_VERSION = 0x0A03  # 3.10
 ROOM_TEMPERATURE_C = 30
 MOVING_RAD_S = 0.01
 MULTI_TURN_FEEDBACK = 0x10
-"""Bit of PHASE: positions are reported past one turn instead of wrapped."""
+"""Bit of PHASE. With it positions are reported beyond one turn instead of wrapped."""
 
 FELT = slice(p.POSITION.address, p.CURRENT.address + p.CURRENT.size)
-"""The registers that the servo's own sensors fill."""
+"""The registers that the servo's own sensors write."""
 
 FELT_LAYOUT = struct.Struct("<HHHBBxBBxxH")
-"""Position, velocity, load, voltage, temperature, status, moving, current: packed at once, because
-every reading of six servos would otherwise cost fifty register writes."""
+"""Position, velocity, load, voltage, temperature, status, moving, current. They are packed at once: otherwise
+every reading of six servos would cost fifty register writes."""
 
 ERROR_VOLTAGE, ERROR_OVERHEAT, ERROR_OVERCURRENT, ERROR_OVERLOAD = 1, 4, 8, 32
 
 TOP_RAD_S = 5.8
-"""Without load, at full power [assumed]."""
+"""Speed without load, at full power [assumed]."""
 
 
 def factory_table(servo_id: int, model: int, voltage_v: float) -> bytearray:
-    """Values at delivery: facts of the vendor's table for an STS3215, the rest zero."""
+    """Return the values at delivery, from the vendor's table for an STS3215. The rest is zero."""
     table = bytearray(p.TABLE_SIZE)
     decivolts = round(voltage_v * 10)
     for register, value in {
@@ -76,9 +76,11 @@ def _sign_magnitude(register: p.Register, value: int) -> int:
 
 
 class Servo(TwinServo):
-    """All four modes; acceleration and dead zones are not modelled. ``goal_energises``: a goal turns
-    the torque on, as several public drivers say of the STS3215 (the vendor's SDK has no call for
-    torque, and moves) [assumed: register 40 then reads 1]."""
+    """One servo in any of its four modes. Acceleration and dead zones are not modelled.
+
+    ``goal_energises``: a goal switches the torque on. Several public drivers report this of the STS3215: the
+    vendor's SDK has no call for torque, and still moves it [assumed: register 40 then reads 1].
+    """
 
     def __init__(
         self, plant: Plant, joint: int, servo_id: int, model: int, voltage_v: float, goal_energises: bool = True
@@ -87,7 +89,7 @@ class Servo(TwinServo):
         super().__init__(plant, joint, factory_table(servo_id, model, voltage_v), voltage_v, ROOM_TEMPERATURE_C)
         self._eeprom = bytearray(self.factory[: p.EEPROM_END])
         self._since_s: dict[int, float] = {}  # error bit -> when its condition began
-        self._let_go = 0  # error bits for which it gave its torque up
+        self._let_go = 0  # error bits that have switched its torque off
         self._waiting = b""
         self.power_cycle()
 
@@ -113,7 +115,7 @@ class Servo(TwinServo):
         return (0 if volts else ERROR_VOLTAGE) | (ERROR_OVERHEAT if hot else 0) | self._let_go
 
     def power_cycle(self) -> None:
-        """EEPROM as it was saved, RAM as at delivery, torque off, the goal where the joint is
+        """Restart: EEPROM as it was saved, RAM as at delivery, torque off, the goal at the joint's position
         [assumed]."""
         felt = self.table[FELT]
         self.table[:] = self.factory
@@ -128,20 +130,20 @@ class Servo(TwinServo):
         self._apply_torque()
 
     def reset(self) -> None:
-        """Everything as at delivery but the id."""
+        """Restore all values at delivery, except the id."""
         servo_id = self.id
         self._eeprom[:] = self.factory[: p.EEPROM_END]
         self._eeprom[p.ID.address] = servo_id
         self.power_cycle()
 
     def read(self, address: int, size: int) -> bytes:
-        """Past the end of the table there are zeros."""
+        """Return registers. Bytes beyond the end of the table are zero."""
         if address + size > FELT.start:
             self.sense()
         return bytes(self.table[address : address + size]).ljust(size, b"\0")
 
     def write(self, address: int, data: bytes) -> None:
-        """Bytes that are read-only, or past the end, are left out."""
+        """Write registers. Bytes that are read-only, or beyond the end, are ignored."""
         unlocked = self.table[p.LOCK.address] == 0
         for at, byte in enumerate(data, address):
             if at < p.TABLE_SIZE and at not in p.READ_ONLY:
@@ -165,20 +167,20 @@ class Servo(TwinServo):
             self._apply_torque()
 
     def keep(self, params: bytes) -> None:
-        """REG_WRITE: address and data wait for the word."""
+        """REG_WRITE: keep address and data until ``act``."""
         self._waiting = params
 
     def act(self) -> None:
-        """ACTION: the word."""
+        """ACTION: write the data that ``keep`` has kept."""
         if self._waiting:
             self.write(self._waiting[0], self._waiting[1:])
         self._waiting = b""
 
     def protect(self, now_s: float) -> None:
-        """Let go for what UNLOAD_CONDITION names: pushing harder than OVERLOAD_TORQUE for
-        PROTECTION_TIME, more than PROTECTION_CURRENT for OVERCURRENT_TIME, too hot."""
+        """Switch the torque off for a condition that UNLOAD_CONDITION names: a load above OVERLOAD_TORQUE for
+        PROTECTION_TIME, a current above PROTECTION_CURRENT for OVERCURRENT_TIME, or overheating."""
         table, load = self.table, abs(self.reading.load)
-        found = (
+        conditions = (
             (ERROR_OVERLOAD, load * 100 > table[p.OVERLOAD_TORQUE.address], table[p.PROTECTION_TIME.address]),
             (
                 ERROR_OVERCURRENT,
@@ -187,11 +189,11 @@ class Servo(TwinServo):
             ),
             (ERROR_OVERHEAT, self.temperature_c >= table[p.MAX_TEMPERATURE.address], 0),
         )
-        for bit, is_so, centiseconds in found:
+        for bit, is_so, centiseconds in conditions:
             if not is_so or not table[p.UNLOAD_CONDITION.address] & bit:
                 self._since_s.pop(bit, None)
             elif now_s - self._since_s.setdefault(bit, now_s) >= centiseconds * 0.01:
-                self._let_go |= bit & ~ERROR_OVERHEAT  # that one is told as long as it is hot
+                self._let_go |= bit & ~ERROR_OVERHEAT  # ``error`` reports overheating while the servo is hot
                 self.put(p.TORQUE_ENABLE, 0)
                 self._apply_torque()
 
@@ -217,8 +219,8 @@ class Servo(TwinServo):
         )
 
     def _apply_torque(self, stepped: bool = False) -> None:
-        """Make the joint do what the table says. ``stepped``: a goal was written, which in step mode
-        is one more step."""
+        """Make the joint follow the table. ``stepped``: a goal was written, which is another step in step
+        mode."""
         on = self.table[p.TORQUE_ENABLE.address] != 0
         if not on or not self.plant.torque(self.joint):
             self.stand()
@@ -241,7 +243,7 @@ class Servo(TwinServo):
         self.plant.set_effort_share(self.joint, share)
 
     def _goal(self) -> int:
-        """Counts of the encoder."""
+        """Return the goal in counts of the encoder."""
         low, high, goal = self.get(p.MIN_POSITION), self.get(p.MAX_POSITION), self.get(p.GOAL_POSITION)
         if low < high:  # both zero: no limits
             goal = max(low, min(high, goal))

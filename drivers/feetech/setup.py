@@ -1,4 +1,4 @@
-"""Ids and calibration of Feetech servos."""
+"""Set ids and calibration of Feetech servos."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ class FeetechSetup(Setup[p.Packet]):
             await self._write(axis.id, axis, register, value)
 
     def offset_to_middle(self, position: int) -> int:
-        """The servo takes its offset away from what it measures."""
+        """Return the offset that makes this position the middle: the servo subtracts it from its reading."""
         return position - HALF_TURN
 
     async def give(self, servo: int, axis: Axis, baud: int) -> None:
         await self._write(servo, axis, p.LOCK, _OPEN)
         await self._write(servo, axis, p.ID, axis.id)
-        await self._write(axis.id, axis, p.LOCK, _OPEN)  # by its new id, as some firmware wants it
-        self.bus.send(p.write(axis.id, p.BAUD, p.BAUD_RATES.index(baud)))  # its answer comes at either speed
+        await self._write(axis.id, axis, p.LOCK, _OPEN)  # under the new id, since some firmware requires it
+        self.bus.send(p.write(axis.id, p.BAUD, p.BAUD_RATES.index(baud)))  # the answer may come at either rate
         await self.clock.sleep_until_ns(self.clock.now_ns() + 50_000_000)
         self._open(baud)
         await self._write(axis.id, axis, p.LOCK, _LOCKED)

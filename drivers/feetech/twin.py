@@ -26,8 +26,8 @@ class FeetechBus(ServoBus[Servo, p.Packet]):
         now_s: Callable[[], float] = time.monotonic,
         goal_energises: bool = True,
     ) -> None:
-        """``ids`` and ``models`` (the numbers of register 3): the servos of the plant's joints, in
-        order."""
+        """Make a bus. ``ids`` and ``models`` (the numbers in register 3) are those of the servos at the plant's
+        joints, in order."""
         servos = [
             Servo(plant, joint, servo_id, model, voltage_v, goal_energises)
             for joint, (servo_id, model) in enumerate(zip(ids, models, strict=True))
@@ -38,7 +38,7 @@ class FeetechBus(ServoBus[Servo, p.Packet]):
     def for_robot(
         cls, robot: str, now_s: Callable[[], float] = time.monotonic, goal_energises: bool = True
     ) -> FeetechBus:
-        """The bus of one robot of ``robots.toml``, or of a leader."""
+        """Return the bus of one robot of ``robots.toml``, or of a leader."""
         table = (LEADERS if robot in LEADERS.robots else TABLES).table(robot)
         numbers = {name: number for number, name in p.MODEL_NUMBERS.items()}
         return cls(
@@ -72,7 +72,7 @@ def _status(servo: Servo, params: bytes = b"", kind: str = "read") -> Reply:
 
 
 def _sync_read(hearing: Mapping[int, Sequence[Servo]], params: bytes) -> list[Reply | None]:
-    """In the order of the request; a servo that is not there leaves no gap."""
+    """Return the replies in the order of the request. A missing servo leaves no gap."""
     if len(params) < 2:
         return []
     address, size, *ids = params
@@ -89,9 +89,10 @@ def _sync_write(hearing: Mapping[int, Sequence[Servo]], params: bytes) -> None:
 
 
 def _answer(servo: Servo, packet: p.Packet) -> Reply | None:
-    """Do what a request to one servo, or to all, says. None: it is not one, or wants no answer."""
+    """Carry out a request to one servo, or to all. Return its reply; None for an unknown request, or if it
+    gets no reply."""
     params = packet.params
-    reply = _status(servo, kind=p.classify(packet))  # with the id and the delay it had when it was asked
+    reply = _status(servo, kind=p.classify(packet))  # with the id and the delay from before the request
     match packet.code, len(params):
         case p.PING, _:
             return reply

@@ -42,11 +42,11 @@ class FeetechWire(ServoWire[protocol.Packet]):
     CODEC = protocol
     SAFING = FeetechSafing
     FEEDBACK: ClassVar[tuple[int, int]] = (protocol.TORQUE_ENABLE.address, 24)
-    """Torque to temperature, 40 to 63, in every cycle: a goal would energise a servo that has lost
-    its torque, so that has to be known of each before anything is written."""
+    """Registers of every reading: torque to temperature, 40 to 63. A goal would energise a servo that has lost
+    its torque, so the torque of each has to be read before anything is written."""
     FEEDBACK_AND_TORQUE: ClassVar[tuple[int, int]] = FEEDBACK
     _limited: list[Axis]
-    """Whose speed another program has limited."""
+    """Axes with a speed limit that another program has set."""
 
     async def handshake(self, bus: HalfDuplexBus[protocol.Packet]) -> Handshake[protocol.Packet]:
         servos: dict[int, Identity] = {}
@@ -63,8 +63,8 @@ class FeetechWire(ServoWire[protocol.Packet]):
         return Handshake(FeetechReadings(self.axes, limits), travel, travel, facts(self.axes, servos))
 
     async def before_arming(self, permit: Permit) -> None:
-        """No speed limit of another program's. Not at connecting: a servo that is on its way with
-        one would leap."""
+        """Clear speed limits of other programs. This is not done when connecting: a servo that moves under a
+        limit would leap."""
         while self._limited:
             permit.check()
             await lift_speed_limit(self.session.bus, self._limited[-1])

@@ -1,4 +1,4 @@
-"""A robot that is nothing but a model of its user's: it simulates, and has no hardware."""
+"""Simulate a robot from a model file of the user. It has no hardware."""
 
 from __future__ import annotations
 
@@ -15,12 +15,15 @@ from strands_actors.contract.safe_state import SafeState
 _log = logging.getLogger("strands_actors")
 
 CONTROL_HZ = 50.0
-"""Of a policy, where it is not told otherwise."""
+"""Default rate of a policy."""
 
 
 class ModelDriver(Driver):
-    """``options``: ``model``, the file; what is read of it stands in ``axes``, so that no process
-    of the tree has to read it again, but the one that simulates it."""
+    """The driver of a model.
+
+    ``options``: ``model`` is the file. Its joints stand in ``joints``, so that only the process that
+    simulates the robot has to read the file again.
+    """
 
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = ()
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
@@ -35,8 +38,12 @@ class ModelDriver(Driver):
 
     @classmethod
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
-        """Read the model. Raise ``ValueError`` that says what is wrong with it."""
-        from .reading import read_model  # with MuJoCo, for who has a model
+        """Read the model.
+
+        Raises:
+            ValueError: The model cannot be used. The text says why.
+        """
+        from .reading import read_model  # imports MuJoCo, which only a robot with a model needs
 
         read = read_model(options["model"])
         if read.left_out:
@@ -64,7 +71,7 @@ class ModelDriver(Driver):
 
 
 def _bounded(end: float) -> float | None:
-    """None for a joint without limits: what is plain has no infinity."""
+    """Return None for a joint without a limit, since plain options cannot hold infinity."""
     return end if math.isfinite(end) else None
 
 

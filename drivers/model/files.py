@@ -1,5 +1,5 @@
-"""What is looked at in a user's model file before MuJoCo reads it: git-lfs pointers, and sizes that
-fill the memory. MuJoCo says nothing useful of either."""
+"""Check a user's model file before MuJoCo reads it: for git-lfs pointers, and for sizes that would fill
+the memory. MuJoCo's own errors for these do not help."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from strands_actors.contract.lfs import pointer_reason
 from strands_actors.drivers.common.xml_text import Element
 
 MOST_CELLS = 1 << 26
-"""Of a height field or a texture, 8192 x 8192. MuJoCo takes several copies of each."""
+"""Most cells of a height field or a texture: 8192 x 8192. MuJoCo makes several copies of each."""
 
 
 def pointer_among(spec: Any, folder: Path) -> str:
-    """Return the same of the first file of a model's assets that is a pointer."""
+    """Return the ``pointer_reason`` of the first asset of a model that is a pointer; empty if there is none."""
     assets = [(spec.meshdir, asset) for asset in (*spec.meshes, *spec.hfields)]
     assets += [(spec.texturedir, asset) for asset in spec.textures]
     for directory, asset in assets:

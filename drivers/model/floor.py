@@ -1,4 +1,4 @@
-"""A floor for a model that has none, so that what is put into its scene does not fall for ever."""
+"""Add a floor to a model without one, so that objects put into its scene do not fall for ever."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from strands_actors.drivers.common.lean_mujoco import PLAIN, mujoco
 
 _TOUCHING_M = 1e-3
 _OBJECTS = 2
-"""Objects touch what has this bit, links (MuJoCo's default, 1) do not."""
+"""Contact bit of objects. Links have MuJoCo's default bit, 1, and do not touch shapes with this one only."""
 
 
 def add_floor(spec: Any, model: Any) -> None:
-    """Add one at height 0, or at the lowest point of what begins lower.
+    """Add a floor at height 0, or at the lowest point of the model if that is lower.
 
-    The links of a robot that is mounted pass through it: they move as in MuJoCo, which knows no
-    floor there. A robot that can fall, since its base is free, stands on it.
+    The links of a mounted robot pass through it, so they move as in MuJoCo without a floor. A robot with
+    a free base can fall, so it stands on the floor.
     """
     geoms = range(model.ngeom)
     flat = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))

@@ -1,9 +1,9 @@
-"""A model of a user's own, MJCF or URDF, as a body with a position servo at each of its joints.
+"""Read a user's model, MJCF or URDF, as a body with a position servo at each axis.
 
-An axis is a joint that the model drives, by an actuator or by a tendon's first joint; in a model
-without actuators every hinge and slide that no other joint leads, and gravity is made up for. The
-model's own position actuators keep their gains; all others become servos, whose gains follow from
-the model's mass.
+If the model has actuators, an axis is a joint that an actuator drives, directly or as the first joint of a
+tendon. If it has no actuators, every hinge and slide is an axis, except joints that follow another joint;
+gravity is then compensated. Position actuators of the model keep their gains. All other actuators become
+servos with gains that follow from the model's mass.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from .floor import add_floor
 from .urdf import LeftOut, readable_urdf
 
 REFUSALS = (ValueError, RuntimeError, MemoryError, mujoco.FatalError)
-"""What MuJoCo raises for a model that it does not take."""
+"""The exceptions that MuJoCo raises for a model that it cannot use."""
 
 
 class Joint(NamedTuple):
-    """An axis of the model. ``kp`` is 0 where the servo's gains are the plant's business."""
+    """An axis of the model. ``kp`` is 0 where the plant has to choose the gains."""
 
     name: str
     low: float
@@ -35,7 +35,7 @@ class Joint(NamedTuple):
     slides: bool
     kp: float
     kv: float
-    effort: float  # infinite: the model has no limit
+    effort: float  # infinite if the model has no limit
 
 
 class Read(NamedTuple):
@@ -46,7 +46,11 @@ class Read(NamedTuple):
 
 
 def read_model(path: str | Path) -> Read:
-    """Raise ``ValueError`` that says what is wrong with the file."""
+    """Read a model file and replace its actuators by position servos.
+
+    Raises:
+        ValueError: The file cannot be used. The text says why.
+    """
     place = Path(path).expanduser().resolve()
     spec, own, left_out = _load(place)
     try:
@@ -62,7 +66,7 @@ def read_model(path: str | Path) -> Read:
 
 
 def _load(place: Path) -> tuple[Any, Any, tuple[LeftOut, ...]]:
-    """Return the model, the same as MuJoCo compiles it, and what was left out of it."""
+    """Return the editable model, the compiled model, and the shapes that were left out."""
     if not place.is_file():
         raise ValueError(f"there is no model {place}. give an MJCF or a URDF file")
     if place.suffix.lower() == ".xacro":
@@ -91,7 +95,7 @@ def _load(place: Path) -> tuple[Any, Any, tuple[LeftOut, ...]]:
 
 
 def _load_urdf(place: Path, text: str, root: Element) -> tuple[Any, Any, tuple[LeftOut, ...]]:
-    """As ``_load``. A visual mesh that MuJoCo refuses is left out: by itself it would not read it."""
+    """As ``_load``. Visual meshes that MuJoCo refuses are left out, since MuJoCo alone would not read them."""
     unreadable: tuple[Path, ...] = ()
     while True:
         urdf = readable_urdf(place, text, root, unreadable)
@@ -102,14 +106,14 @@ def _load_urdf(place: Path, text: str, root: Element) -> tuple[Any, Any, tuple[L
             exclude_neighbours_of_base(spec, model)
             return spec, model, urdf.left_out
         except REFUSALS as error:
-            found = tuple(mesh for mesh in dict.fromkeys(urdf.visuals) if not _reads(mesh))
-            if not found or unreadable:
+            rejected = tuple(mesh for mesh in dict.fromkeys(urdf.visuals) if not _reads(mesh))
+            if not rejected or unreadable:
                 raise _refused(place, error) from None
-            unreadable = found
+            unreadable = rejected
 
 
 def _reads(mesh: Path) -> bool:
-    """Return whether MuJoCo takes this mesh."""
+    """Return True if MuJoCo accepts this mesh."""
     spec = mujoco.MjSpec()
     spec.add_mesh(name="mesh", file=str(mesh))
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="mesh", contype=0, conaffinity=0)
@@ -121,12 +125,11 @@ def _reads(mesh: Path) -> bool:
 
 
 def exclude_neighbours_of_base(spec: Any, model: Any) -> None:
-    """Let the base of a URDF and what hangs on it pass through each other.
+    """Let the base of a URDF and the links at it pass through each other.
 
-    MuJoCo never lets a link collide with its parent, except where the parent stands still: a ball on
-    the ground must not fall through it. In a URDF what stands still is the robot's own base, whose
-    shapes overlap with the next link at the joint. Pairs that MuJoCo leaves out anyway stay as they
-    are.
+    MuJoCo lets a link pass through its parent, unless the parent is fixed to the world: a ball must not
+    fall through the ground. In a URDF the fixed part is the robot's own base, and its shapes overlap with
+    the next link at the joint. Pairs that MuJoCo excludes anyway do not change.
     """
     shaped = [body for body in range(model.nbody) if model.body_geomnum[body]]
     still = [body for body in shaped if model.body_weldid[body] == 0]
@@ -138,7 +141,7 @@ def exclude_neighbours_of_base(spec: Any, model: Any) -> None:
 
 
 def _refused(place: Path, error: Exception) -> ValueError:
-    """Return MuJoCo's refusal with the user's file."""
+    """Return MuJoCo's error with the name of the user's file."""
     if isinstance(error, MemoryError) or type(error) is RuntimeError:
         return ValueError(f"{place}: MuJoCo cannot hold it: it is too large for this computer's memory")
     text = " ".join(str(error).split())
@@ -146,7 +149,7 @@ def _refused(place: Path, error: Exception) -> ValueError:
 
 
 def _name_joints(spec: Any) -> None:
-    """Name each joint that has none, since an axis needs a name."""
+    """Give a name to each joint without one, since an axis needs a name."""
     taken = {joint.name for joint in spec.joints}
     for at, joint in enumerate(spec.joints):
         if not joint.name and _turns(joint):
@@ -155,22 +158,22 @@ def _name_joints(spec: Any) -> None:
 
 
 def _keyframes(spec: Any, model: Any) -> dict[str, tuple[float, ...]]:
-    """Return the positions of each keyframe, by name, and by number where it has none. What it says
-    of actuators is dropped, since those are exchanged."""
-    found = {}
+    """Return the positions of each keyframe, by its name, or by its number if it has no name. Its values for
+    actuators are dropped, since the actuators are replaced."""
+    positions = {}
     for at, key in enumerate(spec.keys):
-        found[key.name or str(at)] = tuple(model.key_qpos[at].tolist())
+        positions[key.name or str(at)] = tuple(model.key_qpos[at].tolist())
         key.ctrl, key.act = [], []
-    return found
+    return positions
 
 
 def _drive(spec: Any, model: Any) -> tuple[Joint, ...]:
-    """Exchange what drives the joints.
+    """Replace the actuators of the model by position servos.
 
     Args:
         spec: The user's model. It is changed.
-        model: The same as MuJoCo compiles it, where damping ratios, gains of defaults and ranges in
-            degrees are numbers in SI units.
+        model: The compiled model, in which damping ratios, gains of defaults and ranges in degrees are
+            numbers in SI units.
 
     Returns:
         The axes, in the model's order.
@@ -182,14 +185,15 @@ def _drive(spec: Any, model: Any) -> tuple[Joint, ...]:
     actuators: dict[str, list[tuple[int, Any]]] = {}
     for at, actuator in enumerate(spec.actuators):
         actuators.setdefault(_target(spec, actuator), []).append((at, actuator))
-    actuators = {name: found for name, found in actuators.items() if name in by_name}
+    actuators = {name: pairs for name, pairs in actuators.items() if name in by_name}
     led = {equality.name1 for equality in spec.equalities if _couples(equality)}
     if not actuators:
         actuators = {name: [] for name in by_name if name not in led}
-        for body in spec.bodies[1:]:  # as its own controller would: what says nothing of motors is carried
+        # The model declares no actuators: compensate gravity, as its controller would.
+        for body in spec.bodies[1:]:
             body.gravcomp = 1.0
-    gains = {name: _gains(model, model.joint(name).id, found) for name, found in actuators.items()}
-    for _, actuator in (pair for found in actuators.values() for pair in found):
+    gains = {name: _gains(model, model.joint(name).id, pairs) for name, pairs in actuators.items()}
+    for _, actuator in (pair for pairs in actuators.values() for pair in pairs):
         _forget(spec, actuator)
     names = {actuator.name for actuator in spec.actuators}
     joints = []
@@ -219,8 +223,8 @@ def _couples(equality: Any) -> bool:
 
 
 def _target(spec: Any, actuator: Any) -> str:
-    """The joint that an actuator drives, empty for another kind. A tendon counts as the first joint
-    it runs over."""
+    """Return the joint that an actuator drives; empty if it drives something else. A tendon counts as the
+    first joint that it runs over."""
     kinds = mujoco.mjtTrn
     if actuator.trntype in (kinds.mjTRN_JOINT, kinds.mjTRN_JOINTINPARENT):
         return str(actuator.target)
@@ -232,11 +236,11 @@ def _target(spec: Any, actuator: Any) -> str:
 
 
 def _gains(model: Any, joint: int, actuators: Sequence[tuple[int, Any]]) -> tuple[float, float, float]:
-    """Return kp and kv of the model's own position servo at a joint, and what it pushes with.
+    """Return kp, kv and the largest force of the model's own position servo at a joint.
 
-    A force is ``gain * control + bias[0] + bias[1] * length + bias[2] * speed``. The stiffness at the
-    joint is that of the bias. The gain only scales the control (0 to 255), which is exchanged. A
-    velocity actuator beside the servo is its damping.
+    A force is ``gain * control + bias[0] + bias[1] * length + bias[2] * speed``, so the stiffness at the
+    joint follows from the bias. The gain only scales the control (0 to 255), which is replaced. A velocity
+    actuator at the same joint is the damping of the servo.
     """
     kinds = mujoco.mjtTrn
     at_joint = [pair for pair in actuators if pair[1].trntype in (kinds.mjTRN_JOINT, kinds.mjTRN_JOINTINPARENT)]
@@ -255,7 +259,8 @@ def _gains(model: Any, joint: int, actuators: Sequence[tuple[int, Any]]) -> tupl
 
 
 def _effort(actuator: Any) -> float:
-    """Return what an actuator pushes its joint with, in the stronger direction. Infinite: no limit."""
+    """Return the largest force of an actuator at its joint, in the stronger direction; infinite without a
+    limit."""
     gear = abs(float(actuator.gear[0]))
     effort = math.inf
     if actuator.forcerange[0] < actuator.forcerange[1]:
@@ -267,7 +272,7 @@ def _effort(actuator: Any) -> float:
 
 
 def _forget(spec: Any, actuator: Any) -> None:
-    """Take an actuator away, with the sensors that listen to it."""
+    """Remove an actuator, and the sensors that measure it."""
     for sensor in list(spec.sensors):
         if sensor.objtype == mujoco.mjtObj.mjOBJ_ACTUATOR and sensor.objname == actuator.name:
             spec.delete(sensor)

@@ -1,5 +1,4 @@
-"""A model of a user's own as a simulation. It has no wire: its simulation control is all there
-is."""
+"""Simulate a user's model. There is no wire: the twin has a simulation control only."""
 
 from __future__ import annotations
 
@@ -24,14 +23,15 @@ class ModelTwinOptions(TwinOptions, frozen=True):
 
 
 BANDWIDTH_RAD_S = 30.0
-"""Of servos that the model has no gains for: a tenth of a second, as of a small arm [assumed]."""
+"""Bandwidth of servos for which the model has no gains: about a tenth of a second, as of a small arm
+[assumed]."""
 
 PASS_S = 0.05
-"""How often time passes while nobody asks."""
+"""Period of advancing the physics while no request comes."""
 
 
 class ModelServer:
-    """Serves the body of one model. Nothing can go wrong with a wire that is not there."""
+    """Serves the body of one model. It has no wire, so it has no faults of a wire."""
 
     address = "none"
 
@@ -49,7 +49,7 @@ class ModelServer:
         self._plant.catch_up(time.monotonic())
 
     async def serve(self) -> None:
-        """Until cancelled."""
+        """Let time pass, until cancelled."""
         while True:
             self._pass_time()
             await trio.sleep(PASS_S)
@@ -67,7 +67,11 @@ class ModelServer:
 
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Simulate the model at ``options["model"]`` until interrupted. Raise ``ValueError``."""
+    """Simulate the model at ``options["model"]`` until interrupted.
+
+    Raises:
+        ValueError: There is no model, or it cannot be used.
+    """
     given = read_twin_options(robot, ModelTwinOptions, options)
     if not given.model:
         raise ValueError(f"{robot}: it needs a model. give model=PATH, of an MJCF or URDF")

@@ -1,8 +1,8 @@
-"""A URDF as text that MuJoCo reads, with the places of its meshes in it.
+"""Rewrite a URDF so that MuJoCo can read it, with the paths of its meshes.
 
-Nothing is downloaded. A mesh is where MuJoCo itself looks for it, or in a package folder above the
-file. MuJoCo by itself drops the visual shapes of a URDF. Here they are kept, for the pictures, and
-a visual whose mesh cannot be read is left out, as MuJoCo would.
+Nothing is downloaded. A mesh is looked for where MuJoCo itself looks, and in package folders above the
+file. MuJoCo alone drops the visual shapes of a URDF. Here they are kept, for the pictures. A visual shape
+with a mesh that cannot be read is left out, as MuJoCo would do.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from strands_actors.contract.lfs import pointer_reason
 from strands_actors.drivers.common.xml_text import Edit, Element, edited, escaped
 
 READABLE = (".stl", ".obj", ".msh")
-"""Meshes that MuJoCo reads."""
+"""Suffixes of meshes that MuJoCo reads."""
 
 _PACKAGE = re.compile(r"^(?:package|model)://([^/]+)/(.*)$")
 _YES = ("true", "1")
@@ -41,13 +41,13 @@ class Urdf(NamedTuple):
 
 
 def readable_urdf(path: Path, text: str, root: Element, unreadable: Iterable[Path] = ()) -> Urdf:
-    """Return the text with absolute places of its meshes, for MuJoCo.
+    """Return the text for MuJoCo, with absolute paths of the meshes.
 
     Args:
         path: The file.
-        text: What is in it.
-        root: The same, parsed.
-        unreadable: Meshes that MuJoCo has refused. A visual with one of them is left out.
+        text: Its text.
+        root: The parsed text.
+        unreadable: Meshes that MuJoCo has refused. A visual shape with one of them is left out.
 
     Raises:
         ValueError: A mesh of a collision shape is not there or cannot be read.
@@ -65,11 +65,11 @@ def readable_urdf(path: Path, text: str, root: Element, unreadable: Iterable[Pat
             if mesh is None or "filename" not in mesh.attributes or (is_visual and drops_visuals):
                 continue
             name, start, end = mesh.attributes["filename"]
-            found, why = _find(path, name, compiler)
-            why = why or refused.get(found, "")
+            file, why = _find(path, name, compiler)
+            why = why or refused.get(file, "")
             if not why:
-                edits.append(Edit(start, end, f'filename="{escaped(str(found))}"'))
-                visuals += [found] if is_visual else []
+                edits.append(Edit(start, end, f'filename="{escaped(str(file))}"'))
+                visuals += [file] if is_visual else []
             elif is_visual:
                 edits.append(Edit(shape.start, shape.end, ""))
                 left_out.append(LeftOut(link.get("name"), name, why))
@@ -79,18 +79,18 @@ def readable_urdf(path: Path, text: str, root: Element, unreadable: Iterable[Pat
 
 
 def _find(path: Path, name: str, compiler: Element | None) -> tuple[Path, str]:
-    """Return the mesh's file, and why it cannot be used; empty: it can."""
+    """Return the file of a mesh, and why it cannot be used; empty if it can."""
     places = _places(path, name, compiler)
-    found = next((place for place in places if place.is_file()), places[0])
-    if found.suffix.lower() not in READABLE:
-        return found, f"MuJoCo reads no {found.suffix or 'mesh without a suffix'}. convert it to .stl or .obj"
-    if not found.is_file():
-        return found, f"it is not there. it was looked for as {found}"
-    return found, pointer_reason(found)
+    file = next((place for place in places if place.is_file()), places[0])
+    if file.suffix.lower() not in READABLE:
+        return file, f"MuJoCo reads no {file.suffix or 'mesh without a suffix'}. convert it to .stl or .obj"
+    if not file.is_file():
+        return file, f"it is not there. it was looked for as {file}"
+    return file, pointer_reason(file)
 
 
 def _places(path: Path, name: str, compiler: Element | None) -> list[Path]:
-    """Return where a mesh may be, MuJoCo's own place first."""
+    """Return the paths at which a mesh may be, MuJoCo's own first."""
     package = _PACKAGE.match(name)
     plain = unquote(name.removeprefix("file://")) if name.startswith("file://") else name
     places = []
@@ -107,8 +107,8 @@ def _places(path: Path, name: str, compiler: Element | None) -> list[Path]:
 
 
 def _compiler_edits(root: Element, compiler: Element | None) -> list[Edit]:
-    """Have MuJoCo keep what is seen, and every link by its name, unless the file says otherwise. The
-    meshes have absolute places, which must not be stripped."""
+    """Make MuJoCo keep the visual shapes and every named link, unless the file sets these options. The
+    paths of the meshes are absolute, so MuJoCo must not strip them."""
     words = {"discardvisual": "false", "fusestatic": "false"}
     if compiler is not None:
         words = {key: value for key, value in words.items() if key not in compiler.attributes}

@@ -1,4 +1,4 @@
-"""Where a driver class stands, so that the processes of its robot can load it."""
+"""Find out where a driver class is defined, so that the processes of its robot can import it."""
 
 from __future__ import annotations
 
@@ -13,16 +13,18 @@ from typing import Any
 import msgspec
 
 SCRIPT = "strands_actors_script"
-"""The name under which a script is loaded by another process: what it does below ``__main__`` is
-not done."""
+"""Module name under which another process loads a script. Code below ``__main__`` does not run there."""
 
 _loading = False
 
 
 class ClassLocation(msgspec.Struct, frozen=True):
-    """A class that another process can load. ``folder``: where its module is looked for after
-    everywhere else; ``script``: its file, when the class stands in the script itself; ``digest``:
-    of its file, so that a stop drill counts for the very code that was drilled."""
+    """Where another process can import a class from.
+
+    ``folder``: the last entry of the import path for its module. ``script``: the file, if the class is
+    defined in the script itself. ``digest``: hash of the file, since a stop drill counts only for the code
+    that was drilled.
+    """
 
     module: str
     name: str
@@ -32,8 +34,11 @@ class ClassLocation(msgspec.Struct, frozen=True):
 
 
 def location_of_class(cls: type[Any]) -> ClassLocation:
-    """Return where ``cls`` stands. Raise ``ValueError`` for one that another process cannot
-    load."""
+    """Return where ``cls`` is defined.
+
+    Raises:
+        ValueError: Another process cannot import it.
+    """
     name = cls.__qualname__
     if _loading:
         raise ValueError(
@@ -68,8 +73,12 @@ def location_of_class(cls: type[Any]) -> ClassLocation:
 
 
 def load_class(location: ClassLocation) -> type[Any]:
-    """Import the class. Raise whatever its module raises, ``AttributeError`` when it is not there
-    any more."""
+    """Import the class.
+
+    Raises:
+        AttributeError: The module no longer has the class.
+        Exception: Any exception that the module raises.
+    """
     global _loading
     if location.folder not in sys.path:
         sys.path.append(location.folder)
@@ -78,10 +87,10 @@ def load_class(location: ClassLocation) -> type[Any]:
         module = _script(location.script) if location.script else importlib.import_module(location.module)
     finally:
         _loading = False
-    found: Any = module
+    member: Any = module
     for part in location.name.split("."):
-        found = getattr(found, part)
-    loaded: type[Any] = found
+        member = getattr(member, part)
+    loaded: type[Any] = member
     return loaded
 
 
@@ -92,7 +101,7 @@ def _script(file: str) -> Any:
     if spec is None or spec.loader is None:
         raise ImportError(f"{file} is no Python file")
     module = importlib.util.module_from_spec(spec)
-    sys.modules[SCRIPT] = module  # dataclasses look their module up
+    sys.modules[SCRIPT] = module  # dataclasses look up their module
     spec.loader.exec_module(module)
     return module
 
@@ -106,7 +115,7 @@ def _folder(path: Path, module: str) -> Path:
 
 
 def _is_guarded(source: bytes) -> bool:
-    """Return whether a script looks at ``__name__`` before it does something."""
+    """Return True if a script checks ``__name__`` at its top level."""
     return any(
         isinstance(node, ast.If)
         and isinstance(node.test, ast.Compare)

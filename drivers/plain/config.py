@@ -1,4 +1,4 @@
-"""What the processes of a robot know of its driver class, and the deadlines of its calls."""
+"""The facts about a driver class that all processes of its robot share, and the deadlines of its calls."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from .class_location import ClassLocation
 from .members import Declared
 
 LATE_S = 0.5
-"""What a class has sent to its robot before its process was killed may take effect so late [assumed: a
-message on a local network]."""
+"""Longest time for which a message, sent before the class's process was killed, may still take effect
+[assumed: on a local network]."""
 
 
 class Deadlines(msgspec.Struct, frozen=True):
-    """Of the calls of an object, in seconds."""
+    """Longest times of the calls of an object, in seconds."""
 
     connect_s: float = 5.0
     """To make and connect the object: the class may import an SDK there."""
     call_s: float = 0.5
-    """Of ``send_action`` and ``get_observation``. A stop waits for the one that is under way, so
-    long at most."""
+    """Longest time of ``send_action`` and ``get_observation``. A stop waits for the running call, so this
+    delays it at most."""
     stop_s: float = 1.0
     cleanup_s: float = 0.5
     load_s: float = 5.0
@@ -29,13 +29,13 @@ class Deadlines(msgspec.Struct, frozen=True):
 
     @property
     def errand_s(self) -> float:
-        """Return what a process has that was started to stop the robot: it connects first."""
+        """Return the longest time of a process that was started to stop the robot. It connects first."""
         return self.connect_s + self.call_s + self.stop_s + self.cleanup_s
 
 
 class PlainConfig(msgspec.Struct, frozen=True):
-    """``keywords``: what the class is made with. ``has_channel``: it can stop its robot without an
-    object of it, by ``stop_channel(port)``."""
+    """``keywords``: arguments of the class. ``has_channel``: the class can stop its robot without an
+    object, by ``stop_channel(port)``."""
 
     robot: str
     location: ClassLocation

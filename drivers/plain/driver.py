@@ -1,15 +1,13 @@
-"""Any driver class of the drivers page's kind, plain members and no actors, as a robot of this
-package.
+"""Run a user's driver class, written with plain members and without actors, as a robot of this package.
 
-The class stays as it is. The user's object lives in the wire process, and in no other: there its
-calls run with deadlines, one at a time, and one that hangs costs the process, which is fenced. What
-the page's class keeps up by itself, a thread that repeats setpoints for example, ends with that
-process.
+The class does not change. Its object lives in the wire process only. There its calls run one at a time,
+each with a deadline. A call that hangs costs the process, which is fenced. Anything that the class does in
+the background, such as a thread that repeats setpoints, ends with that process.
 
-An unknown bus has no stop channel of ours. When the wire process is gone, a process that stood
-ready makes an object of the class, connects it and calls its ``stop()``; or the class's own
-``stop_channel(port)``, where it has one, which needs neither. Whether the robot then stands is the
-class's word. Its axes are read as ``members`` says.
+An unknown bus has no stop channel of this package. After the wire process is gone, a process that stood
+ready makes an object of the class, connects it and calls its ``stop()``. If the class has
+``stop_channel(port)``, that is called instead, without an object or a connection. Only the class's own
+answer confirms that the robot stands. ``members`` describes how its axes are read.
 """
 
 from __future__ import annotations
@@ -37,14 +35,14 @@ from .members import SENSED, declared_by
 
 MARGIN_S = 0.5
 LEAVING = (Reason.CLEANUP, Reason.CALLER, Reason.ROOT)
-"""Reasons after which nobody uses the object any more."""
+"""Reasons after which the object is not used any more."""
 NEVER_S = 3600.0
 SECRET_WORDS = ("password", "passwd", "token", "secret", "api_key", "credential")
-"""Keywords of a class with such a name are in no recording, no certificate and no answer."""
+"""Words in the name of a keyword that keep its value out of recordings, certificates and answers."""
 
 
 class PlainDriver(Driver):
-    """Of ``options`` that ``options_of`` returned."""
+    """A robot of a user's class. Its ``options`` come from ``options_of``."""
 
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = ()
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
@@ -60,11 +58,11 @@ class PlainDriver(Driver):
     fallbacks: Mapping[Reason, SafeState] = {
         reason: SafeState.OFF if reason in LEAVING else SafeState.STOP for reason in Reason
     }
-    """``stop``: the class's ``stop()``. ``off``: that, and then its ``cleanup()``, which ends its
+    """``stop`` calls the class's ``stop()``. ``off`` also calls its ``cleanup()``, which ends its
     connection."""
     firmware_watchdog = "not known: the class does not say"
     bound_s = 1.0
-    """And what the class takes to connect and to stop."""
+    """In seconds. The times that the class takes to connect and to stop come on top."""
     conditions = CONDITIONS
     SENSORS: ClassVar[tuple[Sensor, ...]] = tuple(Sensor(topic, prefix=f"{topic}.") for topic in SENSED)
 
@@ -78,7 +76,7 @@ class PlainDriver(Driver):
         stream_ttl_s = max(0.3, 3 / hz)
         self.timing = Timing(
             control_hz=hz,
-            keepalive_s=NEVER_S,  # an action is given once: what keeps it up is the class's
+            keepalive_s=NEVER_S,  # an action is sent once; only the class repeats it
             stream_ttl_s=stream_ttl_s,
             oneshot_ttl_s=declared.lifetime_s,
             state_ttl_s=max(within.call_s, 3 / hz),
@@ -95,9 +93,12 @@ class PlainDriver(Driver):
 
     @classmethod
     def options_of(cls, driver_class: type[Any], robot: str, keywords: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the options of a ``PlainDriver`` for an object ``driver_class(**keywords)``. Raise
-        ``ValueError`` for a class that no other process can load, for what it declares wrongly, and
-        for keywords that cannot travel."""
+        """Return the options of a ``PlainDriver`` for an object ``driver_class(**keywords)``.
+
+        Raises:
+            ValueError: Another process cannot load the class, a declaration is wrong, or a keyword
+                cannot be sent to another process.
+        """
         name = driver_class.__qualname__
         given = accepted(driver_class, keywords)
         for keyword, value in given.items():
@@ -115,7 +116,7 @@ class PlainDriver(Driver):
 
     @classmethod
     async def complete(cls, robot: str, port: str, options: Mapping[str, Any]) -> dict[str, Any]:
-        """Have the class, in a process of its own, say which axes it has, unless that is known."""
+        """Add the axes to the options, if they are unknown: a separate process asks the class for them."""
         config = _config_of(options)
         if config.declared.keys:
             return dict(options)
@@ -130,8 +131,8 @@ class PlainDriver(Driver):
         return {**options, "config": {**options["config"], "declared": msgspec.to_builtins(declared)}}
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
-        """Return the whole target, and behind it per axis whether the action names it: the class is
-        given no axis that its writer did not name."""
+        """Return the whole target, followed by a flag per axis: 1 if the action names it. The class gets
+        only the axes that the action names."""
         count = len(self.axes)
         plain = super().parse(action, msgspec.structs.replace(state, target=state.target[:count]))
         if isinstance(plain, Refused):
@@ -140,12 +141,12 @@ class PlainDriver(Driver):
         return Candidate(plain.values + flags, plain.named)
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
-        """Return the axes that are known: the class may measure fewer than it can move."""
+        """Return the axes with a known value. The class may measure fewer axes than it can move."""
         return {axis: value for axis, value in zip(self.axes, values, strict=False) if not math.isnan(value)}
 
 
 def _config_of(options: Mapping[str, Any]) -> PlainConfig:
-    """Return the config with its passwords; a recording's options have none."""
+    """Return the config with its secrets. The options in a recording have no secrets."""
     config = msgspec.convert(options["config"], PlainConfig)
     return msgspec.structs.replace(config, keywords={**config.keywords, **options.get("secrets", {})})
 
@@ -155,7 +156,7 @@ def _is_secret(keyword: str) -> bool:
 
 
 def accepted(cls: type[Any], keywords: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the keywords that the class takes: its signature may lack some that the page names."""
+    """Return the keywords that the class accepts. It may lack some that the drivers page names."""
     parameters = inspect.signature(cls).parameters
     if any(one.kind is one.VAR_KEYWORD for one in parameters.values()):
         return dict(keywords)
@@ -163,7 +164,7 @@ def accepted(cls: type[Any], keywords: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _travels(value: Any) -> bool:
-    """Return whether a value arrives in another process as it is; a tuple becomes a list."""
+    """Return True if another process receives the same value. A tuple arrives as a list."""
     try:
         return bool(msgspec.json.decode(msgspec.json.encode(value)) == _as_lists(value))
     except (TypeError, ValueError, OverflowError):
@@ -171,7 +172,7 @@ def _travels(value: Any) -> bool:
 
 
 def _as_lists(value: Any) -> Any:
-    """Return a value as it arrives: a tuple is a list."""
+    """Return a value as another process receives it, with lists in place of tuples."""
     if isinstance(value, tuple | list):
         return [_as_lists(each) for each in value]
     return {key: _as_lists(each) for key, each in value.items()} if isinstance(value, Mapping) else value

@@ -1,5 +1,5 @@
-"""What is refused before the class is asked: names and numbers, a robot that is not heard, the
-class's own limits. Pure. What the class itself refuses is told afterwards, by its own answer."""
+"""The gates in front of a user's class: names and numbers, silence of the robot, and the class's limits.
+Pure. A refusal by the class itself comes afterwards, as its answer."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.refusals import Code
 
 REFUSED = "send_action: "
-"""How a fault begins that is the class's own answer to an action."""
+"""Prefix of a fault that is the class's own answer to an action."""
 
 
 def all_gates(axes: Sequence[Axis], state_ttl_s: float, longest_s: float) -> tuple[GateCheck, ...]:
@@ -26,8 +26,8 @@ def all_gates(axes: Sequence[Axis], state_ttl_s: float, longest_s: float) -> tup
 
 
 def not_heard(axes: Sequence[Axis], ttl_s: float) -> GateCheck:
-    """Refuse to move when no reading came within ``ttl_s``, or the axis is missing in those that
-    came since. An axis that the class has never measured is its own affair."""
+    """Refuse to move an axis without a reading within ``ttl_s``. An axis that the class has never measured
+    counts as read with the newest observation."""
     ttl_ns = round(ttl_s * NS)
     limit = f"{ttl_s * 1e3:.0f} ms"
     remedy = "check the robot's cable and power: it is back by itself as soon as it answers"
@@ -65,5 +65,5 @@ def _refused_by_the_class(observation: Observation, now_ns: int) -> Refused | No
 
 
 CONDITIONS = (Condition(_refused_by_the_class, Reason.FAULT, on_resume=OnResume.ARM_ANEW),)
-"""A class that refuses an action is not sent the next one: the robot is stopped, and its status
-says why."""
+"""A class that has refused an action gets no further action: the robot is stopped, and its status has the
+reason."""

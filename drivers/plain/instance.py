@@ -1,6 +1,5 @@
-"""The user's object, in the one process that has it. Its methods wait for the robot: they are
-called in a thread, by somebody who keeps the time, and answer with what went wrong instead of
-raising it."""
+"""The user's object, in the only process that has it. Its methods wait for the robot, so the caller runs
+them in a thread with a deadline. They return an error text instead of raising."""
 
 from __future__ import annotations
 
@@ -23,7 +22,7 @@ class Instance:
         self._object: Any = None
         self._loop: Any = None
         self.sensed: dict[str, tuple[float, ...]] = {}
-        """Of the last observation: topic and field, ``imu.rpy``, to numbers."""
+        """Numbers of the last observation, by topic and field (``imu.rpy``)."""
 
     @property
     def made(self) -> Any:
@@ -32,12 +31,12 @@ class Instance:
 
     @property
     def observes(self) -> bool:
-        """Return whether the class measures anything."""
+        """Return True if the class has ``get_observation``."""
         return callable(getattr(self._class, "get_observation", None))
 
     @property
     def has_channel(self) -> bool:
-        """Return whether the class can stop its robot without an object."""
+        """Return True if the class can stop its robot without an object."""
         return self._config.has_channel
 
     def load(self) -> str:
@@ -46,21 +45,21 @@ class Instance:
         def run() -> None:
             self._class = self._class or load_class(self._config.location)
 
-        return _told("import", run)
+        return _attempt("import", run)
 
     def make(self) -> str:
-        """Make the object, unless there is one; the page's classes touch no hardware there."""
+        """Make the object, unless there is one. By the drivers page this does not touch the hardware."""
 
         def run() -> None:
             if self._object is None:
                 assert self._class is not None
                 self._object = self._class(**self._config.keywords)
 
-        return self.load() or _told(self._config.name, run)
+        return self.load() or _attempt(self._config.name, run)
 
     def connect(self) -> str:
-        """Make the object, and connect it by ``connect_eagerly``, else ``connect``."""
-        return self.make() or _told("", self._connect)
+        """Make the object, and connect it by ``connect_eagerly``, or else by ``connect``."""
+        return self.make() or _attempt("", self._connect)
 
     def _connect(self) -> str:
         eagerly = getattr(self._object, "connect_eagerly", None)
@@ -71,9 +70,8 @@ class Instance:
         return "" if connect is None else failure_of(self._call(connect))
 
     def reconnect(self) -> str:
-        """Connect an object that says it is not connected any more, after its own ``stop``
-        perhaps."""
-        return _told("", self._reconnect)
+        """Connect an object again that reports that it is not connected, perhaps since its ``stop``."""
+        return _attempt("", self._reconnect)
 
     def _reconnect(self) -> str:
         connected = getattr(self._object, "is_connected", True)
@@ -82,7 +80,7 @@ class Instance:
         return "" if connected else self._connect()
 
     def observe(self) -> Mapping[str, Any] | str:
-        """Return one observation, or why there is none."""
+        """Return one observation, or the reason why there is no observation."""
         observed: Mapping[str, Any] = {}
 
         def run() -> str:
@@ -100,11 +98,11 @@ class Instance:
             }
             return "" if answer else "it is empty"
 
-        return _told("get_observation", run) or observed if self.observes else {}
+        return _attempt("get_observation", run) or observed if self.observes else {}
 
     def _sense(self, attributes: tuple[str, ...]) -> Any:
-        """Return the first of these members that has a value. One that raises has none: a sensor
-        that fails must not take the positions with it."""
+        """Return the first of these members that has a value. A member that raises is skipped, so that a
+        failing sensor does not cost the positions."""
         for name in attributes:
             try:
                 value = getattr(self._object, name, None)
@@ -117,15 +115,15 @@ class Instance:
 
     def send(self, action: Mapping[str, float]) -> str:
         """Give the object one action."""
-        return _told("send_action", lambda: failure_of(self._call(self._object.send_action, dict(action))))
+        return _attempt("send_action", lambda: failure_of(self._call(self._object.send_action, dict(action))))
 
     def stop(self) -> str:
         """Stop the robot."""
-        return _told("stop", lambda: failure_of(self._call(self._object.stop)))
+        return _attempt("stop", lambda: failure_of(self._call(self._object.stop)))
 
     def hold(self) -> str:
         """Keep the robot where it is."""
-        return _told("hold", lambda: failure_of(self._call(self._object.hold)))
+        return _attempt("hold", lambda: failure_of(self._call(self._object.hold)))
 
     def stop_by_channel(self) -> str:
         """Stop the robot without an object: the class's own ``stop_channel(port)``."""
@@ -134,10 +132,10 @@ class Instance:
             assert self._class is not None
             return failure_of(self._call(self._class.stop_channel, self._config.keywords.get("port", "")))
 
-        return self.load() or _told("stop_channel", run)
+        return self.load() or _attempt("stop_channel", run)
 
     def cleanup(self) -> str:
-        """Give the robot up, by ``cleanup``, else ``disconnect``, else ``close``."""
+        """Disconnect the robot, by ``cleanup``, or else ``disconnect``, or else ``close``."""
         given_up, self._object = self._object, None
 
         def run() -> str:
@@ -146,10 +144,10 @@ class Instance:
                     return failure_of(self._call(function))
             return ""
 
-        return "" if given_up is None else _told("cleanup", run)
+        return "" if given_up is None else _attempt("cleanup", run)
 
     def _call(self, function: Callable[..., Any], *args: Any) -> Any:
-        """Return what a method answers; a coroutine is run to its end, always in the same loop."""
+        """Return the answer of a method. A coroutine is run to its end, always in the same loop."""
         answer = function(*args)
         if not inspect.isawaitable(answer):
             return answer
@@ -162,9 +160,13 @@ class Instance:
         return self._loop.run_until_complete(wait())
 
 
-def _told(what: str, run: Callable[[], str | None]) -> str:
-    """Return what went wrong, with who says so; empty: nothing. ``what``: a method of the robot's class;
-    empty: ``connect``, as which verb it is told anyway."""
+def _attempt(what: str, run: Callable[[], str | None]) -> str:
+    """Run a call and return its error text, with the name of the method; empty for success.
+
+    Args:
+        what: A method of the class; empty for ``connect``, whose caller adds that name itself.
+        run: The call. It returns an error text, or raises.
+    """
     try:
         failure = run()
     except Exception as error:  # the user's code may raise anything

@@ -1,17 +1,17 @@
-"""What a driver class of the drivers page says of itself, and what its answers mean. Pure.
+"""Read the declarations of a user's driver class, and interpret its answers. Pure.
 
-The page has no member that names a robot's axes: a class takes any mapping in ``send_action`` and
-checks it itself. So axes come from, in this order:
+The drivers page defines no member that names a robot's axes: a class accepts any mapping in
+``send_action`` and checks it itself. So axes come from, in this order:
 
-1. ``action_features``, the name that LeRobot's robots have for it: a mapping of keys, or the keys.
-   On the class or on an object of it.
-2. the first observation: its numbers. If any of its keys ends in ``.pos``, those only: what else is
-   measured beside positions (``.vel``, temperatures) is nothing to command.
+1. ``action_features`` of the class or of an object of it, the name that LeRobot's robots use: a mapping
+   of keys, or the keys.
+2. the first observation: its keys with numbers. If any key ends in ``.pos``, only those, since other
+   readings beside positions (``.vel``, temperatures) cannot be commanded.
 
-What the class says of limits holds, and nothing is assumed where it says nothing: ``action_limits``
-(key to lowest and highest), ``action_speeds`` (key to units a second, for streams),
-``action_units`` (one word, or key to word), ``action_lifetime_s`` (a command ends after so long;
-without: when its writer is gone) and ``control_hz``.
+Limits that the class declares are enforced. Without a declaration no limit is assumed:
+``action_limits`` (key to lowest and highest), ``action_speeds`` (key to units a second, for streams),
+``action_units`` (one word, or key to word), ``action_lifetime_s`` (seconds after which a command ends;
+without it, when its writer is gone) and ``control_hz``.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ FEATURES = "action_features"
 OBSERVED = "the first observation"
 CONTROL_HZ = 30.0
 FASTEST_HZ = 250.0
-"""Blocking calls from a thread: above that the calls themselves take the time."""
+"""Highest rate of blocking calls from a thread. Above it the calls themselves take all the time."""
 
 
 class Declared(msgspec.Struct, frozen=True):
-    """A robot's axes, as its class says. ``keys``: as the class spells them; ``source``: where they
-    are from."""
+    """The axes that a class declares. ``keys``: as the class spells them; ``source``: where they come
+    from."""
 
     keys: tuple[str, ...] = ()
     source: str = ""
@@ -45,8 +45,11 @@ class Declared(msgspec.Struct, frozen=True):
 
 
 def declared_by(thing: Any, name: str) -> Declared:
-    """Return what a class, or an object of it, declares. Raise ``ValueError`` that says what would
-    be accepted."""
+    """Return the declarations of a class, or of an object of it.
+
+    Raises:
+        ValueError: A declaration is wrong. The text names the accepted values.
+    """
     keys = _keys(_member(thing, FEATURES), name)
     given_units = _member(thing, "action_units")
     if given_units is not None and not isinstance(given_units, str | Mapping):
@@ -73,8 +76,8 @@ def declared_by(thing: Any, name: str) -> Declared:
 
 
 def require_axes(declared: Declared, name: str) -> None:
-    """Raise ``ValueError`` for a limit of what is no axis: a misspelt one would hold nothing."""
-    known = {spelling for key in declared.keys for spelling in (key, key.removesuffix(".pos"))}
+    """Raise ``ValueError`` for a limit of an unknown axis: a misspelt key would limit nothing."""
+    spellings = {spelling for key in declared.keys for spelling in (key, key.removesuffix(".pos"))}
     tables: dict[str, Mapping[str, Any]] = {
         "action_limits": declared.limits,
         "action_speeds": declared.speeds,
@@ -82,14 +85,14 @@ def require_axes(declared: Declared, name: str) -> None:
     }
     for member, table in tables.items():
         for key in table:
-            if key not in known:
+            if key not in spellings:
                 axes = ", ".join(declared.keys)
                 raise ValueError(f"{name}.{member} names {key!r}, which is no axis. It has {axes}")
 
 
 def keys_of(observation: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the keys of an observation that are axes: those with a number, of positions if there
-    are any."""
+    """Return the keys of an observation that are axes: those with a number, or only positions if there are
+    any."""
     keys = [key for key, value in observation.items() if isinstance(key, str) and number(value) is not None]
     return tuple([key for key in keys if key.endswith(".pos")] or keys)
 
@@ -102,15 +105,15 @@ SENSED: Mapping[str, tuple[str, ...]] = {
     "lidar/summary": ("_lidar_summary",),
     "lidar/state": ("_lidar_state",),
 }
-"""Topic of the mesh to the members of the page that it is read from, the first that has a value."""
+"""Topic of the mesh to the members that it is read from. The first member with a value counts."""
 
 MOST_FIELDS = 32
 LONGEST_ROW = 16
 
 
 def rows_of(topic: str, record: Any) -> dict[str, tuple[float, ...]]:
-    """Return the numbers of a sensor's record under ``<topic>.<field>``; what is neither a number
-    nor a short row of them is left out. A battery may be its charge alone."""
+    """Return the numbers of a sensor's record under ``<topic>.<field>``. Only numbers and short rows of
+    numbers are taken. The record of a battery may be its charge alone."""
     if topic == "battery" and number(record) is not None:
         record = {"pct": record}
     if not isinstance(record, Mapping):
@@ -120,12 +123,12 @@ def rows_of(topic: str, record: Any) -> dict[str, tuple[float, ...]]:
 
 
 def _row(value: Any) -> tuple[float, ...]:
-    """Return a number, or a row of numbers of any library, as floats; empty when it is none."""
+    """Return a number, or a row of numbers of any library, as floats; empty for other values."""
     value = value.tolist() if callable(getattr(value, "tolist", None)) else value
     parts = value if isinstance(value, list | tuple) else [value]
     numbers_ = [number(part) for part in parts]
-    known = tuple(part for part in numbers_ if part is not None)
-    return known if 0 < len(known) == len(parts) <= LONGEST_ROW else ()
+    finite = tuple(part for part in numbers_ if part is not None)
+    return finite if 0 < len(finite) == len(parts) <= LONGEST_ROW else ()
 
 
 def number(value: Any) -> float | None:
@@ -136,21 +139,22 @@ def number(value: Any) -> float | None:
 
 
 def failure_of(answer: Any) -> str:
-    """Return why an answer of the class is no success; empty: it is one.
+    """Return why an answer of the class means failure; empty if it means success.
 
-    The page's envelope says so itself, and in a block ``{"stopped": false, "reason": ...}``. False
-    is a no. None, and whatever else a call returns instead of raising, is the class's word that it
-    was done."""
+    Failures are the page's envelope with the status ``error``, a block
+    ``{"stopped": false, "reason": ...}``, and False. None and every other value mean success, since the
+    class did not raise.
+    """
     if answer is False:
         return "it answered False"
     if not isinstance(answer, Mapping):
         return ""
     content = answer.get("content")
     blocks = [block for block in content if isinstance(block, Mapping)] if isinstance(content, list | tuple) else []
-    told = [block["json"] for block in blocks if isinstance(block.get("json"), Mapping)]
+    details = [block["json"] for block in blocks if isinstance(block.get("json"), Mapping)]
     reasons = [
         str(json.get("reason") or "it says that it has not stopped")
-        for json in told
+        for json in details
         if json.get("stopped") is False
     ]
     if answer.get("status") == "error":
@@ -160,9 +164,9 @@ def failure_of(answer: Any) -> str:
 
 
 def _member(thing: Any, name: str) -> Any:
-    """Return a member that is data; of a class a property is none."""
-    found = getattr(thing, name, None)
-    return None if isinstance(found, property) or callable(found) else found
+    """Return a member that is data. None for a property of a class, which has no value yet."""
+    value = getattr(thing, name, None)
+    return None if isinstance(value, property) or callable(value) else value
 
 
 def _keys(features: Any, name: str) -> tuple[str, ...]:
@@ -194,10 +198,10 @@ def _limits(given: Any, where: str) -> tuple[float, float]:
 
 
 def _above_zero(given: Any, where: str) -> float:
-    found = number(given)
-    if found is None or found <= 0:
+    value = number(given)
+    if value is None or value <= 0:
         raise ValueError(f"{where} is {given!r}. Give a finite number above 0")
-    return found
+    return value
 
 
 def _optional(given: Any, where: str) -> float | None:

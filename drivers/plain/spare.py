@@ -1,9 +1,7 @@
-"""A process that does one thing with an object of its own, and ends: it stops the robot, or says
-which axes it has.
+"""Run a process that stops the robot with a new object, or finds out its axes, and then ends.
 
-It imports the class, says that it is ready, and waits for its order. Who does not want it any more
-closes the link. The kernel ends it by an alarm when a call hangs, whoever holds the interpreter's
-lock.
+It imports the class, reports that it is ready, and waits for its order. To discard it, close the link. If
+a call hangs, an alarm of the kernel ends the process, even if the call keeps the interpreter's lock.
 """
 
 from __future__ import annotations
@@ -23,13 +21,13 @@ from .wire import stop_anew
 
 
 class Ready(msgspec.Struct, frozen=True):
-    """The class is imported, or why not."""
+    """Reports that the class is imported, or why it is not."""
 
     failure: str = ""
 
 
 class Told(msgspec.Struct, frozen=True):
-    """How the errand went. ``declared``: what was learned."""
+    """The result of the order. ``declared``: the axes, if the order was to find them."""
 
     failure: str
     declared: Declared | None = None
@@ -67,7 +65,8 @@ def _learn(instance: Instance, config: PlainConfig) -> Told:
     observed = {} if failure else instance.observe()
     if isinstance(observed, str):
         failure, observed = observed, {}
-    instance.stop()  # nothing was commanded: what it says here matters less than that the robot was asked
+    # Nothing was commanded. It matters more that the robot was asked to stop than what it answers.
+    instance.stop()
     failure = instance.cleanup() or failure
     keys = keys_of(observed)
     declared = msgspec.structs.replace(declared, keys=keys, source=OBSERVED if keys else "")
@@ -79,6 +78,6 @@ def _learn(instance: Instance, config: PlainConfig) -> Told:
     return Told(failure, declared)
 
 
-def _tell(sock: socket.socket, what: Ready | Told) -> None:
-    message = msgspec.msgpack.encode(what)
+def _tell(sock: socket.socket, report: Ready | Told) -> None:
+    message = msgspec.msgpack.encode(report)
     sock.sendall(len(message).to_bytes(4, "little") + message)

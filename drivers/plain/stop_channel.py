@@ -1,6 +1,8 @@
-"""What stops the robot of a plain class when its wire process is gone: a process that stood ready,
-and an object made, connected and stopped there. It waits until the wire process has let go of the
-robot: two objects at one port would be worse than one that is stopped a little later.
+"""Stop the robot of a user's class after its wire process is gone.
+
+A process that stood ready makes an object, connects it and stops the robot with it. First it waits until
+the wire process has released the robot: two objects at one port are worse than a stop that comes a little
+later.
 """
 
 from __future__ import annotations
@@ -25,14 +27,14 @@ from .spare import LEARN, STOP, Ready, Told
 from .wire import reports
 
 GONE_S = 1.0
-"""How long the wire process may take to end, once it was killed. What still lives then is no code
-of ours."""
+"""Longest wait for the end of the wire process after it was killed. A process that lives longer does not
+run code of this package any more."""
 
 Message = TypeVar("Message", Ready, Told)
 
 
 class PlainStopChannel(StopChannel):
-    """``descriptors``: the end of a pipe that the wire process has the other end of
+    """``descriptors``: one end of a pipe. The wire process keeps the other end open
     (``PlainWire.handover``)."""
 
     def __init__(self, config: PlainConfig, descriptors: Sequence[int], clock: Clock) -> None:
@@ -49,12 +51,13 @@ class PlainStopChannel(StopChannel):
                 raise
         task_status.started()
         await spare.ended()
-        if self._spare is spare and not spare.ordered:  # it has not done its work, and is wanted
+        if self._spare is spare and not spare.ordered:  # it ended without an order, and is still needed
             raise WireDown("the process that would stop the robot has ended")
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         await self._until_alone()
-        # Cancelled, it goes on: who is fencing the wire asks again, and is given this one's answer.
+        # If this call is cancelled, the process goes on. The next call, such as that after the fence,
+        # returns its answer.
         spare = self._spare = self._spare or Spare(self._config)
         try:
             failure = (await spare.run(STOP)).failure
@@ -77,27 +80,34 @@ class PlainStopChannel(StopChannel):
         self._alive.clear()
 
     async def _until_alone(self) -> None:
-        """Return when the wire process has ended, or its time to do so has."""
+        """Return when the wire process has ended, or after ``GONE_S``."""
         with trio.move_on_after(GONE_S):
             for fd in self._alive:
                 await trio.lowlevel.wait_readable(fd)
 
 
 async def learn(config: PlainConfig) -> Declared:
-    """Return what an object of the class says of its axes. Raise ``WireDown``."""
+    """Return the axes that an object of the class declares.
+
+    Raises:
+        WireDown: The process or the class failed, or the class declares no axes.
+    """
     spare = Spare(config)
     try:
-        told = await spare.run(LEARN)
+        result = await spare.run(LEARN)
     finally:
         spare.kill()
-    if told.failure or told.declared is None:
-        raise WireDown(told.failure or "the class says nothing of its axes")
-    return told.declared
+    if result.failure or result.declared is None:
+        raise WireDown(result.failure or "the class says nothing of its axes")
+    return result.declared
 
 
 class Spare:
-    """A process of ``spare.main``, started now, for one order. Raise ``WireDown`` when there is
-    none."""
+    """A process of ``spare.main`` for one order. Making it starts the process.
+
+    Raises:
+        WireDown: No process could be started.
+    """
 
     def __init__(self, config: PlainConfig) -> None:
         args: dict[str, Any] = {"config": msgspec.to_builtins(config)}
@@ -105,7 +115,7 @@ class Spare:
         self._deadlines = config.deadlines
         try:
             self._process: ChildProcess = start(f"{__package__}.spare:main", args)
-        except OSError as error:  # no process, or no descriptor, is to be had
+        except OSError as error:  # no process or descriptor is available
             RESERVE.lacked(error)
             raise WireDown(f"no process to stop the robot could be started ({error})") from None
         self._process.socket.setblocking(False)
@@ -113,10 +123,10 @@ class Spare:
         self._heard = b""
         self._ready = False
         self.ordered = False
-        self._reading = trio.Lock()  # a stop may come while it is waited for
+        self._reading = trio.Lock()  # a stop may come while ``serve`` waits for the process
 
     async def ready(self) -> None:
-        """Return when the class is imported. Raise ``WireDown``."""
+        """Return when the class is imported. Raise ``WireDown`` if it is not."""
         with _within(2 * self._deadlines.load_s, f"{self._name} is not imported"):
             async with self._reading:
                 if self._ready:
@@ -126,12 +136,12 @@ class Spare:
                 self._ready = True
 
     async def run(self, order: bytes) -> Told:
-        """Return how the errand went. Raise ``WireDown`` when there is no answer."""
+        """Return the result of the order. Raise ``WireDown`` if no answer comes."""
         await self.ready()
         with _within(self._deadlines.errand_s, "no answer"):
             try:
                 if not self.ordered:
-                    self._process.socket.send(order)  # one byte, at once: nobody can cancel half of it
+                    self._process.socket.send(order)  # one byte, so a cancellation cannot send half of it
                     self.ordered = True
             except OSError as error:
                 raise WireDown(f"the process has ended ({error})") from None
@@ -141,7 +151,7 @@ class Spare:
         await self._process.wait()
 
     def kill(self) -> None:
-        """End the process, whatever it does, and have it reaped."""
+        """End and reap the process at once."""
         self._process.kill()
         self._process.part()
         self._socket.close()
@@ -159,15 +169,15 @@ class Spare:
             if not data:
                 raise WireDown("the process ended before it was done: a call of the class hangs, or ended it")
             self._heard += data
-        found, self._heard = self._heard[:size], self._heard[size:]
-        return found
+        taken, self._heard = self._heard[:size], self._heard[size:]
+        return taken
 
 
 @contextlib.contextmanager
-def _within(longest_s: float, what: str) -> Iterator[None]:
-    """Raise ``WireDown`` when the block takes longer."""
+def _within(longest_s: float, failure: str) -> Iterator[None]:
+    """Raise ``WireDown`` if the block takes longer."""
     try:
         with trio.fail_after(longest_s):
             yield
     except trio.TooSlowError:
-        raise WireDown(f"{what} within {longest_s:g} s") from None
+        raise WireDown(f"{failure} within {longest_s:g} s") from None

@@ -1,9 +1,8 @@
-"""The wire of a driver class of the user's own: its calls, one at a time, in a thread, each with a
-deadline.
+"""The wire of a user's driver class: its calls run in a thread, one at a time, each with a deadline.
 
-A process connects to a robot once. An object that was not given up in order, because a call of it
-hangs or its readings end, keeps whatever port it has: the process is spent then, and the next one
-connects anew.
+A process connects to the robot once. If a call of the object hangs, or the readings end, the object was not
+disconnected properly and may still keep its port. The process is then spent, and the next process connects
+anew.
 """
 
 from __future__ import annotations
@@ -33,10 +32,11 @@ from .instance import Instance
 from .members import number
 
 LOST_S = 1.0
-"""Without a reading for so long the object has lost its robot."""
+"""Longest time without a reading. After it, the object has lost its robot."""
 
 CALLS = SdkCalls("the driver", ())
-"""Of this process, which has one robot: one call that hangs spends it, whichever wire made it."""
+"""All calls of this process, which has one robot. One call that hangs spends the process, even if another
+wire object made it."""
 
 
 class PlainWire(Wire):
@@ -52,7 +52,7 @@ class PlainWire(Wire):
         self._sensed: dict[str, tuple[float, ...]] = {}
         self._read_ns = 0
         self._refused: dict[str, str] = {}
-        self._ended = ""  # what went wrong when the object was given up
+        self._ended = ""  # error text of the object's cleanup
 
     async def open(self) -> dict[str, Any]:
         if self._calls.spent:
@@ -60,7 +60,9 @@ class PlainWire(Wire):
         try:
             failure = await self._calls.open("connect", self._within.connect_s, self._instance.connect)
         except ProcessSpent as spent:
-            raise WireDown(str(spent)) from None  # so that its caller is told; the next attempt finds it spent
+            # Raise an ordinary failure, so that the caller gets the text. The next attempt finds the
+            # process spent.
+            raise WireDown(str(spent)) from None
         trouble = failure or await self._observe()
         if trouble:
             await self._call("cleanup", self._within.cleanup_s, self._instance.cleanup)
@@ -73,7 +75,8 @@ class PlainWire(Wire):
         }
 
     async def arm(self, permit: Permit) -> Observation:
-        """Energise nothing: what connecting did not, the class does with its first action."""
+        """Check the connection. Nothing is energised here: the class does that when it connects, or with its
+        first action."""
         permit.check()
         if failure := await self._call("connect", self._within.connect_s, self._instance.reconnect):
             raise WireDown(failure)
@@ -84,7 +87,7 @@ class PlainWire(Wire):
         return self._observation()
 
     async def read(self) -> Observation:
-        if self._instance.made is None:  # it was given up: this wire ends
+        if self._instance.made is None:  # the object was cleaned up, and this wire ends
             return self._observation()
         trouble = await self._observe()
         silent_s = (self._clock.now_ns() - self._read_ns) / NS
@@ -99,7 +102,7 @@ class PlainWire(Wire):
         action = {keys[at]: values[at] for at in named}
 
         def send() -> str:
-            permit.check()  # in the thread: it may have waited for a processor
+            permit.check()  # inside the thread, which may have waited for a processor
             return self._instance.send(action)
 
         if self._instance.made is None:
@@ -109,7 +112,7 @@ class PlainWire(Wire):
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         if self._instance.made is None:
-            return reports(self._config, self._ended)  # it was stopped before it was given up
+            return reports(self._config, self._ended)  # the robot was stopped before the cleanup
         try:
             failure = await self._call("stop", self._within.stop_s, self._instance.stop)
             if safe_state == SafeState.OFF and not failure:
@@ -119,7 +122,7 @@ class PlainWire(Wire):
         return reports(self._config, failure)
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """Connect, stop, and give up again, so that the next wire may connect."""
+        """Connect, stop and disconnect, so that the next wire can connect."""
         if self._calls.spent:
             return reports(self._config, self._calls.spent, written=False)
         instance = self._instance if self._instance.made is not None else Instance(self._config)
@@ -132,8 +135,8 @@ class PlainWire(Wire):
         return reports(self._config, failure, written=not failure)
 
     def handover(self) -> Sequence[int]:
-        """Hand the root one end of a pipe: at its end of file this process is gone, and has let go
-        of the robot."""
+        """Return one end of a pipe. Its end of file shows that this process is gone and has released the
+        robot."""
         return () if self._alive is None else self._alive[:1]
 
     def close(self) -> None:
@@ -145,11 +148,11 @@ class PlainWire(Wire):
             self._calls.spent = f"{self._config.name}: its object was connected, and was not given up in order"
 
     async def _call(self, name: str, deadline_s: float, function: Any, *args: Any) -> str:
-        told: str = await self._calls.call(name, deadline_s, function, *args)
-        return told
+        failure: str = await self._calls.call(name, deadline_s, function, *args)
+        return failure
 
     async def _observe(self) -> str:
-        """Take one reading; return why there is none."""
+        """Take one reading. Return an error text if there is no reading."""
         asked_ns = self._clock.now_ns()
         answer = await self._calls.call("get_observation", self._within.call_s, self._instance.observe)
         if isinstance(answer, str):
@@ -177,9 +180,10 @@ class PlainWire(Wire):
 
 
 def stop_anew(instance: Instance) -> str:
-    """Stop the robot by an object made for it, and give it up; return what went wrong. Waits.
+    """Stop the robot with a new object, and disconnect it. Return the error text. This call blocks.
 
-    A class whose ``stop_channel(port)`` there is needs no object."""
+    A class with ``stop_channel(port)`` needs no object.
+    """
     if instance.has_channel and instance.made is None:
         return instance.stop_by_channel()
     failure = instance.connect() or instance.stop()
@@ -188,10 +192,10 @@ def stop_anew(instance: Instance) -> str:
 
 
 def channel_of(config: PlainConfig) -> str:
-    """Return, for status, what stops the robot when its wire process is gone."""
+    """Return, for status, how the robot is stopped when its wire process is gone."""
     return "stop_channel(port) of the class" if config.has_channel else "none: a fresh process calls stop()"
 
 
 def reports(config: PlainConfig, failure: str, written: bool = True) -> tuple[MotorReport, ...]:
-    """Return all axes alike: the class answers for its robot."""
+    """Return the same report for all axes, since the class answers for the whole robot."""
     return Outcome(written, not failure, failure).reports(config.axes, range(len(config.axes)))

@@ -1,4 +1,4 @@
-"""What the wire and the stop channel of a simulated robot know of it."""
+"""The facts about a simulated robot that its wire and its stop channel need."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ class SimConfig(msgspec.Struct, frozen=True):
     ids: tuple[int, ...]
     units: tuple[tuple[float, float], ...]  # per axis (zero, scale): value = zero + scale * model
     energised: frozenset[str]  # safe states in which the robot stays ready
-    rows: int = 1  # numbers per axis of a target; those after the first row are the twin's business
+    rows: int = 1  # numbers per axis of a target; only the twin interprets those after the first row
 
     def position(self, sample: p.Sample) -> tuple[float, ...]:
-        """Return what a sample says, in the driver's units."""
+        """Return the positions of a sample in the driver's units."""
         return tuple(zero + scale * value for value, (zero, scale) in zip(sample.position, self.units, strict=True))
 
     def model(self, values: Sequence[float]) -> tuple[float, ...]:
-        """Return a target in the model's units. What follows the rows (a gripper's speed) has no
-        meaning here."""
+        """Return a target in the model's units. Numbers after the rows (a gripper's speed) are dropped,
+        since the model has no use for them."""
         count = len(self.axes)
         first = tuple((value - zero) / scale for value, (zero, scale) in zip(values, self.units, strict=False))
         return (*first, *values[count : count * self.rows])

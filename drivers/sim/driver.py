@@ -1,10 +1,11 @@
-"""Any robot in simulation: its own driver's names, units, ranges and table of fallbacks, and its twin's
-simulation control for a wire.
+"""Drive any robot in simulation.
 
-What is refused: names that are none of its joints, numbers that are not finite or that physics cannot
-be computed with, targets past the range of their joint (``gated`` False lifts that), and a joint that
-the simulation does not hold, since a command to it would have no effect. Speed, freshness and the
-state of motors are gated by the real driver alone.
+Names, units, ranges and the table of fallbacks come from the robot's own driver. The wire is the
+simulation control of its twin.
+
+The gates refuse: unknown joints; numbers that are not finite or too large for the physics; targets past
+the range of a joint (``gated`` False lifts this); and joints that the simulation does not hold, since a
+command to them would have no effect. Only the real driver gates speed, freshness and the state of motors.
 """
 
 from __future__ import annotations
@@ -27,21 +28,24 @@ from .config import SimConfig
 from .gates import computable, held
 
 OF_THE_ROBOT = ("READ_ONLY_JOINTS", "ROLLOUTS", "TASKS", "TOOL_VERBS", "GUARDED", "TOPICS")
-"""What is declared of the robot, whatever it is made of."""
+"""Declarations that are copied from the robot's own driver."""
 
 RANGE_ROUNDING = 1e-6
-"""What a target at the end of its joint may lose on the way from one unit to another."""
+"""Largest rounding error of a target at the end of its range, from converting units."""
 
 TICK_S = 0.01
-"""A robot whose tree looks more often than that is simulated by the clocks of the others."""
+"""Shortest tick in simulation, in seconds. A robot with a shorter tick gets the clocks of the others."""
 
 KEEPALIVE_S = 1.0
-"""A simulation control loses nothing: the re-send is of no use here, and costs nothing."""
+"""A simulation control loses no message, so re-sending has no use here. It costs nothing."""
 
 
 class SimDriver(Driver):
-    """``options``: ``class`` (``module:name``) and ``options`` of the robot's own driver; ``gated``:
-    whether the range of a joint is; ``port``: path of the simulation control."""
+    """The driver of a simulated robot.
+
+    ``options``: ``class`` (``module:name``) and ``options`` of the robot's own driver; ``gated``: whether
+    targets past the range of a joint are refused. ``port`` is the path of the simulation control.
+    """
 
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = ()
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
@@ -71,7 +75,7 @@ class SimDriver(Driver):
 
     @classmethod
     def services(cls, options: Mapping[str, Any]) -> Mapping[str, Service]:
-        """Return its own, and those of the robot that are commands."""
+        """Return the services of the simulation, and those services of the robot that are commands."""
         real = _class_of(options)
         acts = {name: service for name, service in real.services(options["options"]).items() if service.acts}
         return {**cls.SERVICES, **acts}
@@ -82,7 +86,7 @@ class SimDriver(Driver):
         self.robot = real.robot
         self.axes, self.ids, self.table, self.unit = real.axes, real.ids, real.table, real.unit
         self.timing = msgspec.structs.replace(real.timing, keepalive_s=KEEPALIVE_S, arm_s=2.0, silent_s=0.0)
-        if self.timing.tick_s < TICK_S:  # 500 Hz of a wire: here nothing falls for a late tick
+        if self.timing.tick_s < TICK_S:  # a wire of 500 Hz; a simulated robot does not fall if a tick is late
             self.timing = msgspec.structs.replace(
                 self.timing, oneshot_ttl_s=None, tick_s=TICK_S, heartbeat_ttl_s=0.1, state_ttl_s=0.3
             )
@@ -136,5 +140,5 @@ class SimDriver(Driver):
 def _class_of(options: Mapping[str, Any]) -> type[Driver]:
     """Return the class of the robot's own driver."""
     module, _, name = options["class"].partition(":")
-    found: type[Driver] = getattr(importlib.import_module(module), name)
-    return found
+    driver_class: type[Driver] = getattr(importlib.import_module(module), name)
+    return driver_class

@@ -1,5 +1,5 @@
-"""What is refused in simulation: a command that would have no effect, a target past the range of its
-joint (unless that is lifted), and a number with which the physics cannot be computed."""
+"""The gates of a simulation. They refuse a command that would have no effect, a target past the range of
+its joint (unless that is lifted), and a number that the physics cannot compute with."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from strands_actors.kernel.refusals import Code
 
 HELD_BY_WIRE = "held by the robot on its wire"
 LET_GO = "limp"
-"""Why a joint does not follow the simulation, as ``Observation.faults`` says it."""
+"""Why a joint does not follow the simulation, as written in ``Observation.faults``."""
 
 
 FARTHEST = 1e4
@@ -23,7 +23,7 @@ of them is 1e10 or more, and the other joints would run to zero."""
 
 
 def computable(axes: Sequence[Axis], units: Sequence[tuple[float, float]]) -> GateCheck:
-    """Refuse a target that is farther than ``FARTHEST``, also where no range says so."""
+    """Refuse a target farther than ``FARTHEST`` from the joint's zero, even if its range has no limit."""
 
     def computable(candidate: Candidate, state: GateState) -> Refused | None:
         for at in candidate.named:

@@ -1,7 +1,7 @@
-"""Pictures of a scene, drawn in the process of the camera that wants them.
+"""Draw pictures of a scene, in the process of the camera that needs them.
 
-The twin gives its model once, and then only where its joints are, which costs it no more than a
-reading. Neither its wire nor its physics waits for a picture.
+The twin sends its model once, and then only the positions of its joints. One picture costs it no more
+than a reading. Neither its wire nor its physics waits for a picture.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ POSE_S = 2.0
 
 
 class ScenePictures:
-    """One camera in one scene. A scene that has changed is asked for anew."""
+    """One camera in one scene. If the scene has changed, it fetches the model again."""
 
     paced = False
 
@@ -39,7 +39,7 @@ class ScenePictures:
         self._scene = -1
 
     async def read(self) -> Picture:
-        captured_ns = time.monotonic_ns()  # before it is asked: an answer that was long on its way is old
+        captured_ns = time.monotonic_ns()  # before the request, so that a late answer counts as old
         pose = await self._client.call(p.GetPose(0), p.Pose, POSE_S)
         if pose.scene != self._scene:
             await self._take_scene()
@@ -59,12 +59,12 @@ class ScenePictures:
             self._renderer = None
 
     async def _take_scene(self) -> None:
-        found = await self._client.call(p.GetModel(0), p.Model, MODEL_S)
+        answer = await self._client.call(p.GetModel(0), p.Model, MODEL_S)
         if self._renderer is not None:
             await trio.to_thread.run_sync(self._renderer.close)
             self._renderer = None
-        self._renderer = await trio.to_thread.run_sync(self._build, found.binary)
-        self._scene = found.scene
+        self._renderer = await trio.to_thread.run_sync(self._build, answer.binary)
+        self._scene = answer.scene
 
     def _build(self, binary: bytes) -> SceneRenderer:
         model: Any = plain(mujoco.MjModel.from_binary_path("scene.mjb", {"scene.mjb": binary}))
@@ -76,7 +76,11 @@ class ScenePictures:
 
 
 async def open_camera(settings: CameraSettings) -> ScenePictures:
-    """Raise ``WireDown`` when there is no such scene, or it cannot be drawn."""
+    """Open a camera of a scene.
+
+    Raises:
+        WireDown: There is no such scene, or it cannot be drawn.
+    """
     client = SimulationClient(settings.port)
     source = ScenePictures(client, settings)
     try:

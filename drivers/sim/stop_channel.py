@@ -1,4 +1,4 @@
-"""How a simulation is stopped: by its wire, and by the root in a conversation of its own."""
+"""Stop a simulation: by its wire, and by the root over its own connection."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ class SimStopChannel(ConnectWhenNeeded[SimConfig, SimulationClient]):
 
 
 async def make_safe(config: SimConfig, control: SimulationClient, safe_state: SafeState) -> tuple[MotorReport, ...]:
-    """Never raises. ``ask`` hands the frame over before anything waits."""
-    # only a robot without power is let go of, and a drone lands; others stay where they are
+    """Make the simulated robot safe. Never raises. The request leaves before anything waits."""
+    # Only a robot without power goes limp, and a drone lands. All others stay where they are.
     orders: dict[str, str] = {SafeState.LIMP: p.LIMP, SafeState.OFF: p.LIMP, SafeState.LAND: p.LAND}
     order = orders.get(safe_state, p.HOLD)
     try:

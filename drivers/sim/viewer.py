@@ -1,4 +1,4 @@
-"""MuJoCo's viewer on a simulation, in a process of its own: it only looks."""
+"""Show a simulation in MuJoCo's viewer, in a separate process that only reads it."""
 
 from __future__ import annotations
 
@@ -15,14 +15,13 @@ from strands_actors.drivers.common.simulation_control.scene import View, look
 
 FRAME_S = 1 / 60
 SHAPE = (4, 3)
-"""Of the window, about."""
+"""Aspect ratio of the window, about."""
 
 ANSWER_S = 10.0
 
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
-    """Entry of the process. Ends when its window is closed, or with the simulation or the
-    caller."""
+    """Run the process. It ends when its window is closed, or when the simulation or the caller ends."""
     trio.run(_mirror, args["control"], sock)
 
 
@@ -36,7 +35,7 @@ async def _mirror(control: str, sock: socket.socket) -> None:
     window = viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False)
     with window.lock():
         look(window.cam, model, View(tuple(model.stat.center), model.stat.extent), *SHAPE)
-    sock.sendall(b"\x01")  # it is open
+    sock.sendall(b"\x01")  # the window is open
     async with trio.open_nursery() as nursery:
         nursery.start_soon(_end_with, sock, nursery.cancel_scope)
         while window.is_running():
@@ -54,6 +53,6 @@ async def _mirror(control: str, sock: socket.socket) -> None:
 
 
 async def _end_with(sock: socket.socket, scope: trio.CancelScope) -> None:
-    """The caller's end is the end of its windows."""
+    """Close the window when the caller's process ends."""
     await trio.lowlevel.wait_readable(sock)
     scope.cancel()

@@ -1,4 +1,4 @@
-"""The simulation control of a twin as a wire."""
+"""The wire of a simulated robot: the simulation control of its twin."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from .stop_channel import make_safe
 
 HANDSHAKE_S = 2.0
 READ_S = 0.03
-"""How long one reading waits; the next one asks again. The watchdog wants to hear of us."""
+"""Longest wait for one reading; the next read asks again. It is short because of the watchdog."""
 
 SILENT_S = 5.0
-"""A simulation that says nothing for so long is gone. The first picture takes its process two seconds
-on a busy machine; one that ends is noticed at once."""
+"""A simulation that does not answer for this time counts as lost. The first picture keeps its process busy
+for two seconds on a loaded machine. The end of the process is noticed at once."""
 
 
 class SimWire(Wire):
@@ -42,7 +42,7 @@ class SimWire(Wire):
         self._armed = False
         self._seen: Observation | None = None
         self._read_since: trio.Event | None = None
-        """Of a service that has been carried out: set by the first reading that began after it."""
+        """Set by the first reading that began after a service was carried out."""
 
     async def open(self) -> dict[str, Any]:
         self.close()
@@ -84,8 +84,11 @@ class SimWire(Wire):
         return await make_safe(self._config, self._control, safe_state)
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
-        """``step`` and ``reset``, in a conversation beside the readings'. A target written before
-        is heard before. Returns when it has been read, too: who looks next sees what came of it."""
+        """Run ``step`` or ``reset``, over a second connection beside that of the readings.
+
+        The simulation handles targets that were written earlier first. The call returns only after a
+        reading that shows the result, so that the next observation of the caller shows it, too.
+        """
         permit.check()
         if service == "reset" and self._armed:
             return Refused(Code.LIVE, "the robot is energised", "stop it first")
@@ -96,7 +99,7 @@ class SimWire(Wire):
         except Refusal as refusal:
             return Refused(SimCode.WIRE, str(refusal))
         self._read_since = trio.Event()
-        with trio.move_on_after(SILENT_S):  # until then the link is lost
+        with trio.move_on_after(SILENT_S):  # after that the link counts as lost
             await self._read_since.wait()
         self._read_since = None
         return {

@@ -1,4 +1,4 @@
-"""What a caller asks of a simulation beside the robot's verbs: a picture, a fresh start."""
+"""Requests to a simulation that are no verbs of the robot: pictures, objects, saved states, a reset."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from strands_actors.drivers.common.simulation_control.client import Refusal, Sim
 T = TypeVar("T", bound=p.Frame)
 
 PICTURE_S = 30.0
-"""The first one compiles shaders; software that draws on a busy machine is slow."""
+"""The first picture compiles shaders, and drawing in software on a busy machine is slow."""
 
 RESET_S = 2.0
 CHANGE_S = 10.0
-"""The model is compiled anew, with all its meshes."""
+"""A change compiles the model anew, with all its meshes."""
 
 
 class Picture(NamedTuple):
-    """Rows from the top, three bytes a pixel."""
+    """A picture: rows from the top, three bytes per pixel."""
 
     width: int
     height: int
@@ -28,19 +28,30 @@ class Picture(NamedTuple):
 
 
 async def render(control: str, width: int, height: int, camera: str) -> Picture:
-    """Raise ``RuntimeError`` with the reason there is no picture."""
-    got = await _ask(control, p.Render(0, width, height, camera), p.Picture, PICTURE_S)
-    return Picture(got.width, got.height, got.rgb)
+    """Draw one picture.
+
+    Raises:
+        RuntimeError: There is no picture. The text is the reason.
+    """
+    picture = await _ask(control, p.Render(0, width, height, camera), p.Picture, PICTURE_S)
+    return Picture(picture.width, picture.height, picture.rgb)
 
 
 async def reset(control: str) -> None:
-    """Every joint back to where it began. Raise ``RuntimeError`` while the robot on the wire is
-    energised."""
+    """Put every joint back to where it began.
+
+    Raises:
+        RuntimeError: It was refused, as while the robot on the wire is energised.
+    """
     await _ask(control, p.Reset(0), p.Sample, RESET_S)
 
 
 async def add_object(control: str, fields: Mapping[str, Any]) -> None:
-    """Put an object into the scene. Raise ``RuntimeError``, as all of these."""
+    """Put an object into the scene.
+
+    Raises:
+        RuntimeError: It was refused. All functions of this module raise it then.
+    """
     await _ask(control, p.AddObject(0, **fields), p.Done, CHANGE_S)
 
 
@@ -57,8 +68,11 @@ async def save_state(control: str, name: str) -> None:
 
 
 async def load_state(control: str, name: str) -> None:
-    """Everything back to where it was saved. Raise ``RuntimeError`` also while the robot on the
-    wire is energised."""
+    """Restore a saved state.
+
+    Raises:
+        RuntimeError: It was refused, as while the robot on the wire is energised.
+    """
     await _ask(control, p.Load(0, name), p.Sample, RESET_S)
 
 
@@ -74,8 +88,17 @@ async def _ask(control: str, request: p.Request, kind: type[T], within_s: float)
 
 
 async def move_by_hand(control: str, targets: Mapping[str, float]) -> dict[str, float]:
-    """Take what the wire does not hold, and bring it to ``targets``, radians by axis; an axis
-    without one stays where it is. Return all of them. Raise ``RuntimeError``."""
+    """Take the joints that the wire does not hold, and move the robot to ``targets``.
+
+    Args:
+        targets: Radians by axis. An axis that is not named stays where it is.
+
+    Returns:
+        The target of every axis.
+
+    Raises:
+        RuntimeError: A name is no joint, or the simulation refused it.
+    """
     try:
         client = SimulationClient(control)
         try:
@@ -85,7 +108,8 @@ async def move_by_hand(control: str, targets: Mapping[str, float]) -> dict[str, 
             if unknown := [name for name in targets if name not in axes]:
                 raise RuntimeError(f"{', '.join(unknown)} is none of its joints. it has {', '.join(axes)}")
             client.tell(p.Aim(0, tuple(goal[axis] for axis in axes)))
-            await client.call(p.Read(0), p.Sample, RESET_S)  # after it: it has arrived
+            # Messages are handled in order, so this reply means that Aim was applied.
+            await client.call(p.Read(0), p.Sample, RESET_S)
         finally:
             client.close()
     except WireDown as failure:

@@ -1,4 +1,4 @@
-"""What the wire and the stop channel of a legged robot know of it."""
+"""The facts about a legged robot that its wire and its stop channel need."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class UnitreeConfig(msgspec.Struct, frozen=True):
     port: str
     """The robot's address: ``host`` or ``host:port``."""
     interface: str = ""
-    """Ours on its network, by name or address; empty: the one that leads there."""
+    """Our network interface, by name or address; empty for the one that leads to the robot."""
     domain: int = 0
     simulator: bool = False
-    """Unitree's own: its states may have neither checksum nor tick, and it has no services."""
+    """True for Unitree's own simulator. Its states may lack a checksum and a tick, and it has no services."""

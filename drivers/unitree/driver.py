@@ -1,16 +1,15 @@
-"""Unitree's legged robots, commanded joint by joint 500 times a second: ``unitree_g1``; Go2, B2, H1
-and H1-2.
+"""Command the joints of Unitree's legged robots, 500 times a second: ``unitree_g1``; Go2, B2, H1 and H1-2.
 
-Connecting and arming move nothing: the robot stands by its own controller until the first setpoint
-is accepted. From then on it stands only as long as setpoints come. Whatever ends them ends in
-frames without torque:
+Connecting and arming move nothing: the robot stands by its own controller until the first setpoint is
+accepted. From then on it stands only as long as setpoints arrive. When they end, for any reason, the last
+frames have no torque:
 
-``zero_torque``  every motor lets go at once. A standing robot falls, freely, in half a second.
-``damp``         for half a second every motor brakes its joint (kp 0, kd of the table), then lets go: a standing
-                 robot sinks and topples more slowly. Nothing holds it up on either safe state.
+``zero_torque``  every motor loses its torque at once. A standing robot falls, freely, in half a second.
+``damp``         for half a second every motor brakes its joint (kp 0, kd of the table), then it loses its torque:
+                 a standing robot sinks and topples more slowly. Neither safe state holds the robot up.
 
-Which of the two is used is ``on_exit``; the drivers page asks for the first. To put a robot down
-gently, bring it to a pose from which it cannot fall before the policy ends.
+The option ``on_exit`` selects the safe state; the drivers page asks for the first. To put a robot down
+gently, bring it into a pose from which it cannot fall before the policy ends.
 """
 
 from __future__ import annotations
@@ -65,13 +64,13 @@ class _Legs(Driver):
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(LegsOptions)
     SPELLINGS: ClassVar[Mapping[str, str]] = {"interface": "network_interface"}
     OF_WALKING: ClassVar[Mapping[str, Service]] = {}
-    """Services of those that also walk (``level="sport"``)."""
+    """Services of the robots that can also walk (``level="sport"``)."""
     SIMULATED_ROWS: ClassVar[int] = len(ROWS) + 1
 
     unit = "radians"
     timing = Timing(
         control_hz=CONTROL_HZ,
-        keepalive_s=0.9 * CONTROL_S,  # a little less than a period: whoever is on time is not doubled
+        keepalive_s=0.9 * CONTROL_S,  # a little less than a period, so that a punctual stream is not doubled
         stream_ttl_s=0.1,
         oneshot_ttl_s=0.1,
         state_ttl_s=0.1,
@@ -114,7 +113,7 @@ class _Legs(Driver):
 
     @classmethod
     def services(cls, options: Mapping[str, Any]) -> Mapping[str, Service]:
-        """Those of the onboard controller, too: they say what to do instead."""
+        """Return also the services of the onboard controller: their refusals name the right level."""
         return {**cls.OF_WALKING, **cls.SERVICES}
 
     def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
@@ -132,11 +131,11 @@ class _Legs(Driver):
         return self._parser.parse(action, state)
 
     def parse_simulated(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
-        """With a last row of ones and zeros: joints that were never named stay with the onboard
-        controller, which keeps the robot on its feet."""
-        count, told = len(self.axes), len(self.axes) * len(ROWS)
-        before = state.target[told:] or (0.0,) * count
-        parsed = self.parse(action, msgspec.structs.replace(state, target=state.target[:told]))
+        """Parse an action, with a last row of ones and zeros. Joints that were never named (0) stay with the
+        onboard controller, which keeps the robot on its feet."""
+        count, rows_end = len(self.axes), len(self.axes) * len(ROWS)
+        before = state.target[rows_end:] or (0.0,) * count
+        parsed = self.parse(action, msgspec.structs.replace(state, target=state.target[:rows_end]))
         if isinstance(parsed, Refused):
             return parsed
         which = [*before]
@@ -145,7 +144,7 @@ class _Legs(Driver):
         return msgspec.structs.replace(parsed, values=(*parsed.values, *which))
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
-        """Positions: a target's other rows stand behind them."""
+        """Return the positions. The other rows of a target follow after them."""
         return dict(zip(self.axes, values, strict=False))
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
@@ -164,20 +163,20 @@ class _Legs(Driver):
         return {**self.commanded(action, values), **telling(sensors)}
 
     def readings(self, observation: Observation) -> dict[str, Any]:
-        told = telling(observation.sensors)
+        result = telling(observation.sensors)
         pct = observation.sensors.get("battery_pct")
-        told["battery_pct"] = None if pct is None else pct[0]
-        told["imu"] = {field: list(observation.sensors.get(name, ())) or None for field, name in IMU.items()}
-        return told
+        result["battery_pct"] = None if pct is None else pct[0]
+        result["imu"] = {field: list(observation.sensors.get(name, ())) or None for field, name in IMU.items()}
+        return result
 
     def energised(self, safe_state: SafeState) -> bool:
         return False
 
 
 def telling(sensors: Mapping[str, tuple[float, ...]]) -> dict[str, Any]:
-    """Return what the robot said of who controls it, under the names of strands-robots; nothing
-    of what it has not."""
-    return {field: kind(sensors[name][0]) for field, (name, kind) in _TELLING.items() if name in sensors}
+    """Return what the robot reports about its controller, by the field names of strands-robots. Fields
+    that it does not report are missing."""
+    return {field: convert(sensors[name][0]) for field, (name, convert) in _TELLING.items() if name in sensors}
 
 
 _TELLING: Mapping[str, tuple[str, Callable[[float], Any]]] = {
@@ -185,11 +184,11 @@ _TELLING: Mapping[str, tuple[str, Callable[[float], Any]]] = {
     "mode_machine": ("mode_machine", int),
     "sport_mode_released": ("sport_mode_released", bool),
 }
-"""Field to sensor, and what it is."""
+"""Field to its sensor and its type."""
 
 
 class G1Driver(_Legs):
-    """Commanded while its FSM is in 500, 501 or 801."""
+    """A G1. It accepts low-level commands while its FSM is in 500, 501 or 801."""
 
     ANSWERS_WITH: ClassVar[tuple[str, ...]] = ("fsm", "mode_machine")
 
@@ -204,7 +203,7 @@ class G1Driver(_Legs):
 
 
 class Go2Driver(_Legs):
-    """Commanded once their own controller has been released."""
+    """Go2, B2, H1 and H1-2. They accept low-level commands once their own controller is released."""
 
     ANSWERS_WITH: ClassVar[tuple[str, ...]] = ("sport_mode_released",)
 

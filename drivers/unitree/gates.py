@@ -1,5 +1,5 @@
-"""What must be true of a legged robot before it is commanded. Pure. What is refused of a command:
-``common/motor_targets``."""
+"""The conditions of a legged robot under which it may be commanded. Pure. ``common/motor_targets`` has the
+gates of a command itself."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ HANDSHAKE_FSM = (500, 501, 801)
 FSM_TTL_S = 1.0
 MODE_TTL_S = 1.0
 BATTERY_TTL_S = 10.0
-"""Of a battery that has a topic of its own [assumed]: it is published slowly."""
+"""Longest age of a charge with a separate topic [assumed]: it is published slowly."""
 BATTERY_FLOOR_PCT = 15.0
 
 
-# -- of the robot: asked before every setpoint, and all the time while one is live
+# -- conditions: checked before every setpoint, and continuously while one is live
 
 
 def conditions(
     model: Model, floor_pct: float, state_ttl_s: float, simulator: bool = False
 ) -> tuple[Condition, ...]:
-    """In the order in which they are asked: the first that refuses answers. ``simulator``: it has
-    nothing that could be asked but its states."""
+    """Return the conditions in the order of their checks: the first that refuses answers. A simulator
+    (``simulator``) has only states that can be checked."""
     if simulator:
         return (Condition(stale(state_ttl_s), is_silence=True),)
-    # The others have a service that lets go of the robot.
+    # All robots but the G1 have a service that releases the onboard controller.
     others = Condition(sport_mode, on_resume=OnResume.STAY_ARMED)
     handshake = Condition(fsm) if model.handshake == "fsm" else others
     charge = (Condition(check) for check in (battery_known, battery_above(floor_pct)))
@@ -63,12 +63,12 @@ _HANDSHAKE = ", ".join(map(str, HANDSHAKE_FSM))
 
 
 def fsm(observation: Observation, now_ns: int) -> Refused | None:
-    """G1: low-level commands are for the states that balance."""
-    known = observation.sensors.get("fsm")
-    if known is None:
+    """G1: refuse low-level commands unless the FSM is in a state that balances."""
+    reported = observation.sensors.get("fsm")
+    if reported is None:
         why = "the FSM id is not known"
         return Refused(UnitreeCode.FSM_UNKNOWN, why, "check that the robot has booted", "", _HANDSHAKE)
-    number, asked_s = known
+    number, asked_s = reported
     age_s = now_ns / NS - asked_s
     if age_s > FSM_TTL_S:
         why = f"FSM id is {age_s:.1f} s old (limit {FSM_TTL_S:.1f} s)"
@@ -83,12 +83,12 @@ def fsm(observation: Observation, now_ns: int) -> Refused | None:
 
 
 def sport_mode(observation: Observation, now_ns: int) -> Refused | None:
-    """The others: their own controller must have let go, and have said so of late."""
-    known = observation.sensors.get("sport_mode_released")
+    """Other robots: refuse unless their own controller is released, and they have reported this recently."""
+    reported = observation.sensors.get("sport_mode_released")
     remedy = "call release_sport_mode() first: the robot no longer balances by itself then"
-    if known is None:
+    if reported is None:
         return Refused(UnitreeCode.SPORT_MODE_UNKNOWN, "the onboard mode is not known", remedy, "", "released")
-    released, asked_s = known
+    released, asked_s = reported
     age_s = now_ns / NS - asked_s
     if age_s > MODE_TTL_S:
         why = f"the onboard mode is {age_s:.1f} s old (limit {MODE_TTL_S:.1f} s)"
@@ -116,10 +116,10 @@ def battery_known(observation: Observation, now_ns: int) -> Refused | None:
 
 def battery_above(floor_pct: float) -> ConditionCheck:
     def battery_above(observation: Observation, now_ns: int) -> Refused | None:
-        known = observation.sensors.get("battery_pct")
-        if known is None or known[0] >= floor_pct:
+        reported = observation.sensors.get("battery_pct")
+        if reported is None or reported[0] >= floor_pct:
             return None
-        charge = f"{known[0]:.1f} %"
+        charge = f"{reported[0]:.1f} %"
         why = f"battery {charge} is under the floor of {floor_pct:.1f} %"
         return Refused(UnitreeCode.BATTERY_LOW, why, "charge it", charge, f"{floor_pct:.1f} %")
 

@@ -1,7 +1,7 @@
-"""One participant on a Unitree robot's network: commands out, states in. Wire and stop channel are
-made of it.
+"""One participant on a Unitree robot's network. It sends commands and receives states. The wire and the stop
+channel both use it.
 
-Nothing here waits or loops: ``poll`` takes in what has arrived, ``send`` and ``ask`` leave at once.
+No call here waits or loops: ``poll`` handles received data, ``send`` and ``ask`` send at once.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from .config import UnitreeConfig
 from .protocol import CommandCodec, State, StateCodec, WrongChecksum
 
 FIND_S = 4.0
-"""For both sides to find each other, and the first state."""
+"""Longest time until both sides have found each other and the first state has come."""
 
 MAX_PENDING = 32
 TICK_WRAP = 1 << 32
 
 LOST_NS = 30 * NS
-"""A service answers in the order in which it is asked [assumed]: one that answers what was asked so
-long after an order has never got that order."""
+"""A service answers requests in order [assumed]. If it answers a request that was made so long after an
+unanswered order, that order was lost."""
 
 
 class Service:
@@ -42,10 +42,10 @@ class Service:
         self._pending: dict[int, Callable[[rpc.Response], None]] = {}
         self._newest = 0
         self.owed: set[int] = set()
-        """Ids of orders that have not been answered. A request is delivered however long that takes:
-        a service that hung carries it out when it goes on."""
+        """Ids of orders without an answer. The request is delivered however late: a service that hung
+        carries it out when it goes on."""
         self.settled_ns = 0
-        """When the last of them was answered: what was said before that is of before it, too."""
+        """When the last order was answered. Reports from before then may be from before the order."""
         self._writer = participant.writer(rpc.request_topic(name), rpc.REQUEST_TYPE, reliable=True)
         self._reader = participant.reader(
             rpc.response_topic(name), rpc.RESPONSE_TYPE, self._on_response, reliable=True
@@ -53,29 +53,36 @@ class Service:
 
     @property
     def found(self) -> bool:
-        """Whether anybody there serves it."""
+        """Return True if a server is matched in at least one direction."""
         return self._writer.matched > 0 or self._reader.matched > 0
 
     @property
     def matched(self) -> bool:
-        """Both ways: a response to a reader that is not known yet would be lost."""
+        """Return True if both directions match. A response to an unknown reader would be lost."""
         return self._writer.matched > 0 and self._reader.matched > 0
 
     @property
     def takes_stops(self) -> bool:
-        """Whether a stop may reach it: it knows us, or did until it said that it has gone."""
+        """Return True if a stop may reach the service. It knows us, or knew us until it announced its end."""
         return self.matched or self._writer.has_parted
 
     def order(self, api: int) -> None:
-        """Ask for what the robot then does; ``owed`` until it has answered."""
+        """Request an action of the robot. It stays in ``owed`` until it is answered."""
         self.owed.add(self.ask(api, lambda _: None))
 
     def ask(
         self, api: int, on_response: Callable[[rpc.Response], None], parameter: str = "", stop: bool = False
     ) -> int:
-        """``on_response`` is called from ``poll``, once or never. The id of request and response is
-        when it was asked, in nanoseconds: what is answered was so then, or later. Return it.
-        ``stop``: ask a robot that says that it has gone, too."""
+        """Send a request and return its id, the present time in nanoseconds.
+
+        The answer has the same id. It describes the robot at that time or later.
+
+        Args:
+            api: The request's number.
+            on_response: Called from ``poll``, at most once.
+            parameter: The request's JSON.
+            stop: Send it also to a service that has announced its end.
+        """
         number = self._newest = max(self._clock.now_ns(), self._newest + 1)
         if len(self._pending) >= MAX_PENDING:
             del self._pending[next(iter(self._pending))]
@@ -85,25 +92,26 @@ class Service:
         return number
 
     def _on_response(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
-        with suppress(MalformedFrame):  # an answer that cannot be read is none: what waits for it grows old
+        with suppress(MalformedFrame):  # skip an unreadable answer, so that the awaited value grows old
             response = rpc.decode_response(bytes(payload[4:]))
             if response.id in self.owed:
                 self.owed.remove(response.id)
                 self.settled_ns = t_ns
-            heard = self._pending.pop(response.id, None)
-            if heard is not None:
+            on_response = self._pending.pop(response.id, None)
+            if on_response is not None:
                 self.owed = {number for number in self.owed if response.id - number < LOST_NS}
-                heard(response)
+                on_response(response)
 
 
 class Network:
-    """Our participant, and the robot's LowState. Raise ``WireDown`` when the sockets cannot be had."""
+    """Our participant, and the robot's LowState. Making it raises ``WireDown`` if the sockets cannot be
+    opened."""
 
     def __init__(self, config: UnitreeConfig, clock: Clock) -> None:
         model, robot = config.model, config.port
         try:
             own = address_of(config.interface) if config.interface else own_address(robot.partition(":")[0])
-            # Twins on one host leave each other in peace; a simulator there is found by its group alone.
+            # On loopback, twins do not discover each other. A simulator there is found by multicast only.
             multicast = config.simulator or not own.startswith("127.")
             self.participant = Participant(config.domain, own, (robot,), multicast, clock=clock, only=robot)
         except ValueError as error:
@@ -112,30 +120,32 @@ class Network:
         self.model = model
         self.state: State | None = None
         self.state_ns = 0
-        """When the newest came whose tick had gone on; 0: none yet. One that repeats its tick, from a
-        loop that is stuck, tells nothing new, and the first may be one of these. Nor does one whose tick
-        is older, which a network or a proxy has kept. A robot that has restarted is another participant,
-        and counts anew."""
-        self._ticks = None if config.simulator else Stamps(TICK_WRAP)  # a simulator need not count any
+        """When the newest state with an increased tick arrived; 0 if there is no such state.
+
+        A repeated tick, from a loop that is stuck, brings nothing new, and the first state may be one.
+        An older tick, delayed by a network or a proxy, brings nothing new either. A robot that has
+        restarted is another participant, and its ticks start anew.
+        """
+        self._ticks = None if config.simulator else Stamps(TICK_WRAP)  # a simulator need not count ticks
         self._writer = b""  # of the newest state
         self.discarded: Counter[str] = Counter()
-        """States that were not taken, by why not, since the link was opened."""
+        """States that were discarded since the link was opened, by reason."""
         self._decode = StateCodec(model, unsealed=config.simulator).decode
 
     def listen(self) -> None:
-        """To the robot's state, from now on."""
+        """Subscribe to the robot's state."""
         self.participant.reader(p.STATE_TOPIC, p.state_type(self.model.family), self._on_state)
 
     @property
     def unusable(self) -> str:
-        """Why there is no state, in words."""
+        """Return in words why there is no state."""
         count = self.discarded.total()
         if not count:
             return "no LowState comes"
         whys = [f"{number} {why}" for why, number in self.discarded.items()]
-        what = f"all {next(iter(self.discarded))}" if len(whys) == 1 else ", ".join(whys)
+        shown = f"all {next(iter(self.discarded))}" if len(whys) == 1 else ", ".join(whys)
         return (
-            f"{count} LowStates come, {what}: a simulator? For Unitree's own, unitree_mujoco, say simulator=True. "
+            f"{count} LowStates come, {shown}: a simulator? For Unitree's own, unitree_mujoco, say simulator=True. "
             "A robot that goes on so has to be restarted"
         )
 
@@ -170,7 +180,7 @@ class Network:
 
 
 class Link(Network):
-    """The joints commanded one by one, too."""
+    """A ``Network`` that also commands the joints."""
 
     def __init__(self, config: UnitreeConfig, clock: Clock) -> None:
         super().__init__(config, clock)
@@ -183,23 +193,24 @@ class Link(Network):
 
     @property
     def heard(self) -> bool:
-        """Whether the robot takes our commands."""
+        """Return True if the robot has matched our command writer."""
         return self.commands.matched > 0
 
     def encode(self, values: tuple[float, ...]) -> bytes:
-        """A target, five rows, as a payload."""
+        """Return the payload of a target of five rows."""
         return CDR + self._codec.encode(self._machine, values)
 
     def send(self, payload: bytes) -> bool:
-        """Whether it left, and for the robot."""
+        """Send a payload. Return True if it left for the robot."""
         return self.commands.write(payload) > 0
 
     def send_stop(self, payload: bytes) -> bool:
-        """As ``send``, to a robot that says that it has gone, too."""
+        """As ``send``, also to a robot that has announced its end."""
         return self.commands.write_stop(payload) > 0
 
     def safe_frame(self, damp: bool) -> bytes:
-        """No joint is pulled anywhere: braked, or not even that."""
+        """Return a frame that pulls no joint to a position: with ``damp`` the joints brake, else they are
+        free."""
         return CDR + self._codec.encode(self._machine, self._damp if damp else self._limp)
 
     @property

@@ -1,4 +1,4 @@
-"""Constructor keywords of Unitree's robots, whichever way they are commanded."""
+"""Constructor keywords of Unitree's robots, for both levels of command."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ IMU: Mapping[str, str] = {
     "accel": "acceleration_m_s2",
     "quaternion": "orientation_wxyz",
 }
-"""Field to sensor."""
+"""Field of the IMU to its sensor."""
 
 OF_JOINTS: Mapping[str, Service] = {
     "release_sport_mode": Service(
@@ -63,4 +63,4 @@ OF_JOINTS: Mapping[str, Service] = {
         late_s=RELEASE_S,
     )
 }
-"""Services of a robot that is commanded joint by joint."""
+"""Services of a robot whose joints are commanded."""

@@ -1,11 +1,12 @@
-"""Unitree's low-level frames: LowCmd and LowState of both families, and their checksum. No I/O, no
-clock.
+"""Unitree's low-level frames: LowCmd and LowState of both families, and their checksum. No I/O, no clock.
 
-A frame is XCDR1, little endian, without its four-byte encapsulation. ``hg`` is spoken by G1 and
-H1-2 (35 slots), ``go`` by Go2, B2 and H1 (20 slots). A codec knows one robot: slots without a motor
-are zero and never looked at. The first motor's mode byte stands before the padding that all others
-have behind it: that is how CDR aligns it, and why the checksum, which covers the C struct, is not
-taken over these bytes as they are.
+A frame is XCDR1, little endian, without its four-byte encapsulation. G1 and H1-2 speak ``hg`` (35 slots);
+Go2, B2 and H1 speak ``go`` (20 slots). A codec is made for one robot: slots without a motor are zero and
+are never read.
+
+CDR aligns members, not structs: the first motor's mode byte follows the head directly, with less padding
+behind it than in the other motors. The checksum covers the C struct, in which the padding stands before that
+byte, so it is not computed over these bytes directly.
 """
 
 from __future__ import annotations
@@ -33,13 +34,12 @@ COMMAND_TOPIC, STATE_TOPIC = "rt/lowcmd", "rt/lowstate"
 BATTERY_TOPIC, BATTERY_TYPE = "rt/lf/bmsstate", "unitree_hg::msg::dds_::BmsState_"
 BATTERY_BYTES = 164
 _BATTERY_SOC = 100
-"""Offset of the state of charge in a BmsState (computed from its layout; no robot has been
-heard)."""
+"""Offset of the state of charge in a BmsState (computed from its layout, never checked against a robot)."""
 
 FULL_PCT = 100
-"""More is no charge of a battery."""
+"""A larger number is no valid charge."""
 NO_CHARGE = 255
-"""What the twin of ``go`` says of a battery that is not known [assumed]."""
+"""The charge that the twin of ``go`` sends for an unknown battery [assumed]."""
 
 LEVEL_LOW = 0xFF
 HEAD = b"\xfe\xef"
@@ -62,7 +62,7 @@ def state_type(family: Family) -> str:
 
 
 class Command(NamedTuple):
-    """What a LowCmd says, by joint."""
+    """A LowCmd, by joint."""
 
     machine: int  # mode_machine; hg only
     mode: tuple[int, ...]
@@ -74,7 +74,7 @@ class Command(NamedTuple):
 
 
 class State(NamedTuple):
-    """What a LowState says; rows by joint. Radians, newton metres, degrees Celsius."""
+    """A LowState, with rows by joint. Radians, newton metres, degrees Celsius."""
 
     machine: int
     tick: int
@@ -92,8 +92,8 @@ class State(NamedTuple):
 
 
 def _crc(image: bytes | bytearray) -> int:
-    """CRC-32/MPEG-2 over little-endian words, most significant byte first. (zlib's is the mirror
-    image.)"""
+    """Return the CRC-32/MPEG-2 over little-endian words, most significant byte first. zlib's CRC is its
+    mirror image."""
     words = array.array("I", image)
     if sys.byteorder == "little":
         words.byteswap()
@@ -102,7 +102,7 @@ def _crc(image: bytes | bytearray) -> int:
 
 
 def checksum(body: bytes | bytearray, first_motor: int) -> int:
-    """Of a frame; its last word, the checksum itself, is not looked at."""
+    """Return the checksum of a frame. The last word, the checksum itself, is ignored."""
     at = first_motor
     pad = -at % 4
     return _crc(body[:at] + bytes(pad) + body[at : at + 1] + b"\0\0\0" + body[at + pad : -4])
@@ -112,8 +112,8 @@ def checksum(body: bytes | bytearray, first_motor: int) -> int:
 
 
 def _motors(model: Model, first: str, other: str, bytes_each: int) -> str:
-    """Struct codes of all slots: ``first`` for slot 0, ``other`` for the rest, padding where no
-    motor is."""
+    """Return struct codes of all slots: ``first`` for slot 0, ``other`` for the rest, padding for slots
+    without a motor."""
     used = set(model.slots)
     codes = []
     for slot in range(SLOTS[model.family]):
@@ -125,8 +125,8 @@ def _motors(model: Model, first: str, other: str, bytes_each: int) -> str:
 
 
 class CommandCodec:
-    """LowCmd of one robot. A frame is sealed in place: of the one before, all but the joints'
-    values stays."""
+    """The LowCmd of one robot. ``encode`` rewrites the joints' values and the checksum in one buffer; all
+    other bytes stay."""
 
     def __init__(self, model: Model) -> None:
         self._family: Family = model.family
@@ -141,7 +141,7 @@ class CommandCodec:
             head = [*HEAD, LEVEL_LOW]
         self._struct = struct.Struct(code)
         assert self._struct.size == COMMAND_BYTES[self._family]
-        # slots need not be in the order of the joints
+        # The slots need not be in the order of the joints.
         count = len(model.joints)
         self._order = sorted(range(count), key=model.slots.__getitem__)
         self._in_order = self._order == list(range(count))
@@ -150,7 +150,7 @@ class CommandCodec:
         self._width = 6 * count
         idle = [word for at in self._order for word in (self.modes[at], 0.0, 0.0, 0.0, 0.0, 0.0)]
         self._body = bytearray(self._struct.pack(*head, *idle, 0))
-        # Row by row, each with its gaps where no motor is; from there into the motors, value by
+        # Pack row by row, with gaps for slots without a motor. From there copy into the motors, value by
         # value.
         used = set(model.slots)
         slots = max(used) + 1
@@ -159,14 +159,14 @@ class CommandCodec:
         self._by_slot = [count * kind + at for kind in range(5) for at in self._order]
         self._packed = bytearray(self._rows.size)
         words, values = memoryview(self._body).cast("f"), memoryview(self._packed).cast("f")
-        step, first = stride // 4, (self._first_motor + 2) // 4  # behind the first motor's mode and its padding
+        step, first = stride // 4, (self._first_motor + 2) // 4  # after the first motor's mode and its padding
         self._columns = [
             (words[first + kind :][: step * slots : step], values[slots * kind :][:slots]) for kind in range(5)
         ]
 
     def encode(self, machine: int, values: Sequence[float]) -> bytes:
-        """A sealed frame that commands every joint: ``values`` are the rows q, dq, tau, kp and kd,
-        one behind the other."""
+        """Return a frame with a checksum that commands every joint. ``values`` are the rows q, dq, tau, kp
+        and kd, one after the other."""
         body = self._body
         if self._family == "hg":
             body[1] = machine
@@ -179,10 +179,10 @@ class CommandCodec:
         return bytes(body)
 
     def decode(self, body: bytes) -> Command:
-        """Raise ``MalformedFrame``."""
+        """Return the command of a frame. Raise ``MalformedFrame`` if its length or checksum is wrong."""
         if len(body) != COMMAND_BYTES[self._family]:
-            known = COMMAND_BYTES[self._family]
-            raise MalformedFrame(f"a LowCmd of {self._family} has {known} bytes, not {len(body)}")
+            expected = COMMAND_BYTES[self._family]
+            raise MalformedFrame(f"a LowCmd of {self._family} has {expected} bytes, not {len(body)}")
         if checksum(body, self._first_motor) != int.from_bytes(body[-4:], "little"):
             raise MalformedFrame("the checksum of the LowCmd is wrong")
         flat = self._struct.unpack(body)
@@ -193,24 +193,24 @@ class CommandCodec:
 
 
 class WrongChecksum(MalformedFrame):
-    """All of a frame is there, but its checksum does not belong to it."""
+    """A complete frame has a wrong checksum."""
 
 
 class StateCodec:
     """LowState of one robot."""
 
     def __init__(self, model: Model, unsealed: bool = False) -> None:
-        """``unsealed``: a state without a checksum, 0 in its place, is taken, too."""
+        """``unsealed``: also accept a state without a checksum, with 0 in its place."""
         self._unsealed = unsealed
         self._family: Family = model.family
         self._first_motor = _FIRST_MOTOR[self._family, "state"]
         if self._family == "hg":
-            # skipped of a motor: ddq, second temperature, volt, sensor, motorstate, reserve
+            # Skipped in each motor: ddq, second temperature, volt, sensor, motorstate, reserve.
             motors = _motors(model, "Bx2f4xfh34x", "B3x2f4xfh34x", 56)
             code = f"<9xB2xI13fh{motors}56xI"
             self._stride, self._start = 5, 16
         else:
-            # skipped: ddq, the raw three, lost, reserve
+            # Skipped in each motor: ddq, the three raw values, lost, reserve.
             motors = _motors(model, "B2x2f4xf12xB15x", "B3x2f4xf12xB15x", 48)
             code = f"<24x13fB{motors}3xB56xI72xI"
             self._stride, self._start = 5, 14
@@ -221,11 +221,17 @@ class StateCodec:
         self._joints = len(model.joints)
 
     def decode(self, body: bytes | memoryview) -> State:
-        """Raise ``MalformedFrame``, for a number that is not finite, too: joints are held where
-        they are. The checksum of ``go`` is not looked at: its C layout has not been verified."""
+        """Return the state of a frame.
+
+        The checksum of ``go`` is not checked, since its C layout has not been verified.
+
+        Raises:
+            MalformedFrame: Its length or checksum is wrong, or a number is not finite. Joints are held at
+                these positions, so they must be finite.
+        """
         if len(body) != STATE_BYTES[self._family]:
-            known = STATE_BYTES[self._family]
-            raise MalformedFrame(f"a LowState of {self._family} has {known} bytes, not {len(body)}")
+            expected = STATE_BYTES[self._family]
+            raise MalformedFrame(f"a LowState of {self._family} has {expected} bytes, not {len(body)}")
         flat = self._struct.unpack(body)
         if self._family == "hg":
             unsealed = self._unsealed and flat[-1] == 0
@@ -246,12 +252,12 @@ class StateCodec:
         return State(machine, tick, imu[:4], imu[4:7], imu[7:10], q, dq, tau, temperature, soc)
 
     def encode(self, state: State) -> bytes:
-        """What the robot says: for twins."""
+        """Return the frame of a state, for twins."""
         columns = ((1,) * self._joints, state.q, state.dq, state.tau, state.temperature)
         motors: list[float] = [0] * (self._stride * self._joints)
         for offset, column in enumerate(columns):
             motors[offset :: self._stride] = column if self._in_order else [column[at] for at in self._order]
-        rpy = roll_pitch_yaw(state.quaternion)  # read by other clients; ours takes the quaternion
+        rpy = roll_pitch_yaw(state.quaternion)  # for other clients; ours reads the quaternion
         imu = (*state.quaternion, *state.gyroscope, *state.accelerometer, *rpy)
         temperature = 40  # of the inertial unit
         if self._family == "hg":
@@ -265,7 +271,7 @@ class StateCodec:
 
 
 def _reordered(row: tuple[float, ...], order: Sequence[int]) -> tuple[float, ...]:
-    """From the order of slots to that of joints."""
+    """Reorder a row from slots to joints."""
     values = [0.0] * len(row)
     for value, at in zip(row, order, strict=True):
         values[at] = value
@@ -276,7 +282,7 @@ def _reordered(row: tuple[float, ...], order: Sequence[int]) -> tuple[float, ...
 
 
 def decode_battery(body: bytes | memoryview) -> int:
-    """State of charge, percent. Raise ``MalformedFrame``."""
+    """Return the state of charge in percent. Raise ``MalformedFrame`` for a wrong length or charge."""
     if len(body) != BATTERY_BYTES:
         raise MalformedFrame(f"a BmsState has {BATTERY_BYTES} bytes, not {len(body)}")
     soc = int(body[_BATTERY_SOC])

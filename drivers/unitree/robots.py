@@ -18,27 +18,27 @@ TABLES = RobotTables(__package__, "Unitree")
 class Walks(msgspec.Struct, frozen=True):
     """How a robot walks by its onboard controller."""
 
-    by: Literal["sport", "loco"]  # whose requests: ``walking/sport.py``, ``walking/loco.py``
+    by: Literal["sport", "loco"]  # the service that it walks by: ``walking/sport.py``, ``walking/loco.py``
     vx_m_s: tuple[float, float]  # backward, forward
     vy_m_s: tuple[float, float]
     wz_rad_s: tuple[float, float]
     sits: bool = False
-    lie_rad: tuple[float, ...] = ()  # joints of the twin that lies or squats, in the order of its joints
+    lie_rad: tuple[float, ...] = ()  # pose of the twin when it lies or squats, in the order of its joints
 
 
 class Model(msgspec.Struct, frozen=True):
-    """One robot: what is said to it, and what it may be told."""
+    """One robot: the frames and services that it speaks, and its limits."""
 
     name: str
     family: Literal["hg", "go"]
     handshake: Literal["fsm", "sport mode"]
-    service: str  # whose RPCs drive it at high level
-    sport_mode: str  # the onboard mode the twin wakes up in
+    service: str  # the service of its high-level requests
+    sport_mode: str  # the onboard mode that the twin starts in
     max_kp: float
     max_kd: float
     damp_kd: float
     joints: tuple[Joint, ...]
-    walks: Walks | None = None  # None: not by this package
+    walks: Walks | None = None  # None: this package does not know its requests for walking
 
     @property
     def axes(self) -> tuple[str, ...]:
@@ -55,7 +55,11 @@ class Model(msgspec.Struct, frozen=True):
 
 @cache
 def model_of(robot: str) -> Model:
-    """By name or alias. Raise ``ValueError`` for a robot that is not of this wire."""
+    """Return a robot by name or alias.
+
+    Raises:
+        ValueError: It is not a robot of this wire.
+    """
     table: Mapping[str, Any] = TABLES.table(robot)
     joints = parse_joints(table["joints"])
     fields = {name: table[name] for name in Model.__struct_fields__ if name in table and name != "joints"}

@@ -1,7 +1,7 @@
-"""Unitree's services: requests and responses, and what is asked. No I/O, no clock.
+"""Requests and responses of Unitree's services, and their numbers. No I/O, no clock.
 
-A request and its response travel on ``rt/api/<service>/request`` and ``.../response``; they are
-matched by id.
+A request travels on ``rt/api/<service>/request`` and its response on ``.../response``. They are matched
+by id.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ CHECK_MODE, SELECT_MODE, RELEASE_MODE = 1001, 1002, 1003
 
 ATTEMPTS = 5
 RELEASE_S = 3.0
-"""What the robot may take for one attempt to release its mode."""
+"""Longest time of the robot for one attempt to release its mode."""
 
 GET_FSM_ID, SET_FSM_ID, SET_BALANCE_MODE, SET_VELOCITY = 7001, 7101, 7102, 7105
-"""Of service ``sport`` on a G1."""
+"""Requests of the service ``sport`` on a G1."""
 LOCO_GET_FSM_ID, LOCO_SET_FSM_ID, LOCO_SET_BALANCE_MODE, LOCO_SET_VELOCITY = 8001, 8101, 8102, 8105
 LOCO_ENABLE_ODOM, LOCO_GET_ODOM = 8201, 8203
-"""Of service ``loco`` on an H1."""
+"""Requests of the service ``loco`` on an H1."""
 DAMP, BALANCE_STAND, STOP_MOVE, STAND_UP, STAND_DOWN, RECOVERY_STAND, MOVE = (
     1001,
     1002,
@@ -38,15 +38,15 @@ DAMP, BALANCE_STAND, STOP_MOVE, STAND_UP, STAND_DOWN, RECOVERY_STAND, MOVE = (
     1006,
     1008,
 )
-"""Of service ``sport`` on a Go2 or B2."""
+"""Requests of the service ``sport`` on a Go2 or B2."""
 SIT, RISE_SIT = 1009, 1010
-"""Of a Go2 alone."""
+"""Requests of a Go2 only."""
 
 OK, TIMEOUT, NOT_IMPLEMENTED, BAD_DATA, NOT_REGISTERED = 0, 3104, 3203, 3106, 3103
 NO_SUCH_FSM = 7302
 
 SELECTED_TOO_SOON = 7002
-"""What SelectMode says for some ten seconds after ReleaseMode."""
+"""Code of SelectMode for some ten seconds after ReleaseMode."""
 
 ERRORS = {
     7002: "its mode was released a moment ago",
@@ -82,7 +82,7 @@ FSM_WORDS = {
     706: "between squat and stand",
     801: "walk",
 }
-"""States of a G1."""
+"""FSM states of a G1."""
 
 _REQUEST = struct.Struct("<qqqi?3xI")
 _RESPONSE = struct.Struct("<qqiI")
@@ -112,7 +112,7 @@ class Response(NamedTuple):
 
     @property
     def why(self) -> str:
-        """What its code means; empty: it went well."""
+        """Return the meaning of its code; empty for success."""
         return "" if self.code == OK else f"{ERRORS.get(self.code, 'an error')} ({self.code})"
 
 
@@ -162,7 +162,7 @@ def _read_text(body: bytes, at: int, length: int) -> str:
 
 
 def parsed(text: str) -> dict[str, Any]:
-    """The object in a parameter or in data. Raise ``MalformedFrame``."""
+    """Return the JSON object of a parameter or of data. Raise ``MalformedFrame`` if it is not one."""
     try:
         value = json.loads(text or "{}")
     except (ValueError, RecursionError) as error:
@@ -173,7 +173,7 @@ def parsed(text: str) -> dict[str, Any]:
 
 
 def fsm_id(response: Response) -> int:
-    """What GetFsmId answered. Raise ``MalformedFrame``."""
+    """Return the answer of GetFsmId. Raise ``MalformedFrame`` if it has no number."""
     value = parsed(response.data).get("data")
     if isinstance(value, bool) or not isinstance(value, int):
         raise MalformedFrame(f"an FSM id of {value!r}")
@@ -181,7 +181,8 @@ def fsm_id(response: Response) -> int:
 
 
 def odometry(response: Response) -> tuple[float, float, float]:
-    """Return what GetOdom answered: x and y in metres, and the heading. Raise ``MalformedFrame``."""
+    """Return the answer of GetOdom: x and y in metres, and the heading. Raise ``MalformedFrame`` if it has
+    no pose."""
     value = parsed(response.data)
     try:
         x, y, heading = (float(value[key]) for key in ("x", "y", "z"))
@@ -193,8 +194,8 @@ def odometry(response: Response) -> tuple[float, float, float]:
 
 
 def mode_name(response: Response) -> str:
-    """What CheckMode answered: the onboard mode, "" when it is released. Raise
-    ``MalformedFrame``."""
+    """Return the answer of CheckMode: the onboard mode, "" if it is released. Raise ``MalformedFrame`` if
+    it has no name."""
     value = parsed(response.data).get("name")
     if not isinstance(value, str):
         raise MalformedFrame(f"a mode named {value!r}")

@@ -1,5 +1,5 @@
-"""How a robot is brought down: frames every 2 ms until its own state shows no torque. Wire and root
-do so alike."""
+"""Bring a robot down: send frames every 2 ms until its own state shows no torque. The wire and the root
+both stop it in this way."""
 
 from __future__ import annotations
 
@@ -16,23 +16,29 @@ from .robots import Model
 
 DAMP_S = 0.5
 AT_LEAST_S = 0.05
-"""Of frames without torque: a datagram may be lost, twenty-five are not."""
+"""Shortest time of sending frames without torque. One datagram may be lost, but not twenty-five."""
 AT_MOST_S = 0.5
-"""By then a robot that hears us has shown that it obeys."""
+"""Longest time. A robot that receives the frames has shown by then that it obeys."""
 AFTER_S = 0.006
-"""A state that came so long after the first frame was measured after it."""
+"""Delay after the first frame. A state that arrives later was measured after that frame."""
 
 
 def by_nobody() -> str:
-    """Of who cannot know what controls the robot instead of us."""
+    """Return no holder. For a caller that cannot know what else controls the robot."""
     return ""
 
 
 async def bring_down(
     link: Link, safe_state: SafeState, held_by: Callable[[], str] = by_nobody
 ) -> tuple[MotorReport, ...]:
-    """The first frame leaves before the first wait. Never raises. ``held_by``: what controls the
-    robot instead of us: it takes no commands of ours, so its torque is none of ours either."""
+    """Bring the robot to a safe state. Never raises. The first frame leaves before the first wait.
+
+    Args:
+        link: The link to the robot.
+        safe_state: ``DAMP``, or zero torque for all others.
+        held_by: Returns what controls the robot instead of us; empty for nothing. Such a robot ignores our
+            commands, so its torque does not come from them.
+    """
     damps = safe_state == SafeState.DAMP
     written = link.send_stop(link.safe_frame(damps))
     began_ns = zero_ns = link.clock.now_ns()
@@ -46,12 +52,12 @@ async def bring_down(
             if passed_s > AT_MOST_S or (passed_s > AT_LEAST_S and (all(_obeys(link, zero_ns)) or held_by())):
                 break
     if link.state_ns < began_ns:
-        said = "no new LowState came" if link.heard else "the robot does not hear us"
-        return reports(link.model, written, said)
+        detail = "no new LowState came" if link.heard else "the robot does not hear us"
+        return reports(link.model, written, detail)
     obeys, holder = _obeys(link, zero_ns), held_by()
     if holder and not all(obeys):
-        said = f"held by the robot's own controller, {holder}"
-        return tuple(MotorReport(joint.key, joint.slot, written, True, True, said) for joint in link.model.joints)
+        detail = f"held by the robot's own controller, {holder}"
+        return tuple(MotorReport(joint.key, joint.slot, written, True, True, detail) for joint in link.model.joints)
     return tuple(
         MotorReport(joint.key, joint.slot, written, True, safe, "" if safe else "it still shows torque")
         for joint, safe in zip(link.model.joints, obeys, strict=True)
@@ -59,7 +65,8 @@ async def bring_down(
 
 
 def _obeys(link: Link, zero_ns: int) -> list[bool]:
-    """By joint: whether a state measured after the first frame without torque shows none."""
+    """Return for each joint whether a state that was measured after the first frame without torque shows
+    no torque."""
     state = link.state
     if state is None or link.state_ns < zero_ns + AFTER_S * NS:
         return [False] * len(link.model.joints)
@@ -67,10 +74,10 @@ def _obeys(link: Link, zero_ns: int) -> list[bool]:
 
 
 def still_nm(torque: float) -> float:
-    """What an estimate may still say of a motor that gives nothing [assumed]."""
+    """Return the torque that an estimate may still show for a motor without torque [assumed]."""
     return max(1.0, 0.05 * torque)
 
 
 def reports(model: Model, written: bool, said: str) -> tuple[MotorReport, ...]:
-    """Nothing was confirmed."""
+    """Return reports in which no motor has confirmed."""
     return tuple(MotorReport(joint.key, joint.slot, written, False, False, said) for joint in model.joints)

@@ -1,5 +1,5 @@
-"""What a wire knows of a Unitree robot whichever way it commands it: its LowState, its battery, and
-which onboard mode has its motors."""
+"""The state of a Unitree robot that both levels of command need: its LowState, its battery, and the
+onboard mode that has its motors."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from .link import Network, Service
 from .protocol import State
 
 ASK_EVERY_NS = 100_000_000
-"""How often the robot is asked for its onboard mode, and its FSM id."""
+"""Period of asking the robot for its onboard mode and its FSM id."""
 
 
 class RobotSession:
-    """What exists between ``open`` and ``close``."""
+    """The robot's state between ``open`` and ``close``."""
 
     def __init__(self, network: Network, clock: Clock) -> None:
         self.network = network
@@ -27,7 +27,7 @@ class RobotSession:
         self.modes = Service(network.participant, rpc.MOTION_SWITCHER, clock)
         if network.model.family == "hg":
             network.participant.reader(p.BATTERY_TOPIC, p.BATTERY_TYPE, self._on_battery)
-        self.mode: tuple[str, float] | None = None  # and when it was asked, seconds
+        self.mode: tuple[str, float] | None = None  # and the time of the request, seconds
         self.battery: tuple[float, float] | None = None
 
     def ask_mode(self) -> None:
@@ -38,7 +38,7 @@ class RobotSession:
             self.mode = rpc.mode_name(response), response.id / NS
 
     def sensors_of(self, state: State) -> dict[str, tuple[float, ...]]:
-        """Return what a LowState says beside the joints' positions, and the battery."""
+        """Return the sensors of a LowState, except the joints' positions, and the battery."""
         sensors: dict[str, tuple[float, ...]] = {
             "torque_nm": state.tau,
             "temperature_c": state.temperature,
@@ -51,12 +51,12 @@ class RobotSession:
         discarded = self.network.discarded
         if discarded:
             sensors["discarded_states"] = (float(discarded.total()),)
-        if state.soc is not None:  # one that is none leaves the charge of before, which grows old
+        if state.soc is not None:  # without a charge the old one stays, and grows old
             self.battery = float(state.soc), self.network.state_ns / NS
         if self.battery is not None:
             sensors["battery_pct"], sensors["battery_stamp_s"] = self.battery[:1], self.battery[1:]
         return sensors
 
     def _on_battery(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
-        with suppress(MalformedFrame):  # what cannot be read is not known, and that is refused
+        with suppress(MalformedFrame):  # an unreadable charge stays unknown, and gates refuse that
             self.battery = float(p.decode_battery(payload[4:])), t_ns / NS

@@ -1,4 +1,4 @@
-"""The root's own way to a legged robot."""
+"""The root's stop channel to a legged robot."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .safing import bring_down, reports
 
 
 class UnitreeStopChannel(StopChannel):
-    """A participant of the root's own, which the robot knows before it is needed."""
+    """A separate participant of the root. The robot discovers it before it is needed."""
 
     def __init__(self, config: UnitreeConfig, descriptors: Sequence[int], clock: Clock) -> None:
         self._config = config
@@ -31,7 +31,7 @@ class UnitreeStopChannel(StopChannel):
         async with trio.open_nursery() as nursery:
             await nursery.start(link.participant.run)
             link.state = await self._one_state()
-            if link.state is None:  # a frame without the robot's mode_machine is none to it
+            if link.state is None:  # the robot ignores frames without its mode_machine
                 raise WireDown(f"{self._config.port}: no LowState came to the root")
             with trio.move_on_after(FIND_S):
                 await link.participant.wait_matched(link.commands)
@@ -45,7 +45,7 @@ class UnitreeStopChannel(StopChannel):
             return reports(self._config.model, False, "the root has not found the robot")
         link.send_stop(
             link.safe_frame(safe_state == SafeState.DAMP)
-        )  # first; what confirms it is announced after it
+        )  # first; the reader that confirms it is announced afterwards
         if not self._listens:
             self._listens = True
             link.listen()
@@ -57,8 +57,8 @@ class UnitreeStopChannel(StopChannel):
             self._link = None
 
     async def _one_state(self) -> p.State | None:
-        """Heard by a participant of its own, which leaves: 500 states a second are nothing for the
-        root."""
+        """Receive one state by a participant that then leaves, since the root cannot afford 500 states a
+        second."""
         scout = Link(self._config, self._clock)
         scout.listen()
         try:

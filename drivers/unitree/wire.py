@@ -1,7 +1,7 @@
-"""The wire of a legged robot in the wire process.
+"""The wire of a legged robot with commanded joints, in the wire process.
 
-Reading is taking in what has arrived: only ``open`` and the services wait for the robot, each wait
-with a deadline.
+``read`` only handles received data. Only ``open`` and the services wait for the robot, each wait with
+a deadline.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ from .safing import bring_down, reports
 from .session import ASK_EVERY_NS, RobotSession
 
 BATTERY_S = 1.0
-"""It is told slowly, on a topic of its own."""
+"""Longest wait for the battery, which is published slowly on a separate topic."""
 REACH_S = 0.6
-"""For a robot that is to be stopped, and does not know us yet."""
+"""Longest time for a new participant to be discovered by a robot that has to be stopped."""
 SILENT_S = 1.0
-"""Without a state for so long the link counts as lost."""
+"""Longest time without a state. After it the link counts as lost."""
 ENOUGH = 50
-"""States that cannot be used, and none that can: then none will be."""
+"""After so many unusable states without a usable one, no usable state is expected."""
 STRANGER_S = 1.0
-"""In which the services of a robot that was called a simulator are found. They are looked for as long
-as the link is up."""
+"""Time in which the services of a robot that was called a simulator are found. The session looks for them
+as long as the link is up."""
 MAY_LET_GO = "asked and not answered: it may still let go"
 REAL = (
     "simulator=True, but a motion_switcher answers there: that is a robot, or its twin. Connect without "
@@ -48,7 +48,7 @@ REAL = (
 
 
 class UnitreeSession(RobotSession):
-    """What exists between ``open`` and ``close``."""
+    """The state of the wire between ``open`` and ``close``."""
 
     def __init__(self, config: UnitreeConfig, clock: Clock) -> None:
         model = config.model
@@ -62,14 +62,14 @@ class UnitreeSession(RobotSession):
         self._asked_ns = 0
         self._seen_ns = 0
         self.discarded_before = 0
-        """States that were not taken before the newest one that was."""
+        """How many states had been discarded when the newest state was accepted."""
         self._observation = Observation(0, (math.nan,) * len(model.joints), (0,) * len(model.joints))
 
     def poll(self, now_ns: int) -> None:
-        """Take in what came, ask for what is due."""
+        """Handle received data, and send the requests that are due."""
         self.link.poll()
         if self._simulator:
-            if self.modes.found:  # the gates that a robot has are not in force
+            if self.modes.found:  # it is a robot, and its gates are not in force
                 raise WireDown(REAL)
         elif now_ns - self._asked_ns >= ASK_EVERY_NS:
             self._asked_ns = now_ns
@@ -79,7 +79,7 @@ class UnitreeSession(RobotSession):
                 self.ask_mode()
 
     def observation(self) -> Observation:
-        """Made anew when something new was heard."""
+        """Return the newest observation. It is built only after a new state."""
         link = self.link
         if link.state is None or link.state_ns == self._seen_ns:
             return self._observation
@@ -101,8 +101,8 @@ class UnitreeSession(RobotSession):
         return self._observation
 
     def held_by(self) -> str:
-        """What controls the robot instead of us, as it has said of late. Empty: nothing, or what was
-        asked to let go and may still do so."""
+        """Return what controls the robot instead of us, from its recent reports. Empty for nothing, and
+        while a request to release the robot has no answer, since it may still be carried out."""
         if self.modes.owed:
             return ""
         now_s = self.clock.now_ns() / NS
@@ -113,7 +113,7 @@ class UnitreeSession(RobotSession):
             return f"sport mode {self.mode[0]!r}"
         return ""
 
-    # -- what is heard
+    # -- answers
 
     def _on_fsm(self, response: rpc.Response) -> None:
         if not response.why:
@@ -126,11 +126,11 @@ class UnitreeWire(PromptSessionWire[UnitreeSession]):
     def __init__(self, config: UnitreeConfig, clock: Clock) -> None:
         self._config = config
         self._clock = clock
-        self._last: p.State | None = None  # of the session before, once it is closed
-        self._owed: set[int] = set()  # as well: the robot has it, connected or not
+        self._last: p.State | None = None  # the last state of a session that was closed
+        self._owed: set[int] = set()  # its open orders, which the robot has whether we are connected or not
 
     async def open(self) -> dict[str, Any]:
-        """Find the robot, hear it, and ask what controls it."""
+        """Find the robot, receive its state, and ask what controls it."""
         self.close()
         self.session_or_none = session = UnitreeSession(self._config, self._clock)
         session.modes.owed = self._owed
@@ -141,15 +141,15 @@ class UnitreeWire(PromptSessionWire[UnitreeSession]):
         if link.state is None or not link.state_ns:
             raise WireDown(f"{where}: {link.unusable}")
         if self._config.simulator:
-            await self._look(lambda: False, STRANGER_S)  # a robot's services would be found meanwhile
+            await self._look(lambda: False, STRANGER_S)  # time in which a robot's services would be found
             return self._opened(link.state, "none: a simulator")
         services = [service for service in (session.modes, session.fsm) if service is not None]
         for service in services:
             await self._until_served(service)
         session.ask_mode()
         await self._until(lambda: session.mode is not None, FIND_S, f"{where}: its mode cannot be read")
-        # What gates ask for as well. A robot that does not say it can be connected to, and refuses
-        # to move.
+        # The gates need these answers. A robot that does not give them can still be connected to; the
+        # gates then refuse to move it.
         await self._look(lambda: "battery_pct" in session.observation().sensors, BATTERY_S)
         await self._look(lambda: session.fsm is None or session.fsm_id is not None, BATTERY_S)
         assert link.state is not None and session.mode is not None
@@ -165,7 +165,7 @@ class UnitreeWire(PromptSessionWire[UnitreeSession]):
         }
 
     async def arm(self, permit: Permit) -> Observation:
-        """Nothing is energised: the robot stands by its own controller until the first setpoint."""
+        """Energise nothing: the robot stands by its own controller until the first setpoint."""
         session = self.session
         await trio.lowlevel.checkpoint()
         permit.check()
@@ -207,8 +207,8 @@ class UnitreeWire(PromptSessionWire[UnitreeSession]):
         )
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """By the participant that the robot knew, which finds it again by itself; else by a new
-        one, which has to be found first."""
+        """Use the open participant, which the robot rediscovers by itself, or else a new one that has to be
+        discovered first."""
         session = self.session_or_none
         if session is not None:
             return await bring_down(session.link, safe_state)
@@ -220,7 +220,7 @@ class UnitreeWire(PromptSessionWire[UnitreeSession]):
             link.state = self._last
             link.listen()
             with trio.move_on_after(REACH_S):
-                # a frame without the robot's mode_machine is none to it, and a state has it
+                # The robot ignores a frame without its mode_machine, which only a state contains.
                 while not link.heard or link.state is None:
                     link.poll()
                     await trio.sleep(CONTROL_S)
@@ -229,8 +229,8 @@ class UnitreeWire(PromptSessionWire[UnitreeSession]):
             link.close()
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
-        """``release_sport_mode``: ask until the robot says that no onboard mode is active, but never
-        while it owes an answer."""
+        """Run ``release_sport_mode``: order the release until the robot reports no active onboard mode. No
+        second order is sent while one has no answer."""
         session = self.session
         if self._config.simulator:
             return Refused(UnitreeCode.SPORT_MODE, "a simulator has no onboard mode", "command its joints", "", "")
@@ -265,29 +265,32 @@ class UnitreeWire(PromptSessionWire[UnitreeSession]):
     # -- parts
 
     async def _ask_for_release(self, session: UnitreeSession) -> None:
-        """Ask, unless an answer is owed, and wait a while for it."""
+        """Order the release, unless an order has no answer yet, and wait a while for the answer."""
         if not session.modes.owed:
             session.modes.order(rpc.RELEASE_MODE)
         await self._look(lambda: not session.modes.owed, RELEASE_S / 2)
 
     async def _fresh_mode(self, session: UnitreeSession) -> str:
-        """The onboard mode, asked now; what is awaited here is taken in by ``read``. Raise
-        ``WireDown``."""
-        said: list[str] = []
+        """Ask for the onboard mode now and return it. ``read`` handles the answers meanwhile.
+
+        Raises:
+            WireDown: No answer came.
+        """
+        reported: list[str] = []
 
         def hear(response: rpc.Response) -> None:
             session.on_mode(response)
             if not response.why and session.mode is not None:
-                said.append(session.mode[0])
+                reported.append(session.mode[0])
 
         with trio.move_on_after(RELEASE_S / 2):
-            while not said:
+            while not reported:
                 session.modes.ask(rpc.CHECK_MODE, hear)
                 await trio.sleep(ASK_EVERY_NS / NS)
-        if not said:
+        if not reported:
             owed = f"; {MAY_LET_GO}" if session.modes.owed else ""
             raise WireDown(f"the robot does not say which mode is active{owed}")
-        return said[-1]
+        return reported[-1]
 
     async def _until_served(self, service: Service) -> None:
         where = self._config.port
@@ -298,7 +301,7 @@ class UnitreeWire(PromptSessionWire[UnitreeSession]):
             raise WireDown(otherwise)
 
     async def _look(self, condition: Callable[[], bool], within_s: float) -> bool:
-        """Take in what comes until it makes the condition true."""
+        """Handle what arrives until the condition is true. Return False after ``within_s``."""
         session = self.session
         with trio.move_on_after(within_s):
             while not condition():

@@ -20,13 +20,13 @@ JOINTS = (
     "wrist_2_joint",
     "wrist_3_joint",
 )
-"""In the order of the wire."""
+"""The joints, in the order of the wire."""
 
 IDS = tuple(range(len(JOINTS)))
 
 
 class Arm(msgspec.Struct, frozen=True):
-    """One table."""
+    """One table of ``robots.toml``."""
 
     dh_m: tuple[float, float, float, float, float, float]
     range_deg: tuple[float, ...]
@@ -37,7 +37,7 @@ class Arm(msgspec.Struct, frozen=True):
 
     @property
     def axes(self) -> tuple[Axis, ...]:
-        """Return the joints; each turns as far to either side."""
+        """Return the joints. Each turns equally far to both sides."""
         rows = zip(JOINTS, map(math.radians, self.range_deg), map(math.radians, self.speed_deg_s), strict=True)
         return tuple(
             Axis(key=key, unit="rad", low=-reach, high=reach, speed=speed, id=number)
@@ -47,5 +47,5 @@ class Arm(msgspec.Struct, frozen=True):
 
 @cache
 def arm_of(robot: str) -> Arm:
-    """Return a robot's table. Raise ``ValueError`` for a robot that is not of this wire."""
+    """Return the table of a robot. Raise ``ValueError`` if it is no robot of this wire."""
     return msgspec.convert(TABLES.table(robot), Arm)

@@ -1,4 +1,4 @@
-"""What the wire and the stop channel of a UR arm know of it."""
+"""The facts about a UR arm that its wire and its stop channel need."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from .gates import CONTROL_HZ
 from .protocol import RTDE_PORT
 
 Way = Literal["ur-rtde", "script"]
-"""How a robot is commanded: by ur-rtde, or by our own control script."""
+"""The way to command a robot: ur-rtde, or our own control script."""
 
 
 class URConfig(msgspec.Struct, frozen=True):
     robot: str
     port: str
     silent_s: float = 0.3
-    """When the controller's clock stands still for so long the link counts as lost."""
+    """If the controller's clock stands still for this time, the link counts as lost."""
     rtde_hz: float | None = None
-    """Rate at which the controller exchanges samples and registers; None: ours."""
+    """Rate at which the controller exchanges samples and registers; None: our default."""
     control: Way | None = None
-    """Way to command it. None: ur-rtde where it can be imported, else our script."""
+    """The way to command it. None: ur-rtde if it can be imported, else our script."""
 
     @property
     def samples_hz(self) -> float:
@@ -31,8 +31,8 @@ class URConfig(msgspec.Struct, frozen=True):
 
     @property
     def host(self) -> str:
-        """Raise ``ValueError`` for a ``port`` that is no address, or names a port: those are
-        fixed."""
+        """The host of ``port``. Raise ``ValueError`` if it is no address, or if it names another port than
+        RTDE's: the ports are fixed."""
         host, port = parse_address(self.port, RTDE_PORT)
         if port != RTDE_PORT:
             raise ValueError(f"port is {self.port!r}. Give the controller's address alone: its ports are fixed")

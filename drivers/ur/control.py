@@ -1,5 +1,4 @@
-"""The two ways to command a UR: ur-rtde, and a control script of ours. The wire knows them by one
-interface."""
+"""The common interface of the two ways to command a UR: ur-rtde, and our own control script."""
 
 from __future__ import annotations
 
@@ -17,46 +16,46 @@ from .sdk import Sdk
 class Control(Protocol):
     """Commands one controller. Calls never overlap.
 
-    Calls raise ``ProcessSpent`` when only another process can command the robot, ``WireDown`` when the
-    connection is gone.
+    Calls raise ``ProcessSpent`` if only another process can command the robot, and ``WireDown`` if the
+    connection is lost.
     """
 
     WAY: ClassVar[Way]
-    """Which of the two it is."""
+    """The name of this way."""
 
     spent: str
-    """Why this process can command the robot no more. Empty: it can."""
+    """Why this process cannot command the robot any more; empty if it can."""
 
     async def connect(self) -> None:
-        """Connect to the registers, the first time. Starts no program."""
+        """Connect to the registers, once. This starts no program."""
 
     def take(self) -> None:
-        """Take what the controller has answered. Called with each sample."""
+        """Handle the controller's answers. Called with each sample."""
 
     async def upload(self, check: Callable[[], None]) -> bool:
         """Send the control script. It starts some time later.
 
         Args:
-            check: Called last before the script is sent. What it raises is raised here.
+            check: Called immediately before the script is sent. Its exceptions are raised here.
 
         Returns:
-            Whether the controller took it.
+            True if the controller accepted the script.
         """
         ...
 
     def script_runs(self) -> bool:
-        """Return whether the script that was uploaded last runs."""
+        """Return True if the script that was uploaded last runs."""
         ...
 
     async def set_watchdog(self, min_hz: float) -> bool:
-        """Arm the controller's watchdog. Return whether the script has done it."""
+        """Arm the controller's watchdog. Return True if the script has done it."""
         ...
 
     async def kick(self) -> None:
         """Feed the watchdog."""
 
     async def servo(self, radians: tuple[float, ...], check: Callable[[], None]) -> bool:
-        """Send a target of each joint. Return False when the script does not run.
+        """Send a target of each joint. Return False if the script does not run.
 
         Args:
             radians: In the order of ``JOINTS``.
@@ -68,23 +67,25 @@ class Control(Protocol):
         """End servo motion. The order leaves before the first wait.
 
         Args:
-            ends: Whether the script ends, too.
+            ends: True to end the script as well.
 
         Returns:
-            Whether the script says that the arm stands.
+            True if the script reports that the arm stands.
         """
         ...
 
     def close(self) -> None:
-        """Close what can be closed without waiting."""
+        """Close everything that can be closed without waiting."""
 
 
 def open_control(config: URConfig, clock: Clock) -> Control:
-    """Return the way to command this robot, connected to nothing.
+    """Return the way to command this robot, not connected yet.
 
-    Without the option ``control`` it is ur-rtde where that can be imported, else our script. Raise
-    ``WireDown`` where ur-rtde is asked for and cannot be imported, ``ProcessSpent`` when this process
-    has had one.
+    Without the option ``control`` it is ur-rtde if that can be imported, else our script.
+
+    Raises:
+        WireDown: ``control`` is ur-rtde, which cannot be imported.
+        ProcessSpent: This process has had one.
     """
     if config.control != "script":
         try:

@@ -1,8 +1,8 @@
-"""Universal Robots e-Series and UR-Series arms, through ur-rtde or a control script of ours.
+"""Universal Robots e-Series and UR-Series arms, by ur-rtde or by our own control script.
 
-Safe, for a late writer, is to hold: servoing ends, the control script stays and is fed. For
-everything else the arm is stopped and its program ended; the controller holds the arm without it.
-The power stays on: taking it off is the pendant's, or the e-stop's on the wall.
+When a writer is late the robot holds: servoing ends, the control script goes on, and its watchdog is fed. For
+every other reason the arm is stopped and its program ends; the controller then holds the arm by itself. The
+power stays on. Only the pendant, or the e-stop on the wall, takes it off.
 """
 
 from __future__ import annotations
@@ -75,10 +75,10 @@ class UR(Driver):
         oneshot_ttl_s=None,
         state_ttl_s=0.3,
         arm_s=5.0,  # a real controller takes a second or two to start a program
-        # An upload that is cut off is in a socket's buffer, in the network, or being started: the
-        # dashboard's "stop" ends only what has been taken. By START_S it has started, or never will.
+        # A cut-off upload is in a socket's buffer, in the network, or being started. The dashboard's "stop"
+        # ends only programs that the controller has taken. After START_S it has started, or never will.
         late_s=START_S,
-        silent_s=1.0,  # ur-rtde's constructors keep the lock: 10 ms here, network and load come on top
+        silent_s=1.0,  # ur-rtde's constructors keep the lock: 10 ms here, and longer with network and load
     )
     fallbacks: Mapping[Reason, SafeState] = fallbacks_for(late=SafeState.HOLD, otherwise=SafeState.STOP)
     firmware_watchdog = (
@@ -119,16 +119,16 @@ class UR(Driver):
 
     def readings(self, observation: Observation) -> dict[str, Any]:
         sensors = observation.sensors
-        told: dict[str, Any] = {"model": self.robot}
+        result: dict[str, Any] = {"model": self.robot}
         for field, name in _READINGS.items():
-            told[field] = list(sensors[name]) if name in sensors else None
+            result[field] = list(sensors[name]) if name in sensors else None
         for field, modes in (("robot_mode", RobotMode), ("safety_mode", SafetyMode)):
-            told[field] = _word(modes, round(sensors[field][0])) if field in sensors else None
-        return told
+            result[field] = _word(modes, round(sensors[field][0])) if field in sensors else None
+        return result
 
 
 def _word(modes: type[enum.IntEnum], number: int) -> str:
-    """Return a mode as scripts compare it: its name alone, where it has one."""
+    """Return a mode as scripts compare it: its name only, if it has one."""
     return modes(number).name if number in list(modes) else mode_name(modes, number)
 
 
@@ -137,5 +137,5 @@ _READINGS: Mapping[str, str] = {
     "tcp_speed": "tcp_speed_m_s_rad_s",
     "wrench": "wrench_n_nm",
 }
-"""Pose: metres, then a rotation vector; wrench: newtons, then newton metres, at the tool's centre
-in the axes of the base."""
+"""Fields of the reading and their sensors. The pose is metres, then a rotation vector; the wrench is newtons,
+then newton metres, at the tool's centre in the axes of the base."""

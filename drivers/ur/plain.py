@@ -1,5 +1,5 @@
-"""The controller's plain ports, without the SDK: the dashboard, samples that show its clock advance,
-and registers that are written."""
+"""The controller's ports that need no SDK: the dashboard, samples that show that its clock advances, and
+registers that we write."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from strands_actors.drivers.common.tcp_port import TcpPort, open_tcp
 from . import protocol as p
 
 ANSWER_S = 0.5
-"""A controller answers within milliseconds; it may be busy starting a program."""
+"""A controller answers within milliseconds, unless it is busy starting a program."""
 
 
 @contextlib.asynccontextmanager
 async def connected(host: str, port: int) -> AsyncIterator[TcpPort]:
-    """Raise ``WireDown``. The close is an orderly one: a stop that a frozen controller has not read
-    yet stays there for when it wakes up."""
+    """Connect to a port. Raise ``WireDown`` if that fails. The close is orderly, so a stop that a frozen
+    controller has not read stays there until it wakes up."""
     stream = await open_tcp(host, port)
     try:
         yield stream
@@ -41,21 +41,21 @@ async def receive(stream: TcpPort) -> bytes:
 # -- the dashboard
 
 LONGEST_ANSWER = 16 * 1024
-"""Bytes of what the dashboard answers to a line; a serial number has 20."""
+"""Most bytes of an answer of the dashboard to one line. A serial number has 20."""
 
 
 def refuse_long(stream: TcpPort, heard: bytes) -> None:
-    """Raise ``WireDown`` for what is no answer of the dashboard."""
+    """Raise ``WireDown`` if the data is too long for an answer of the dashboard."""
     if len(heard) > LONGEST_ANSWER:
         raise WireDown(f"{stream.name}: answers more than {LONGEST_ANSWER} bytes. Check what is served there")
 
 
 async def ask_dashboard(host: str, *lines: str) -> list[str]:
-    """Return the answer to each line. Raise ``WireDown``."""
+    """Return the answer to each line. Raise ``WireDown`` if one is missing."""
     answers: list[str] = []
     async with connected(host, p.DASHBOARD_PORT) as stream:
         pending = b""
-        for line in ("", *lines):  # the banner comes unasked
+        for line in ("", *lines):  # the banner comes without a request
             if line:
                 stream.write(f"{line}\n".encode())
             while b"\n" not in pending:
@@ -67,7 +67,7 @@ async def ask_dashboard(host: str, *lines: str) -> list[str]:
 
 
 async def handshake(host: str) -> dict[str, Any]:
-    """Return who it is, for ``status``. Raise ``WireDown``."""
+    """Return the identity of the controller, for ``status``. Raise ``WireDown`` if it does not answer."""
     version, serial, model, remote = await ask_dashboard(
         host, "PolyscopeVersion", "get serial number", "get robot model", "is in remote control"
     )
@@ -84,7 +84,7 @@ class Rtde:
         self._stream = stream
         self._decoder = p.Decoder()
         self._budget = ReceiveBudget(stream.name)
-        self._packets: Iterator[p.Packet] = iter(())  # that came with one asked for
+        self._packets: Iterator[p.Packet] = iter(())  # packets that arrived together with a requested one
         self._outputs: p.Recipe
 
     def close(self) -> None:
@@ -118,18 +118,21 @@ class Rtde:
 
 
 class Samples(Rtde):
-    """A stream of RTDE samples: what each output that was asked for is now."""
+    """A stream of RTDE samples: the present values of the requested outputs."""
 
     async def start(self, names: Sequence[str], hz: float) -> None:
-        """Agree on the outputs and how often they come. Raise ``WireDown``."""
+        """Agree on the outputs and their rate. Raise ``WireDown`` if the controller refuses."""
         with self._understood():
             await self._agree_version()
             await self._agree_outputs(names, hz)
             await self._request(p.frame(p.Kind.START), p.Kind.START)
 
     async def next(self) -> dict[str, Any]:
-        """Return the newest that has come. Raise ``WireDown`` when none comes, or one that cannot be
-        read, or when the controller sends more than can be read."""
+        """Return the newest sample.
+
+        Raises:
+            WireDown: No sample came, it cannot be read, or the controller sends more than can be read.
+        """
         with self._understood():
             newest = await self._packet(p.Kind.DATA)
             pieces = self._budget.turn(self._stream.read_waiting)
@@ -140,8 +143,11 @@ class Samples(Rtde):
             return self._outputs.unpack(newest)
 
     async def first(self) -> dict[str, Any]:
-        """Return the first that shows the controller's clock advance. Raise ``WireDown`` when it
-        does not."""
+        """Return the first sample that shows that the controller's clock advances.
+
+        Raises:
+            WireDown: The clock stands still.
+        """
         sample = before = await self.next()
         with trio.move_on_after(ANSWER_S):
             while sample["timestamp"] == before["timestamp"]:
@@ -156,15 +162,19 @@ class Registers(Rtde):
     """Inputs of the controller that this connection writes, all of them in each packet, and outputs that
     answer them.
 
-    The outputs have a second use. Inputs belong to one client until its connection ends. A controller
-    that sends nothing would not notice that the client has gone while the cable was pulled.
+    The outputs have a second use. Inputs belong to one client until its connection ends. A controller that
+    sends nothing would not notice that the client has ended while the cable was pulled.
     """
 
     answers: Mapping[str, Any] = {}
-    """Outputs that came last. Empty: none has come yet."""
+    """The newest outputs; empty if none has come."""
 
     async def start(self, inputs: Sequence[str], outputs: Sequence[str], hz: float) -> None:
-        """Agree on both. Raise ``WireDown``, also when another client writes one of the inputs."""
+        """Agree on inputs and outputs.
+
+        Raises:
+            WireDown: The controller refuses, for example because another client writes an input.
+        """
         with self._understood():
             await self._agree_version()
             await self._agree_outputs(outputs, hz)
@@ -172,11 +182,11 @@ class Registers(Rtde):
             await self._request(p.frame(p.Kind.START), p.Kind.START)
 
     def write(self, values: Mapping[str, p.Value]) -> None:
-        """Write one packet at once. Raise ``WireDown``."""
+        """Write one packet at once. Raise ``WireDown`` if the connection is lost."""
         self._stream.write(self._inputs.pack(values))
 
     def take(self) -> None:
-        """Take the answers that have come, without a wait. Raise ``WireDown``."""
+        """Handle received answers, without waiting. Raise ``WireDown`` if the connection is lost."""
         with self._understood():
             for packet in (*self._packets, *self._decoder.feed(self._stream.read_waiting() or b"")):
                 if packet.kind == p.Kind.DATA:
@@ -184,7 +194,7 @@ class Registers(Rtde):
 
 
 async def open_registers(host: str, inputs: Sequence[str], outputs: Sequence[str], hz: float) -> Registers:
-    """Raise ``WireDown``."""
+    """Connect and agree on the registers. Raise ``WireDown`` if that fails."""
     opened = Registers(await open_tcp(host, p.RTDE_PORT))
     try:
         await opened.start(inputs, outputs, hz)
@@ -195,7 +205,7 @@ async def open_registers(host: str, inputs: Sequence[str], outputs: Sequence[str
 
 
 async def open_samples(host: str, names: Sequence[str], hz: float) -> Samples:
-    """Raise ``WireDown``."""
+    """Connect and start the samples. Raise ``WireDown`` if that fails."""
     started = Samples(await open_tcp(host, p.RTDE_PORT))
     try:
         await started.start(names, hz)

@@ -1,4 +1,4 @@
-"""What goes over a UR controller's ports beside the SDK: RTDE packets (30004), and what stops a
+"""The protocols of a UR controller's ports beyond the SDK: RTDE packets (30004), and the texts that stop a
 program. Pure: no I/O, no clock.
 
 RTDE is big-endian: ``u16 size | u8 kind | payload``, where size counts all bytes.
@@ -16,7 +16,7 @@ from strands_actors.drivers.common.malformed import MalformedFrame
 
 DASHBOARD_PORT = 29999
 PRIMARY_PORT, SECONDARY_PORT, REALTIME_PORT = 30001, 30002, 30003
-"""Each takes URScript text; a program ends with an unindented ``end``."""
+"""Each of these ports takes URScript text. A program ends with an unindented ``end``."""
 RTDE_PORT = 30004
 
 RTDE_VERSION = 2
@@ -48,13 +48,13 @@ def frame(kind: int, payload: bytes = b"") -> bytes:
 
 
 class Decoder:
-    """Bytes in any pieces, packets out."""
+    """Decodes bytes, in pieces of any size, into packets."""
 
     def __init__(self) -> None:
         self._buffer = bytearray()
 
     def feed(self, data: bytes) -> Iterator[Packet]:
-        """Raise ``MalformedFrame`` at a size that cannot be."""
+        """Yield the complete packets. Raise ``MalformedFrame`` for an impossible size."""
         self._buffer += data
         while len(self._buffer) >= _HEADER.size:
             size, kind = _HEADER.unpack_from(self._buffer)
@@ -67,7 +67,7 @@ class Decoder:
             yield Packet(kind, payload)
 
 
-# -- recipes: which variables a data packet carries, in which order
+# -- recipes: the variables of a data packet and their order
 
 TYPES = {
     "DOUBLE": "d",
@@ -83,7 +83,7 @@ TYPES = {
 
 
 class Recipe:
-    """An agreed list of variables."""
+    """An agreed list of variables of one data packet."""
 
     def __init__(self, number: int, names: Sequence[str], types: Sequence[str]) -> None:
         self.number = number
@@ -93,13 +93,13 @@ class Recipe:
         self._struct = struct.Struct(">B" + "".join(formats))
 
     def pack(self, values: Mapping[str, Value]) -> bytes:
-        """A data packet."""
+        """Return a data packet."""
         rows = ((values[name], count) for name, count in zip(self.names, self._counts, strict=True))
         flat = [part for value, count in rows for part in (value if isinstance(value, tuple) else (value,) * count)]
         return frame(Kind.DATA, self._struct.pack(self.number, *flat))
 
     def unpack(self, payload: bytes) -> dict[str, Value]:
-        """Raise ``MalformedFrame`` when the payload is not of this recipe."""
+        """Return the values of a payload. Raise ``MalformedFrame`` if it is not of this recipe."""
         if len(payload) != self._struct.size:
             raise MalformedFrame(f"{len(payload)} bytes of data, the recipe has {self._struct.size}")
         number, *values = self._struct.unpack(payload)
@@ -119,7 +119,7 @@ def outputs_request(hz: float, names: Sequence[str]) -> bytes:
 
 
 def outputs_answer(payload: bytes, names: Sequence[str]) -> Recipe:
-    """Raise ``MalformedFrame`` naming what the controller does not have."""
+    """Return the recipe of the requested outputs. Raise ``MalformedFrame`` with the missing names."""
     types = payload[1:].decode("ascii", "replace").split(",")
     if len(types) != len(names) or any(name not in TYPES for name in types):
         missing = [name for name, kind in zip(names, types, strict=False) if kind not in TYPES]
@@ -186,7 +186,7 @@ MOVABLE_SAFETY = (SafetyMode.NORMAL, SafetyMode.REDUCED)
 
 
 def mode_name(modes: type[enum.IntEnum], number: int) -> str:
-    """Return a mode as people know it, with its number."""
+    """Return a mode as people know it: its name and its number."""
     return f"{modes(number).name if number in list(modes) else 'unknown'} ({number})"
 
 
@@ -194,7 +194,7 @@ def mode_name(modes: type[enum.IntEnum], number: int) -> str:
 
 STOP_DECELERATION_RAD_S2 = 4.0
 STOP_SCRIPT = f"stopj({STOP_DECELERATION_RAD_S2})\n".encode()
-"""Sent to a script port it replaces whatever program runs."""
+"""A script that stops the arm. Sent to a script port it replaces any running program."""
 
 DASHBOARD_STOP = "stop"
 DASHBOARD_STOPPED = "Stopped"

@@ -1,5 +1,5 @@
-"""Command a UR by our own control script: uploaded to a script port, told what to do by RTDE
-registers. No SDK, no thread."""
+"""Command a UR by our own control script: upload it to a script port, then send orders by RTDE registers. It
+needs no SDK and no thread."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .gates import CONTROL_S
 from .plain import Registers, open_registers
 
 ANSWER_S = 0.5
-"""For the script to arm its watchdog, and to stop the arm: 0.3 s from top speed."""
+"""Longest time for the script to arm its watchdog, or to stop the arm: 0.3 s from top speed."""
 
 
 class ScriptControl:
@@ -28,7 +28,7 @@ class ScriptControl:
     spent = ""
 
     def __init__(self, host: str, hz: float, clock: Clock) -> None:
-        """``hz``: how often the controller answers."""
+        """``hz``: rate of the controller's answers."""
         self._host = host
         self._hz = hz
         self._clock = clock
@@ -38,7 +38,7 @@ class ScriptControl:
         self._target = (0.0,) * len(JOINTS)
 
     async def connect(self) -> None:
-        """Raise ``WireDown`` when another RTDE client writes these registers."""
+        """Connect to the registers. Raise ``WireDown`` if another RTDE client writes them."""
         if self._registers is None:
             self._registers = await open_registers(self._host, s.INPUTS, s.ANSWERS, self._hz)
 
@@ -49,7 +49,7 @@ class ScriptControl:
     async def upload(self, check: Callable[[], None]) -> bool:
         self._close_upload()
         self._sequence, self._token = 0, self._clock.now_ns() // 1000 % s.LAST_NUMBER + 1
-        self._write(s.Order.KEEP)  # what an earlier script was told last does not stay there
+        self._write(s.Order.KEEP)  # overwrite the last order of an earlier script
         self._upload = await open_tcp(self._host, p.SECONDARY_PORT)
         check()
         self._upload.write(s.control_script(self._token))
@@ -57,18 +57,18 @@ class ScriptControl:
 
     def script_runs(self) -> bool:
         if self._upload is not None:
-            # The port tells the controller's state. A connection that is closed with state unread is
-            # reset, and the script might be dropped.
+            # The port also sends the controller's state. Closing a connection with unread data resets it,
+            # and the script might be dropped.
             self._upload.read_waiting()
         return self._is_ours and self._answer(s.PHASE) != s.Phase.ENDED
 
     @property
     def _is_ours(self) -> bool:
-        """Return whether what answers is the script that was uploaded last."""
+        """True if the script that was uploaded last is the one that answers."""
         return self._answer(s.RUNS) == self._token
 
     async def set_watchdog(self, min_hz: float) -> bool:
-        """The script arms it by itself, at its first packet."""
+        """Send orders until the script is ready. It arms the watchdog by itself, at its first packet."""
         armed = await self._repeat(s.Order.KEEP, lambda: self._answer(s.PHASE) == s.Phase.READY)
         self._close_upload()
         return armed
@@ -91,7 +91,7 @@ class ScriptControl:
         return await self._repeat(s.Order.HOLD, lambda: s.has_reached(self._answer(s.HELD), ordered))
 
     def close(self) -> None:
-        """What is still on its way is thrown away, but for a script whose upload has begun."""
+        """Discard unsent data, except a script with an upload under way."""
         self._close_upload()
         if self._registers is not None:
             self._registers.close()
@@ -103,12 +103,13 @@ class ScriptControl:
             self._upload = None
 
     def _answer(self, output: str) -> int:
-        """Return what an output register has now. 0: it is not known. Raise ``WireDown``."""
+        """Return the present value of an output register; 0 if it is unknown. Raise ``WireDown`` if the
+        connection is lost."""
         self.take()
         return self._registers.answers.get(output, 0) if self._registers is not None else 0
 
     def _write(self, order: s.Order) -> None:
-        """Write one packet at once. Raise ``WireDown``."""
+        """Write one packet at once. Raise ``WireDown`` if the connection is lost."""
         if self._registers is None:
             raise WireDown(f"{self._host}: the registers are not open. Reconnect")
         self._sequence = s.next_number(self._sequence)
@@ -116,8 +117,8 @@ class ScriptControl:
         self._registers.write({**targets, s.ORDER: order, s.SEQUENCE: self._sequence, s.TOKEN: self._token})
 
     async def _repeat(self, order: s.Order, answered: Callable[[], bool]) -> bool:
-        """Write an order until the script has answered it, which also feeds its watchdog. The first
-        packet leaves before the first wait. Return whether the script has answered."""
+        """Write an order until the script has answered it, which also feeds its watchdog. The first packet
+        leaves before the first wait. Return True if the script has answered."""
         with trio.move_on_after(ANSWER_S):
             while True:
                 self._write(order)

@@ -1,14 +1,15 @@
-"""ur-rtde in the wire process: it commands. What the controller tells is heard without it (``plain``).
+"""ur-rtde in the wire process. It only commands; the state of the controller is received without it
+(``plain``).
 
-What it does that nobody would expect, seen with 1.6.5:
+Unexpected behaviour of ur-rtde, seen with 1.6.5:
 
-* Constructors and destructors keep the interpreter's lock: 10 ms for one, always 500 ms for the
-  other, for ever against a controller that is frozen. So nothing is ever destroyed here, and one
-  process opens it once.
-* A call that lost its connection reconnects by itself and then *sends its old command*. So a call
-  that missed its deadline is the end of the process: nothing less keeps it from happening late.
-* ``isConnected`` and return values say nothing of a frozen controller: liveness is the controller's
-  clock.
+* Constructors and destructors keep the interpreter's lock: a constructor for 10 ms, a destructor always for
+  500 ms, and for ever if the controller is frozen. So no object is ever destroyed here, and one process
+  opens it once.
+* A call that lost its connection reconnects by itself and then *sends its old command*. So a call that
+  missed its deadline ends the process: only that keeps the command from being sent late.
+* ``isConnected`` and return values do not show that a controller is frozen. Only the controller's clock
+  does.
 """
 
 from __future__ import annotations
@@ -26,31 +27,30 @@ from .gates import CONTROL_S, LOOKAHEAD_S
 
 OPEN_S = 3.0
 CALL_S = 0.1
-"""For calls that only send. They take 0.1 ms."""
+"""Deadline of calls that only send. They take 0.1 ms."""
 STOP_S = 0.5
-"""For servoStop, which waits until the arm stands: 0.3 s from top speed at its deceleration."""
+"""Deadline of servoStop, which waits until the arm stands: 0.3 s from top speed at its deceleration."""
 
 REGISTERS_HZ = 500.0
-"""How often the controller tells the control interface its registers. Before each command that one
-waits until the script has said there that it took the last: at 125 Hz a stop behind a setpoint left
+"""Rate at which the controller sends its registers to the control interface. Before each command, that
+interface waits until the script has acknowledged the last one there. At 125 Hz a stop behind a setpoint left
 3 to 11 ms late, at 500 Hz 1 to 3."""
 
 GAIN = 300.0
-"""Of servoJ, 100 to 2000: the SDK's own default."""
+"""Gain of servoJ, 100 to 2000. This is the SDK's own default."""
 UNUSED = 0.5
-"""servoJ takes a speed and an acceleration and uses neither."""
+"""servoJ takes a speed and an acceleration, and uses neither."""
 STOP_RAD_S2 = 10.0
 
 _ERRORS = (RuntimeError, ValueError, IndexError, TypeError)
-"""What exceptions of the SDK become in Python; TypeError: one of another version takes no such
-arguments."""
+"""The SDK's exceptions in Python. TypeError comes from a version with other arguments."""
 
 _NEWEST = (3, 12)
-"""Of Python, and x86-64 of the processors: the wheels of ur-rtde 1.6.5 on the package index."""
+"""Newest Python for which the package index has wheels of ur-rtde 1.6.5. They are for x86-64 only."""
 
 
 def install_line(machine: str = "", python: tuple[int, int] = sys.version_info[:2]) -> str:
-    """Return what installs ur-rtde on this machine, or where it can be had."""
+    """Return the command that installs ur-rtde on this machine, or a text that says how to go on without."""
     machine = machine or os.uname().machine
     if python <= _NEWEST and machine == "x86_64":
         return "pip install 'strands-actors[ur]'"
@@ -61,13 +61,17 @@ def install_line(machine: str = "", python: tuple[int, int] = sys.version_info[:
 
 
 class Sdk(SdkCalls):
-    """One connection. Calls never overlap. See ``control.Control``."""
+    """One connection of ur-rtde. Calls never overlap. See ``control.Control``."""
 
     WAY: ClassVar[Way] = "ur-rtde"
 
     def __init__(self, host: str, registers_hz: float | None = None) -> None:
-        """Load it, and connect to nothing. Raise ``WireDown`` where it is not installed,
-        ``ProcessSpent`` when this process has had one."""
+        """Load ur-rtde, without connecting.
+
+        Raises:
+            WireDown: It is not installed.
+            ProcessSpent: This process has had one.
+        """
         if kept():
             raise ProcessSpent("the link was lost, and ur-rtde is opened once in a process")
         super().__init__("ur-rtde", _ERRORS)
@@ -77,24 +81,24 @@ class Sdk(SdkCalls):
         self._control: Any = None
 
     async def connect(self) -> None:
-        """Connect to the registers, the first time; no program is started."""
+        """Connect to the registers, once. This starts no program."""
         if self._control is None:
-            # registers 0 to 23 belong to fieldbus and PLC; NO_WAIT: it would wait with the lock
-            # held
+            # Registers 0 to 23 belong to fieldbus and PLC. NO_WAIT: it would otherwise wait with the lock
+            # held.
             flags = self._interface.FLAG_UPPER_RANGE_REGISTERS | self._interface.FLAG_NO_WAIT
             self._control = await self.construct(
                 "control", OPEN_S, self._interface, self._host, self._registers_hz, flags
             )
 
     def take(self) -> None:
-        """Its own threads read."""
+        """Do nothing: its own threads read."""
 
     def close(self) -> None:
-        """Nothing is closed: that takes half a second with the lock held, or for ever. What is open ends
-        with this process, which cannot open another."""
+        """Close nothing: that takes half a second with the lock held, or for ever. The connection ends with
+        this process, which cannot open another one."""
 
     async def upload(self, check: Callable[[], None]) -> bool:
-        """``check`` as in ``servo``."""
+        """Upload the script. ``check`` as in ``servo``."""
         reupload = self._control.reuploadScript
 
         def send() -> bool:
@@ -113,7 +117,7 @@ class Sdk(SdkCalls):
         await self.call("kickWatchdog", CALL_S, self._control.kickWatchdog)
 
     async def servo(self, radians: tuple[float, ...], check: Callable[[], None]) -> bool:
-        """``check`` is called last, in the worker; what it raises is raised here."""
+        """Send a target. ``check`` is called last, in the worker thread; its exceptions are raised here."""
         servo_j, target = self._control.servoJ, list(radians)
 
         def send() -> bool:

@@ -1,5 +1,5 @@
-"""The stop that needs no SDK. The wire process stops so when ur-rtde hangs, the root when the wire
-process is gone."""
+"""Stop a UR without its SDK. The wire process does so if ur-rtde hangs, and the root if the wire process has
+ended."""
 
 from __future__ import annotations
 
@@ -20,13 +20,14 @@ from .gates import CONTROL_HZ
 from .plain import connected, open_samples, receive, refuse_long
 
 STOP_S = 1.2
-"""From top speed a joint needs 0.8 s at the deceleration of ``stopj``."""
+"""Longest time of a stop. From top speed a joint needs 0.8 s at the deceleration of ``stopj``."""
 
 DASHBOARD_S = 0.25
-"""The dashboard is a program of its own on the controller, and may hang while the arm goes on."""
+"""Longest time for the dashboard. It is a separate program on the controller, and may hang while the arm
+moves on."""
 
 SCRIPT_S = 0.2
-"""By then a program that was sent has replaced the one before [assumed]."""
+"""Time after which a sent program has replaced the one before [assumed]."""
 
 STANDING_RAD_S = 0.02
 
@@ -34,29 +35,29 @@ WATCHED = ("timestamp", "actual_qd", "runtime_state")
 
 
 class _Stop:
-    """What is known of a stop so far."""
+    """The progress of a stop."""
 
     def __init__(self, host: str) -> None:
         self._host = host
         self.written = False
-        self.acknowledged = False  # the dashboard said so: a script port answers nothing
-        self.ordered = False  # it had the time to take effect
+        self.acknowledged = False  # by the dashboard; a script port answers nothing
+        self.ordered = False  # the order had the time to take effect
         self.playing = True
-        self.moving = set(range(len(JOINTS)))  # or not known to stand
+        self.moving = set(range(len(JOINTS)))  # joints that move, or may move
         self.trouble: list[str] = []
 
     def reports(self) -> tuple[MotorReport, ...]:
-        said = ", ".join(dict.fromkeys(self.trouble))
+        trouble = ", ".join(dict.fromkeys(self.trouble))
         reports = []
         for at, joint in enumerate(JOINTS):
             moves = at in self.moving
             safe = self.written and not self.playing and not moves
-            detail = "" if safe else said or ("moves" if moves else "its program runs")
+            detail = "" if safe else trouble or ("moves" if moves else "its program runs")
             reports.append(MotorReport(joint, at, self.written, self.acknowledged, safe, detail))
         return tuple(reports)
 
     async def order(self) -> None:
-        """End what runs by the dashboard or, where that does not answer, by a script that replaces
+        """End the running program by the dashboard or, if that does not answer, by a script that replaces
         it."""
         try:
             with trio.fail_after(DASHBOARD_S):
@@ -70,26 +71,28 @@ class _Stop:
 
     async def _by_dashboard(self) -> None:
         async with connected(self._host, p.DASHBOARD_PORT) as stream:
-            stream.write(f"{p.DASHBOARD_STOP}\n".encode())  # not after the banner: it may never come
+            stream.write(f"{p.DASHBOARD_STOP}\n".encode())  # without waiting for the banner, which may never come
             self.written = True
-            said = b""
-            while p.DASHBOARD_STOPPED.encode() not in said:
-                said += await receive(stream)
-                refuse_long(stream, said)
+            received = b""
+            while p.DASHBOARD_STOPPED.encode() not in received:
+                received += await receive(stream)
+                refuse_long(stream, received)
             self.acknowledged = self.ordered = True
 
     async def _by_script(self) -> None:
         async with connected(self._host, p.SECONDARY_PORT) as stream:
             stream.write(p.STOP_SCRIPT)
             self.written = True
-            with trio.move_on_after(SCRIPT_S):  # closed at once, what was sent might be dropped unread
-                while True:  # and closed on the state that it tells, the connection is reset
+            # Keep the connection open and read from it. If it were closed at once, the text might be dropped
+            # unread. If it were closed with unread data, it would be reset.
+            with trio.move_on_after(SCRIPT_S):
+                while True:
                     await stream.read()
             self.ordered = True
 
     async def watch(self) -> None:
-        """Wait for a sample that came after the order and shows what was ordered. One that repeats
-        the controller's time shows nothing."""
+        """Wait for a sample that is newer than the order and shows the stop. A sample that repeats the
+        controller's time does not count."""
         time_s = -1.0
         try:
             with contextlib.closing(await open_samples(self._host, WATCHED, CONTROL_HZ)) as samples:
@@ -107,7 +110,7 @@ class _Stop:
 
 
 async def stop(config: URConfig) -> tuple[MotorReport, ...]:
-    """End whatever program runs, then see the arm stand. Never raises."""
+    """End any running program, then wait until the arm stands. Never raises."""
     try:
         state = _Stop(config.host)
     except ValueError as error:
@@ -122,7 +125,7 @@ async def stop(config: URConfig) -> tuple[MotorReport, ...]:
 
 
 class URStopChannel(StopChannel):
-    """The root's way: sockets of its own, opened when they are needed."""
+    """The root's stop channel. It opens its sockets when they are needed."""
 
     def __init__(self, config: URConfig, descriptors: Sequence[int], clock: Clock) -> None:
         self._config = config
@@ -135,4 +138,4 @@ class URStopChannel(StopChannel):
         return await stop(self._config)
 
     def close(self) -> None:
-        """Nothing is kept open."""
+        """Do nothing: no socket stays open."""

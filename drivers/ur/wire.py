@@ -1,4 +1,4 @@
-"""A UR controller in the wire process: what it is commanded, and when it is not trusted."""
+"""The wire of a UR controller: it sends commands, and stops trusting a controller with a stopped clock."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ from .protocol import RuntimeState
 from .stop_channel import STANDING_RAD_S, stop
 
 FEED_S = 0.025
-"""Between kicks of a watchdog that waits 100 ms."""
+"""Period of feeding a watchdog that waits 100 ms."""
 
 SILENT_S = 0.04
-"""Nothing is written to a controller whose clock stands still for so long, or for two samples: it
-would take it up late."""
+"""No setpoint is written after the controller's clock has stood still for this time, or for two samples. A
+frozen controller would carry it out later."""
 
 CONFIRM_S = 0.4
 
 CLOCK_S = 1_000_000_000
-"""The controller's clock counts seconds from its start, and never so many: a sample that is behind
-the newest is an old one. After a restart the connection is another."""
+"""An upper limit of the controller's clock, in seconds since its start. So a sample that is behind the newest
+one is old, and not a wrapped clock. After a restart the connection is a new one."""
 
 SENSORS: Mapping[str, str] = {
     "current_a": "actual_current",
@@ -46,12 +46,12 @@ SENSORS: Mapping[str, str] = {
     "safety_mode": "safety_mode",
     "runtime_state": "runtime_state",
 }
-"""Outputs of the controller as they are published."""
+"""Sensors and the controller's outputs."""
 OUTPUTS = ("timestamp", "actual_q", "actual_qd", "speed_scaling", "target_speed_fraction", *SENSORS.values())
 
 
 class URSession:
-    """Samples as they come, and ``Control``, which only commands."""
+    """The samples of the controller, and a ``Control``, which only commands."""
 
     def __init__(self, control: Control, samples: plain.Samples, config: URConfig, clock: Clock) -> None:
         self.control = control
@@ -59,17 +59,17 @@ class URSession:
         self.sample: dict[str, Any] = {}
         self._config = config
         self._clock = clock
-        self._advanced = Stamps(CLOCK_S)  # by the controller's clock
+        self._advanced = Stamps(CLOCK_S)  # of the controller's clock
         self._still_s = max(SILENT_S, 2 / config.samples_hz)
         self._fed_ns = 0
-        self.controls = False  # the control script is ours, runs, and its watchdog is armed
+        self.controls = False  # our control script runs, and its watchdog is armed
         self.servoing = False
         self.lost = ""  # why control was lost since the robot was armed
 
     def take(self, sample: dict[str, Any]) -> None:
-        """Take a sample, if it is newer than the last one. A controller that stopped or paused our
-        program is not written to again before the next arming: its operator unlocks it, and nothing
-        may move because of that."""
+        """Take a sample, if it is newer than the last one. After the controller has stopped or paused our
+        program, nothing is written until the next arming: the operator unlocks the controller, and that alone
+        must not move the arm."""
         self.control.take()
         if not self._advanced.take(sample["timestamp"], self._clock.now_ns()):
             return
@@ -91,7 +91,7 @@ class URSession:
         return int(self.sample["runtime_state"])
 
     def check_alive(self) -> None:
-        """Raise ``WireDown`` when the controller's clock stands still."""
+        """Raise ``WireDown`` if the controller's clock stands still."""
         silent_s = self.silent_s()
         if silent_s > self._config.silent_s:
             raise WireDown(
@@ -100,9 +100,12 @@ class URSession:
             )
 
     async def see_advance(self) -> None:
-        """Wait for a sample that is newer than this call. Raise ``WireDown`` when none comes: against
-        a controller that is frozen the SDK's constructors never return, nor let go of the
-        interpreter."""
+        """Wait for a sample that is newer than this call. If the controller is frozen, the SDK's
+        constructors never return and never release the interpreter's lock.
+
+        Raises:
+            WireDown: No such sample came.
+        """
         asked_ns = self._clock.now_ns()
         with trio.move_on_after(plain.ANSWER_S):
             while True:
@@ -119,11 +122,11 @@ class URSession:
 
     @property
     def is_still(self) -> bool:
-        """Return whether the controller's clock stands still for too long to be written to."""
+        """True if the controller's clock has stood still for too long to write."""
         return self.silent_s() > self._still_s
 
     def stands_since(self, ordered_ns: int) -> bool:
-        """Return whether a fresh sample, newer than that, shows that no joint moves."""
+        """Return True if a fresh sample, newer than ``ordered_ns``, shows that no joint moves."""
         fresh = self._advanced.new_ns > ordered_ns and not self.is_still
         return fresh and all(abs(rad_s) < STANDING_RAD_S for rad_s in self.sample["actual_qd"])
 
@@ -131,8 +134,8 @@ class URSession:
         self._fed_ns = self._clock.now_ns()
 
     async def feed(self) -> None:
-        """Kick the controller's watchdog when it is due. While it servoes only setpoints feed it,
-        and those are earned one by one."""
+        """Feed the controller's watchdog if it is due. During servoing only setpoints feed it, and each of
+        those has passed the gate."""
         due = self._clock.now_ns() - self._fed_ns >= round(FEED_S * NS)
         if due and self.controls and not self.servoing:
             await self.control.kick()
@@ -148,7 +151,7 @@ class URSession:
             velocity=sample["actual_qd"],
             sensors={
                 **{name: value if isinstance(value, tuple) else (value,) for name, value in values.items()},
-                # the controller's own knows nothing of the slider
+                # The controller's own value ignores the slider.
                 "speed_scaling": (sample["speed_scaling"] * sample["target_speed_fraction"],),
                 "control": (float(self.controls),),
                 "watchdog_hz": (WATCHDOG_HZ if self.controls else 0.0,),
@@ -180,7 +183,7 @@ class URWire(SessionWire[URSession]):
         return {"address": host, "host": host, "commanded_by": control.WAY, **facts}
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Take the samples as they come."""
+        """Take the samples as they arrive."""
         session = self.session
         task_status.started()
         while True:
@@ -232,7 +235,7 @@ class URWire(SessionWire[URSession]):
             servoed = session.controls and await self._stop_by_control(session, ended)
             stands = (servoed or not ended) and await self._stands(session, ended)
         except (ProcessSpent, WireDown):
-            pass  # the next read says so, and what follows needs no control
+            pass  # the next read raises it; the stop below needs no control
         if stands:
             rows = zip(JOINTS, IDS, session.sample["actual_q"], strict=True)
             return tuple(MotorReport(joint, at, servoed, servoed, True, target=rad) for joint, at, rad in rows)
@@ -240,7 +243,7 @@ class URWire(SessionWire[URSession]):
         return await stop(self._config)
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """The plain ports take a stop unasked."""
+        """Stop by the plain ports, which take a stop at any time."""
         return await stop(self._config)
 
     def close(self) -> None:
@@ -252,9 +255,13 @@ class URWire(SessionWire[URSession]):
     # -- parts
 
     async def _start_script(self, session: URSession, permit: Permit) -> None:
-        """Upload the control script, see it run, arm its watchdog. Raise ``WireDown``."""
+        """Upload the control script, wait until it runs, and arm its watchdog.
+
+        Raises:
+            WireDown: One of these failed.
+        """
         control = session.control
-        if not await control.upload(permit.check):  # not before: a connection starts no program
+        if not await control.upload(permit.check):  # the permit is checked last: connecting starts no program
             raise WireDown("the controller does not take the control script. Try again")
         with trio.move_on_after(START_S):
             while not (session.runtime_state == RuntimeState.PLAYING and control.script_runs()):
@@ -269,9 +276,18 @@ class URWire(SessionWire[URSession]):
         session.was_fed()
 
     async def _stop_by_control(self, session: URSession, ended: bool) -> bool:
-        """End servo motion, and for a stop end the script. Return whether the controller did it; from
-        high speed its watchdog may end the program first: nobody can feed ur-rtde's script meanwhile. Raise
-        ``ProcessSpent`` and ``WireDown``."""
+        """End servo motion, and for a stop end the script.
+
+        From high speed the controller's watchdog may end the program first, since ur-rtde's script cannot be
+        fed meanwhile.
+
+        Returns:
+            True if the controller did it.
+
+        Raises:
+            ProcessSpent: The SDK hangs.
+            WireDown: The connection is lost.
+        """
         session.servoing = False
         if ended:
             session.controls = False
@@ -280,9 +296,13 @@ class URWire(SessionWire[URSession]):
         return stopped
 
     async def _stands(self, session: URSession, ended: bool) -> bool:
-        """Return whether samples show that no joint moves, and for a stop that no program runs.
-        Raise ``ProcessSpent`` and ``WireDown``."""
-        ordered_ns = self._clock.now_ns()  # and done, as far as the control answered
+        """Return True if samples show that no joint moves, and for a stop that no program runs.
+
+        Raises:
+            ProcessSpent: The SDK hangs.
+            WireDown: The connection is lost.
+        """
+        ordered_ns = self._clock.now_ns()  # the order was carried out before, if the control answered it
         with trio.move_on_after(CONFIRM_S):
             while True:
                 await trio.sleep(CONTROL_S)

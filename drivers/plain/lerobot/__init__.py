@@ -1,1 +1,1 @@
-"""LeRobot's own robot classes under this package's tree: ``Robot(name, driver="lerobot", ...)``."""
+"""Run LeRobot's own robot classes in this package's tree: ``Robot(name, driver="lerobot", ...)``."""

@@ -1,9 +1,8 @@
-"""A robot of LeRobot's as a driver of this package: ``PlainDriver`` of a ``Follower``, with what is
-known of its type.
+"""A robot of LeRobot's as a driver of this package: ``PlainDriver`` with a ``Follower`` and the facts of
+its type.
 
-Where its bus is one of ours (so100, so101, koch) the stop channel is that wire's own, and so are
-axes and limits. Elsewhere there is none of ours: another process connects by LeRobot's class and
-calls what stops it.
+For a bus that this package knows (so100, so101, koch) the stop channel, the axes and the limits are those
+of our own wire. For other buses another process connects by LeRobot's class and calls its stop.
 """
 
 from __future__ import annotations
@@ -30,10 +29,10 @@ from .follower import LIMP
 from .types import TYPES, Type
 
 ARM_S = 2.0
-"""To write the goals and energise: a few frames a motor."""
+"""Longest time to write the goals and energise: a few frames per motor."""
 REMEDY = "take the load off, then call stop() and resume() to energise it again"
 OWN_STOP_S = 2.5
-"""Of a stop by our own codec, where the wire's own may wait for a call that is under way."""
+"""Longest time of a stop by our own codec. The wire's stop may wait for a running call."""
 
 
 class LeRobotDriver(PlainDriver):
@@ -79,8 +78,8 @@ class LeRobotDriver(PlainDriver):
             self._own.preload()
 
     def stop_channel(self, descriptors: Sequence[int], clock: Clock) -> StopChannel:
-        """By our own codec, where there is one: its descriptor is the second that the wire handed
-        over."""
+        """Return a stop channel of our own codec, if it knows the bus. The codec uses the second descriptor
+        of the wire's handover."""
         if self._own is None:
             return super().stop_channel(descriptors, clock)
         return self._own.stop_channel(descriptors, clock)
@@ -88,7 +87,7 @@ class LeRobotDriver(PlainDriver):
 
 def _has_torque(axes: Sequence[str]) -> GateCheck:
     def has_torque(candidate: Candidate, state: GateState) -> Refused | None:
-        """Refuse to move a motor that has lost its torque: a goal may give it back, with a jump."""
+        """Refuse to move a motor that has lost its torque: a goal may switch it on again, with a jump."""
         faults = state.observation.faults
         limp = next((axes[at] for at in candidate.named if faults.get(axes[at]) == LIMP), "")
         if not limp:
@@ -99,7 +98,7 @@ def _has_torque(axes: Sequence[str]) -> GateCheck:
 
 
 def _calibration(keywords: Mapping[str, Any]) -> dict[str, Any]:
-    """Return, for our driver, the calibration that LeRobot will read."""
+    """Return the calibration that LeRobot will read, as an option of our driver."""
     name, folder = keywords.get("tool_name"), keywords.get("calibration_dir")
     file = Path(str(folder)).expanduser() / f"{name}.json" if folder else None
     if file is not None and file.is_file():

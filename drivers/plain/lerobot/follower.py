@@ -1,8 +1,8 @@
 """An object of LeRobot's, in the wire process, as a driver class of the drivers page.
 
-LeRobot energises a robot when it connects it. This does not leave it so: connected, it has no
-torque, and is energised where it stands when the tree arms it. That is so where it has buses whose
-torque can be kept off meanwhile; others are energised by connecting, as LeRobot has it.
+LeRobot energises a robot when it connects. This class keeps the torque off while it connects, if it can
+reach the robot's buses. The tree's arming then energises the motors at their present positions. Robots with
+other buses are energised by connecting, as in LeRobot.
 """
 
 from __future__ import annotations
@@ -19,21 +19,22 @@ from typing import Any, ClassVar
 from .types import TYPES, Type
 
 GOAL, PRESENT, TORQUE = "Goal_Position", "Present_Position", "Torque_Enable"
-"""LeRobot's names of the registers."""
+"""Register names of LeRobot."""
 LOOKS, LOOK_S = 4, 0.03
-"""How often the torque is read back, and how long answers have to be late in between."""
+"""How often the torque is read back, and the pause in between in seconds, so that late answers arrive."""
 TORQUE_EVERY = 3
-"""Readings of the positions to one of the torque: a tenth of a second at 30 a second. A servo that
-resets or is overloaded is limp for longer; asked each time, it would cost a third of the bus."""
+"""Readings of the positions for each reading of the torque: about ten a second at 30 a second. A servo that
+resets or is overloaded stays limp for longer. Reading the torque each time would cost a third of the
+bus."""
 LIMP = "limp"
-"""What is said of a motor that has lost its torque."""
+"""Fault text of a motor that has lost its torque."""
 TRIES = 2
-"""Of one that answers badly; a deadline is behind them all."""
+"""Retries after a bad answer. The deadline of the call limits all of them."""
 
 
 class Follower:
-    """``tool_name``: LeRobot's ``id``, under which it was calibrated. Other keywords are fields of
-    its config, mappings where that has configs of its own."""
+    """``tool_name``: LeRobot's ``id``, under which the robot was calibrated. Other keywords are fields of
+    LeRobot's config, as mappings for nested configs."""
 
     ROBOT: ClassVar[str]
     DRIVER: ClassVar[str] = "strands_actors.drivers.plain.lerobot.driver:LeRobotDriver"
@@ -50,19 +51,19 @@ class Follower:
         self._energised = False
         self._readings = 0
         self.limp: frozenset[str] = frozenset()
-        """Motors that were energised, and had no torque when they were asked last."""
+        """Motors that were energised, and had no torque at the last reading."""
 
     def _make(self) -> Any:
-        import draccus  # LeRobot's own; what it reads its command line with
+        import draccus  # LeRobot depends on it, and parses its command line with it
 
         robots = importlib.import_module("lerobot.robots")
         importlib.import_module(f"lerobot.robots.{self._kind.module}")
         config_class = robots.RobotConfig.get_choice_class(self._kind.type)
-        known = _fields_of(config_class)
-        if unknown := [name for name in self._fields if name not in known]:
-            raise ValueError(f"{self._kind.type} has no {', '.join(unknown)}. it has {', '.join(known)}")
+        fields = _fields_of(config_class)
+        if unknown := [name for name in self._fields if name not in fields]:
+            raise ValueError(f"{self._kind.type} has no {', '.join(unknown)}. it has {', '.join(fields)}")
         own = {"cameras": {}, "use_degrees": True, "disable_torque_on_disconnect": True}
-        given = {name: value for name, value in own.items() if name in known} | self._fields
+        given = {name: value for name, value in own.items() if name in fields} | self._fields
         return robots.make_robot_from_config(draccus.decode(config_class, given))
 
     @property
@@ -72,17 +73,17 @@ class Follower:
 
     @property
     def is_connected(self) -> bool:
-        """Whether it may be commanded; a stop ends that."""
+        """Return True if it may be commanded. A stop ends that."""
         return self._energised and bool(self._robot.is_connected)
 
     def connect(self) -> None:
-        """First connect, without torque where that can be had; after that energise it where it
-        is."""
+        """Connect at the first call, without torque if possible. Energise at the present position at the
+        next."""
         robot, kind = self._robot, self._kind
         if robot.is_connected and kind.holds:
             self._energise()
             return
-        if robot.is_connected:  # it was stopped, and only connecting energises it
+        if robot.is_connected:  # it was stopped, and only a new connection energises it
             robot.disconnect()
         with contextlib.ExitStack() as stack:
             for bus in self._buses():
@@ -115,21 +116,24 @@ class Follower:
         return observed
 
     def send_action(self, action: Mapping[str, float]) -> None:
-        """Raise ``RuntimeError`` for one that moves a motor without torque: on an STS3215 a goal
-        turns it on."""
+        """Send an action.
+
+        Raises:
+            RuntimeError: It would move a motor without torque. On an STS3215 a goal turns the torque on.
+        """
         if limp := self.limp_of(action):
             raise RuntimeError(f"{', '.join(limp)} has no torque")
         self._robot.send_action(dict(action))
 
     def limp_of(self, action: Collection[str]) -> list[str]:
-        """Return which motors without torque an action would move: those that it names, and those
-        that are no key of the robot's (wheels), which any may."""
-        known = self.action_features if self.limp else ()
-        return sorted(name for name in self.limp if f"{name}.pos" in action or f"{name}.pos" not in known)
+        """Return the motors without torque that an action would move: those that it names, and those
+        without a key of the robot (wheels), which any action may move."""
+        features = self.action_features if self.limp else ()
+        return sorted(name for name in self.limp if f"{name}.pos" in action or f"{name}.pos" not in features)
 
     def hold(self) -> str:
-        """Make the present positions the goals of those that have torque; ``limp`` are the others.
-        Return what else went wrong."""
+        """Make the present positions the goals of all motors with torque, and put the others into ``limp``.
+        Return an error text for other failures."""
         self.limp = frozenset()
         return self._each([functools.partial(self._hold, path) for path in self._kind.buses])
 
@@ -141,7 +145,7 @@ class Follower:
             bus.sync_write(GOAL, _read(bus, PRESENT, motors), normalize=False)
 
     def _goals(self, bus: Any) -> list[str]:
-        """Return the motors of a bus that have goals."""
+        """Return the motors of a bus that have a goal register."""
         return list(getattr(self._robot, self._kind.goals) if self._kind.goals else bus.motors)
 
     def _without_torque(self, path: str) -> frozenset[str]:
@@ -149,17 +153,17 @@ class Follower:
         return frozenset(_prefix(path) + motor for motor, value in torque.items() if not value)
 
     def stop(self) -> Mapping[str, Any] | None:
-        """Do all that the type is stopped by, whatever fails of it, and read the torque back."""
+        """Make every call that stops this type, even if some fail, and read the torque back."""
         self._energised, self.limp = False, frozenset()
         if not self._robot.is_connected:
             return None
         calls = [functools.partial(self._called, path) for path in self._kind.stops]
         buses = self._buses()
-        # LeRobot asks motor by motor, and ends at the first that does not answer. This is one frame
-        # a bus, for all, which no answer is waited for.
+        # LeRobot asks motor by motor, and gives up at the first one that does not answer. So first send
+        # one frame per bus to all motors, without waiting for an answer.
         at_once = [functools.partial(_torque_off, bus) for bus in buses]
         failure = self._each([*at_once, *calls])
-        # A bus on which something failed may be out of step: one look is no proof then.
+        # A failure may leave answers on the bus, so one reading of the torque does not prove it then.
         energised = self._each([functools.partial(_limp, bus, 2 if failure else 1) for bus in buses])
         if buses and not energised:
             return None
@@ -174,7 +178,7 @@ class Follower:
         for call in calls:
             try:
                 call()
-            except Exception as error:  # the next one may reach other motors
+            except Exception as error:  # the next call may still reach other motors
                 failures.append(f"{type(error).__name__}: {error}")
         return "; ".join(failures)
 
@@ -184,7 +188,7 @@ class Follower:
             self._robot.disconnect()
 
     def descriptors(self) -> list[int]:
-        """Return the open serial ports, for the stop channel of who knows the bus."""
+        """Return the open serial ports, for a stop channel that knows the bus."""
         return [bus.port_handler.ser.fileno() for bus in self._buses()] if self._kind.wire else []
 
     def _buses(self) -> list[Any]:
@@ -193,18 +197,18 @@ class Follower:
 
 @contextlib.contextmanager
 def _without_torque(bus: Any) -> Iterator[None]:
-    """LeRobot configures motors without torque, and gives it back at the end, whatever goal of an
-    earlier time they have. Here they keep being limp."""
-    bus.enable_torque = lambda *args, **keywords: None  # of this object, before its class's own
+    """Keep the motors limp while LeRobot configures them. LeRobot would switch the torque on at the end,
+    with goals from an earlier time."""
+    bus.enable_torque = lambda *args, **keywords: None  # an attribute of this object hides the class's method
     try:
         yield
-        bus.disable_torque(num_retry=TRIES)  # as it may have been found
+        bus.disable_torque(num_retry=TRIES)  # the torque may have been on before
     finally:
         del bus.enable_torque
 
 
 def _forget(bus: Any) -> None:
-    """Throw away what has come in: LeRobot would take an answer that was late for the next one."""
+    """Discard received bytes, since LeRobot would take a late answer for the next one."""
     serial = getattr(getattr(bus, "port_handler", None), "ser", None)
     if serial is not None:
         serial.reset_input_buffer()
@@ -216,18 +220,18 @@ def _torque_off(bus: Any) -> None:
 
 
 def _read(bus: Any, register: str, motors: Sequence[str] | None = None) -> dict[str, int]:
-    """Return a register of each motor as it is. Feetech's first protocol has no frame that asks for
-    all at once."""
+    """Return a register of each motor, without conversion. Feetech's first protocol cannot read all motors
+    with one frame."""
     if getattr(bus, "protocol_version", None) == 1:
         return {
             motor: bus.read(register, motor, num_retry=TRIES, normalize=False) for motor in motors or bus.motors
         }
-    found: dict[str, int] = bus.sync_read(register, motors, num_retry=TRIES, normalize=False)
-    return found
+    values: dict[str, int] = bus.sync_read(register, motors, num_retry=TRIES, normalize=False)
+    return values
 
 
 def _limp(bus: Any, agreeing: int = 1) -> None:
-    """Raise ``ConnectionError`` unless all motors say, ``agreeing`` times in a row, that they have no
+    """Raise ``ConnectionError`` unless all motors report, ``agreeing`` times in a row, that they have no
     torque."""
     seen, why = 0, ""
     for look in range(LOOKS):
@@ -248,7 +252,7 @@ def _limp(bus: Any, agreeing: int = 1) -> None:
 
 
 def _prefix(path: str) -> str:
-    """Return what the robot's keys have before the motors of one of its buses: ``left_arm.bus``."""
+    """Return the prefix of the robot's keys for the motors of one bus, such as ``left_arm.bus``."""
     side, arm, _ = path.partition("_arm.")
     return f"{side}_" if arm else ""
 
@@ -262,14 +266,14 @@ def _fields_of(config_class: type[Any]) -> list[str]:
 
 
 def class_name(robot: str) -> str:
-    """Return the name of a robot's class here, which its processes find it by."""
+    """Return the name of a robot's class in this module. The robot's processes import it by this name."""
     return "".join(part.capitalize() for part in robot.split("_")) + "Follower"
 
 
 def class_of(robot: str) -> type[Follower]:
     """Return the class of a robot of ``TYPES``."""
-    found: type[Follower] = globals()[class_name(robot)]
-    return found
+    follower_class: type[Follower] = globals()[class_name(robot)]
+    return follower_class
 
 
 def _made(robot: str) -> type[Follower]:

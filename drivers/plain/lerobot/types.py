@@ -1,4 +1,4 @@
-"""The robots that LeRobot has a class for, by our names: ``types.toml``."""
+"""The robots that LeRobot has a class for, by the names of this package: ``types.toml``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import msgspec
 
 
 class Type(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A row of ``types.toml``, which says what each field is."""
+    """A row of ``types.toml``, which describes each field."""
 
     type: str
     module: str
@@ -25,29 +25,29 @@ class Type(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def stops(self) -> tuple[str, ...]:
-        """Return the calls that stop it."""
+        """Return the paths of the calls that stop the robot."""
         return self.stop or tuple(f"{bus}.disable_torque" for bus in self.buses)
 
     @property
     def holds(self) -> bool:
-        """Return whether it can be told to stay where it is."""
+        """Return True if the robot can hold its position."""
         return bool(self.buses)
 
 
 def missing(kind: Type) -> str:
-    """Return the line that installs what this robot needs and this machine lacks; empty: it is all
-    here. Nothing is imported: LeRobot's packages bring torch."""
+    """Return the command that installs the packages that this robot needs and this machine lacks; empty if it
+    lacks nothing. Nothing is imported, since LeRobot's packages import torch."""
     has_type = _has_type(kind)
     if has_type and importlib.util.find_spec(kind.needs) is not None:
         return ""
-    newer = "-U " if has_type is False else ""  # pip keeps a LeRobot that is there
+    newer = "-U " if has_type is False else ""  # without -U, pip keeps an installed LeRobot
     lerobot = f"'lerobot[{kind.extra}]'" if kind.extra else "lerobot"
     return f"pip install {newer}{lerobot}{f', and {kind.also}' if kind.also else ''}"
 
 
 def _has_type(kind: Type) -> bool | None:
-    """Return whether the LeRobot of this environment has the robot: some came later. None: there is
-    no LeRobot."""
+    """Return True if the installed LeRobot has this robot, since newer versions added some. None without
+    LeRobot."""
     lerobot = importlib.util.find_spec("lerobot")
     if lerobot is None:
         return None

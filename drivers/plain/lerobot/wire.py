@@ -1,5 +1,4 @@
-"""The wire of a robot of LeRobot's: that of a plain class, and what our own codec can do on its
-bus."""
+"""The wire of a robot of LeRobot's: the wire of a plain class, and our own codec on buses that it knows."""
 
 from __future__ import annotations
 
@@ -35,7 +34,7 @@ class LeRobotWire(PlainWire):
         return tuple(replace(one, safe=False, detail=failure or LIMP) if one.axis in limp else one for one in held)
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
-        """A motor that lost its torque since the gate looked is no reason to stop the others."""
+        """Drop a setpoint for a motor that lost its torque after the gate's check. The others go on."""
         made, count = self._instance.made, len(self._config.axes)
         named = [key for at, key in enumerate(self._config.declared.keys) if values[count + at]]
         if made is not None and made.limp_of(named):
@@ -43,7 +42,7 @@ class LeRobotWire(PlainWire):
         await super().write(values, permit)
 
     def _limp(self) -> frozenset[str]:
-        """Return the axes without torque; all, where a motor has none that is no axis of its own."""
+        """Return the axes without torque; all axes if a motor without torque is no axis itself."""
         made = self._instance.made
         limp = frozenset[str]() if made is None else made.limp
         axes = self._config.axes
@@ -56,7 +55,7 @@ class LeRobotWire(PlainWire):
         return replace(seen, faults={**seen.faults, **dict.fromkeys(sorted(limp), LIMP)})
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """By the stop channel, where it is our own: it needs no object."""
+        """Leave the stop to our own stop channel, if there is one: it needs no object."""
         return () if TYPES[self._config.robot].wire else await super().reach(safe_state)
 
     def handover(self) -> Sequence[int]:

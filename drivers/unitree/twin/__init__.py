@@ -1,19 +1,19 @@
-"""The robot's end of a Unitree network: LowState 500 times a second, LowCmd, the services; MuJoCo
-behind them.
+"""The robot's end of a Unitree network: LowState 500 times a second, LowCmd, the services; MuJoCo behind
+them.
 
-All but the H1-2 also walk by their onboard controller, as long as their onboard mode has the motors.
-A Go2 and a B2 tell their SportModeState 50 times a second, and a G1 its odometry. Their velocities
-are ``setpoint`` in the log; StopMove and Damp are ``safe``. A G1 and an H1 have no StopMove: there it is
-a velocity of zero for the second that the vendor gives it.
+All but the H1-2 also walk by their onboard controller, as long as their onboard mode has the motors. A Go2
+and a B2 publish SportModeState 50 times a second, and a G1 its odometry. Velocities are ``setpoint`` in the
+log; StopMove and Damp are ``safe``. A G1 and an H1 have no StopMove. There a velocity of zero is ``safe`` if it
+has the duration that the vendor's StopMove sends, one second.
 
-The log has every LowCmd (``safe`` with its safe state when it gives no torque, else ``setpoint``;
-``garbled`` when its checksum is wrong, ``other`` when it is for another ``mode_machine``) and every
-request; of the robot's side the answers and what it does by itself: ``fsm``, ``mode``, ``fell``,
-``stood``. LowStates are not in it: a megabyte a second that nobody reads.
+The log has every LowCmd: ``safe`` with its safe state if it gives no torque, else ``setpoint``; ``garbled`` if
+its checksum is wrong, ``other`` if it is for another ``mode_machine``. It has every request. From the robot it
+has the answers and its own events: ``fsm``, ``mode``, ``fell``, ``stood``. It has no LowStates: they are a
+megabyte a second, and have no reader.
 
-Besides the control lines of every twin it takes ``fsm NUMBER``, ``mode NAME`` (``mode -``:
-released), ``battery PERCENT`` (``battery unknown``) and ``nan JOINT`` (``nan -``: none): that it
-reports a position that is no number.
+Besides the control lines of every twin it takes ``fsm NUMBER``, ``mode NAME`` (``mode -``: released),
+``battery PERCENT`` (``battery unknown``) and ``nan JOINT`` (``nan -`` ends it): the joint then reports a
+position that is not a number.
 """
 
 from __future__ import annotations
@@ -54,23 +54,23 @@ class UnitreeTwinOptions(DdsOptions, frozen=True):
 
 
 BATTERY_EVERY, GAIT_EVERY = 50, 10
-"""Ticks."""
+"""Periods in ticks."""
 WRONG_RAD = 1.0
 _SAFE_STATES = {ZERO_TORQUE: SafeState.ZERO_TORQUE, DAMP: SafeState.DAMP}
-"""FSM id to the safe state that it is."""
+"""FSM id to its safe state."""
 _READS = (rpc.SERVER_VERSION, rpc.CHECK_MODE, rpc.GET_FSM_ID, rpc.LOCO_GET_FSM_ID, rpc.LOCO_GET_ODOM)
 
 
 def safe_state_of(command: Command) -> str:
-    """What a LowCmd brings the whole robot to: ``zero_torque``, ``damp``, or "" for anything
-    else."""
+    """Return the safe state to which a LowCmd brings the whole robot: ``zero_torque``, ``damp``, or "" for
+    anything else."""
     if any(command.tau) or any(command.kp):
         return ""
     return "damp" if any(command.kd) else "zero_torque"
 
 
 class UnitreeServer(DdsServer):
-    """Serves one robot. Its methods are what may happen to it while it runs."""
+    """Serves one robot. Its methods are the events that may happen to the robot while it runs."""
 
     def __init__(self, model: Model, log: WireLog, options: UnitreeTwinOptions) -> None:
         self._model = model
@@ -78,14 +78,14 @@ class UnitreeServer(DdsServer):
         self.onboard = Onboard(model, self.note, options.silence_s, self._simulator, keeps_s=options.keeps_s)
         super().__init__(log, options, self.onboard.body, model.slots)
         self.body = StandingBody(self.onboard)
-        """At the simulation control."""
+        """The body for the simulation control."""
         self.onboard.soc = None if options.battery == "unknown" else options.battery
         if options.fsm is not None:
             self.onboard.set_fsm(options.fsm)
         self._commands = CommandCodec(model)
         self._states = StateCodec(model)
         self._answers: dict[str, Writer] = {}
-        self._nan = ""  # a joint whose position it does not know
+        self._nan = ""  # a joint that reports NaN as its position
 
     def make_endpoints(self, participant: Participant) -> None:
         family = self._model.family
@@ -113,7 +113,7 @@ class UnitreeServer(DdsServer):
     def advance(self, now_s: float) -> None:
         self.onboard.advance(now_s)
 
-    # -- what it hears
+    # -- received data
 
     def _on_command(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
         if self.is_off:
@@ -149,19 +149,19 @@ class UnitreeServer(DdsServer):
             self._answers[service].write(CDR + answer)
 
     def _kind_of(self, service: str, request: rpc.Request) -> tuple[str, str | None]:
-        """Return the kind of a request, and the safe state that it brings the whole robot to."""
+        """Return the kind of a request, and the safe state to which it brings the whole robot."""
         if request.api in _READS or service == rpc.MOTION_SWITCHER or self.onboard.gait is None:
             return ("read" if request.api in _READS else "config"), None
         match request.api:
             case rpc.MOVE:
                 return "setpoint", ""
-            case rpc.STOP_MOVE:  # a hold as well as a stop
+            case rpc.STOP_MOVE:  # used for a hold and for a stop
                 return "safe", None
             case rpc.DAMP:
                 return "safe", SafeState.DAMP
             case rpc.SET_VELOCITY | rpc.LOCO_SET_VELOCITY:
                 asked = self._parameter(request)
-                # A velocity of zero may be a setpoint, too.
+                # A velocity of zero may also be a setpoint. The duration of a StopMove tells them apart.
                 stops = (asked.get("velocity"), asked.get("duration")) == ([0.0, 0.0, 0.0], STOP_DURATION_S)
                 return ("safe", None) if stops else ("setpoint", "")
             case rpc.SET_FSM_ID | rpc.LOCO_SET_FSM_ID:
@@ -172,13 +172,13 @@ class UnitreeServer(DdsServer):
 
     @staticmethod
     def _parameter(request: rpc.Request) -> dict[str, Any]:
-        """Return what it is asked with; empty: nothing that can be read."""
+        """Return the parameter of a request; empty if it cannot be read."""
         try:
             return rpc.parsed(request.parameter)
         except MalformedFrame:
             return {}
 
-    # -- what it says
+    # -- sent data
 
     def say(self, tick: int, now_ns: int) -> None:
         state = self.onboard.state()
@@ -200,7 +200,7 @@ class UnitreeServer(DdsServer):
         if battery is not None and soc is not None and not self.is_off and tick % BATTERY_EVERY == 0:
             battery.write(CDR + p.encode_battery(soc))
 
-    # -- what may happen to it
+    # -- events
 
     def power_cycle(self) -> None:
         self.onboard.reset()

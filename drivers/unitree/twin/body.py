@@ -1,4 +1,4 @@
-"""The twin's body, from the robot's table."""
+"""Build the twin's body from the robot's table."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from strands_actors.drivers.unitree.robots import TABLES, Model
 
 
 def body_of(model: Model) -> LeggedBody:
-    """Limits, torque and speed come from the joints, the rest from ``links``."""
+    """Return the body. Limits, torque and speed come from the joints, the rest from ``links``."""
     table = TABLES.table(model.name)
     joints = {joint.key: joint for joint in model.joints}
 

@@ -1,9 +1,8 @@
-"""How the onboard controller of a robot walks and changes its posture, as its service shows it: modes,
-velocity and odometry. It knows no network and no physics. ``sport.py`` and ``loco.py`` take the
-requests of the two services.
+"""The gait of a robot's onboard controller, as its service shows it: modes, velocity and odometry. It knows
+no network and no physics. ``sport.py`` and ``loco.py`` handle the requests of the two services.
 
-As the robot does, it answers success to a velocity that it ignores: sitting, lying, with locked
-joints, while it gets up.
+Like the robot, it answers success to a velocity that it ignores: while it sits, lies, gets up, or stands with
+locked joints.
 """
 
 from __future__ import annotations
@@ -16,12 +15,12 @@ from enum import Enum
 from typing import Any
 
 POSTURE_S = 1.0
-"""How long a posture takes."""
+"""Duration of a change of posture."""
 REST = (0.0, 0.0, 0.0)
 
 
 class Pose(Enum):
-    """What the controller does with the body."""
+    """How the controller drives the body."""
 
     UP = "up"
     DOWN = "down"
@@ -30,10 +29,10 @@ class Pose(Enum):
 
 
 class Gait(ABC):
-    """``note(kind, text)`` hears of ``twist``, and of a change of mode."""
+    """The base of both gaits. ``note(kind, text)`` is called with ``twist``, and with a change of mode."""
 
     def __init__(self, note: Callable[[str, str], None], keeps_s: float) -> None:
-        """``keeps_s``: a velocity ends by itself after so long; 0: never."""
+        """``keeps_s``: a velocity ends by itself after this time; 0: never."""
         self._note = note
         self._keeps_s = keeps_s
         self.reset()
@@ -44,45 +43,49 @@ class Gait(ABC):
         self.position = [0.0, 0.0]
         self.heading_rad = 0.0
         self._until_s = math.inf
-        self._next: tuple[float, int] | None = None  # when which mode begins
+        self._next: tuple[float, int] | None = None  # when the next mode begins, and which one
         self._now_s = 0.0
 
     @property
     @abstractmethod
     def first_mode(self) -> int:
-        """The mode that it wakes up in."""
+        """The mode after a start."""
 
     @property
     @abstractmethod
     def walks(self) -> bool:
-        """Whether its mode carries out a velocity."""
+        """True if the present mode carries out a velocity."""
 
     @property
     @abstractmethod
     def pose(self) -> Pose:
-        """What it does with the body, or is about to."""
+        """How it drives the body, or is about to."""
 
     @abstractmethod
     def order(self, api: int, parameter: dict[str, Any]) -> tuple[int, Any]:
-        """Return code and data of the answer. Raise ``KeyError`` or ``TypeError`` for a parameter
-        that is none."""
+        """Carry out a request. Return code and data of the answer.
+
+        Raises:
+            KeyError: The parameter lacks a key.
+            TypeError: The parameter has a wrong type.
+        """
 
     @abstractmethod
     def become(self, mode: int) -> None:
-        """Be in a mode, at once, and note it when it is another."""
+        """Change to a mode at once, and note it if it is another one."""
 
     @property
     def next_mode(self) -> int:
-        """The mode that it is in, or on its way to."""
+        """The mode to which it is changing, or else the present one."""
         return self.mode if self._next is None else self._next[1]
 
     @property
     def share(self) -> float:
-        """How far it is on its way there."""
+        """The share of the present change that is done, 0 to 1."""
         return 1.0 if self._next is None else 1.0 - max(0.0, self._next[0] - self._now_s) / POSTURE_S
 
     def advance(self, now_s: float) -> float:
-        """Let time pass. Return for how long it has walked."""
+        """Let time pass. Return for how many seconds it has walked."""
         passed_s = min(now_s - self._now_s, 0.25) if self._now_s else 0.0
         self._now_s = now_s
         if self._next is not None and now_s >= self._next[0]:
@@ -101,7 +104,7 @@ class Gait(ABC):
         return passed_s
 
     def _move(self, twist: tuple[float, float, float], duration_s: float = math.inf) -> bool:
-        """Return whether it walks so. ``duration_s``: as the request has it."""
+        """Begin a velocity. Return False if it is ignored. ``duration_s``: from the request."""
         if not self.walks or self._next is not None:
             return False
         lasts_s = min(duration_s, self._keeps_s) if self._keeps_s else math.inf

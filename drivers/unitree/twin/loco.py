@@ -1,7 +1,7 @@
-"""The locomotion service of a G1 or an H1, as its twin has it: a state machine that is set to a number.
+"""The locomotion service of the twin of a G1 or an H1: a state machine with a number that requests set.
 
-As the robot does, it is in the new state at once, while the body is still on its way there, and
-answers success to a number that it does not go to. Each velocity has its duration.
+Like the robot, it is in the new state at once, while the body is still moving there, and it answers success
+to a number that it does not change to. Each velocity has its duration.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from .gait import POSTURE_S, REST, Gait, Pose
 
 
 class LocoGait(Gait):
-    """Notes ``fsm``: its state, by number."""
+    """Notes ``fsm``, its state, by number."""
 
     def __init__(self, note: Callable[[str, str], None], keeps_s: float, words: LocoDialect) -> None:
         self._words = words
@@ -25,7 +25,7 @@ class LocoGait(Gait):
 
     def reset(self) -> None:
         super().reset()
-        self.tells_pose = not self._words.at_open  # when it is asked for it
+        self.tells_pose = not self._words.at_open  # whether it answers a request for its pose
 
     @property
     def first_mode(self) -> int:

@@ -1,7 +1,7 @@
-"""The twin's own computer: states, modes, services, battery, and who moves the body. It knows no
+"""The twin's onboard computer: states, modes, services, battery, and control of the body. It knows no
 network.
 
-Time comes with every call; between calls nothing happens.
+Each call passes the time; between calls nothing happens.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ from .loco import LocoGait
 from .sport import SportGait
 
 STAND_KP, STAND_KD = 1000.0, 20.0
-"""Of the onboard controller, which does nothing but stand."""
+"""Gains of the onboard controller, which only stands."""
 
 ROOM_C = 30
 MODE_MACHINE = 5
-"""What a G1 of 29 joints says of itself [assumed]."""
+"""``mode_machine`` of a G1 with 29 joints [assumed]."""
 
 
 class Onboard:
-    """``note(kind, text)`` hears what becomes of it: ``fsm``, ``mode``, ``fell``, ``stood``,
-    ``silence``, and of its gait ``gait`` and ``twist``."""
+    """The onboard computer of one robot. ``note(kind, text)`` is called with its events: ``fsm``, ``mode``,
+    ``fell``, ``stood``, ``silence``, and ``gait`` and ``twist`` of its gait."""
 
     def __init__(
         self,
@@ -48,9 +48,16 @@ class Onboard:
         body: LeggedBody | None = None,
         keeps_s: float = 1.0,
     ) -> None:
-        """``silence_s``: without a LowCmd for so long the robot damps; 0: never. ``simulator``: it
-        takes every LowCmd, whatever mode it is in. ``body``: in place of that of the robot's table.
-        ``keeps_s``: a velocity ends by itself after so long; 0: never."""
+        """Make the computer and its body.
+
+        Args:
+            model: The robot.
+            note: Called with each event.
+            silence_s: Without a LowCmd for this time the robot damps; 0: never.
+            simulator: It accepts every LowCmd in any mode.
+            body: Replaces the body of the robot's table.
+            keeps_s: A velocity ends by itself after this time; 0: never.
+        """
         self.model = model
         self._simulator = simulator
         self.body = body or body_of(model)
@@ -62,9 +69,9 @@ class Onboard:
         home = tuple(self.body.position_rad)
         self._lie = model.walks.lie_rad if model.walks and model.walks.lie_rad else home
         self.gait = self._make_gait(keeps_s)
-        """Of a robot whose way to walk is known."""
+        """The gait; None if this package does not know how the robot walks."""
         self._way: tuple[Sequence[float], Sequence[float]] | None = (
-            None  # from which pose to which it is on its way
+            None  # the poses between which it moves, from and to
         )
         self._stand = (home, self._zero, self._zero, (STAND_KP,) * count, (STAND_KD,) * count)
         self._brake = (self._zero, self._zero, self._zero, self._zero, (model.damp_kd,) * count)
@@ -73,7 +80,7 @@ class Onboard:
         self.reset()
 
     def reset(self) -> None:
-        """As after a boot, put back on its feet."""
+        """Return to the state after a boot, standing."""
         self.body.stand_up()
         self.mode = self.model.sport_mode
         if self.gait is not None:
@@ -81,7 +88,7 @@ class Onboard:
         self.fallen = False
         self._commanded_s = 0.0
         self.commanded = False
-        """Whether the newest LowCmd asks for torque, and is obeyed."""
+        """True if the newest LowCmd asks for torque, and is obeyed."""
         self.obey_itself()
 
     def _make_gait(self, keeps_s: float) -> Gait | None:
@@ -93,21 +100,21 @@ class Onboard:
             return LocoGait(self._gait_changed, keeps_s, dialect)
         return SportGait(self._gait_changed, keeps_s, walks.sits)
 
-    # -- who moves the body
+    # -- control of the body
 
     @property
     def fsm_id(self) -> int | None:
-        """Of a robot that has a state machine."""
+        """The FSM id; None if the robot has no state machine."""
         return self.gait.mode if isinstance(self.gait, LocoGait) else None
 
     @property
     def machine(self) -> int:
-        """What it says of itself, and wants to read in every LowCmd; 0 where there is no such field."""
+        """Its ``mode_machine``, which every LowCmd has to repeat; 0 if there is no such field."""
         return MODE_MACHINE if self.model.family == "hg" and not self._simulator else 0
 
     @property
     def takes_commands(self) -> bool:
-        """Low-level ones."""
+        """True if it obeys a LowCmd."""
         if self._simulator:
             return True
         if self.model.handshake == "fsm":
@@ -115,8 +122,8 @@ class Onboard:
         return not self.mode
 
     def command(self, command: Command, now_s: float) -> None:
-        """A LowCmd whose checksum is right. The last one counts until something else happens. One
-        for another machine is none [assumed: the vendor's examples copy the number from LowState]."""
+        """Take a LowCmd with a right checksum. The newest one applies until another event. A LowCmd for
+        another ``mode_machine`` is ignored [assumed: the vendor's examples copy the number from LowState]."""
         if not self.takes_commands or command.machine != self.machine:
             return
         active = [1.0 if mode else 0.0 for mode in command.mode]
@@ -126,15 +133,15 @@ class Onboard:
         self.commanded = any(command.tau) or any(command.kp) or any(command.kd)
 
     def lead(self, rows: Sequence[Sequence[float]], which: Sequence[float]) -> None:
-        """Drive the joints that are told to be; the onboard controller has the others."""
+        """Drive the joints that the flags name. The onboard controller drives the others."""
         mixed = (
-            [value if told else own for value, own, told in zip(row, stand, which, strict=True)]
+            [value if led else own for value, own, led in zip(row, stand, which, strict=True)]
             for row, stand in zip(rows, self._stand, strict=True)
         )
         self.body.drive(*mixed)
 
     def set_fsm(self, number: int) -> None:
-        """Of a robot that has a state machine: as its remote does."""
+        """Set the state of the state machine, if there is one, as the robot's remote does."""
         if isinstance(self.gait, LocoGait):
             self.gait.become(number)
             self.obey_itself()
@@ -145,7 +152,7 @@ class Onboard:
         self.obey_itself()
 
     def obey_itself(self) -> None:
-        """The onboard controller moves the body: by its mode, its FSM and its posture."""
+        """Let the onboard controller drive the body, by its mode, its FSM and its posture."""
         self._commanded_s = 0.0
         self.commanded = False
         pose = Pose.UP if self.gait is None else self.gait.pose
@@ -160,11 +167,11 @@ class Onboard:
 
     @property
     def _is_down(self) -> bool:
-        """Whether its onboard controller has laid it down, or is about to."""
+        """True if the onboard controller has laid the robot down, or is about to."""
         return self.gait is not None and self.gait.pose is Pose.DOWN
 
     def _drive_way(self) -> bool:
-        """Go on from one pose to the other, as far as the gait is. Return whether it is there."""
+        """Move on to the next pose, as far as the gait is. Return True if the body is there."""
         if self._way is None or self.gait is None:
             self.body.drive(*self._stand)
             return True
@@ -200,7 +207,7 @@ class Onboard:
             self._note("fell" if self.fallen else "stood", f"{self.body.height_m:.3f}")
 
     def _hang_up(self) -> None:
-        """A G1 or an H1 that has stood up is on its feet, since it hangs on its hanger meanwhile."""
+        """Put a G1 or an H1 that has stood up on its feet, since a hanger holds it meanwhile."""
         if self.body.fallen and not self._is_down:
             self.body.stand_up()
             self.body.drive(*self._stand)
@@ -221,7 +228,7 @@ class Onboard:
         )
 
     def sport_state(self, now_ns: int) -> SportState | None:
-        """Return what its onboard controller says; None: it says nothing."""
+        """Return the state of the onboard controller; None if it publishes no state."""
         gait = self.gait
         if gait is None or not self.mode:
             return None
@@ -239,13 +246,13 @@ class Onboard:
         return (rpc.MOTION_SWITCHER, self.model.service)
 
     def serve(self, service: str, request: Request) -> Response | None:
-        """None: no answer."""
+        """Return the answer to a request; None for no answer."""
         try:
             parameter = rpc.parsed(request.parameter)
             if service == rpc.MOTION_SWITCHER:
                 answer = self._switch(request.api, parameter)
             elif not self.mode:
-                return None  # it is the released mode that serves it
+                return None  # the service belongs to the mode that was released
             else:
                 answer = self._sport(request.api, parameter)
         except (MalformedFrame, KeyError, TypeError, ValueError):

@@ -1,4 +1,4 @@
-"""The sport service of a Go2 or a B2, as its twin has it."""
+"""The sport service of the twin of a Go2 or a B2."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ _WAYS: dict[int, tuple[frozenset[int], int]] = {
     rpc.SIT: (STANDING, SIT),
     rpc.RISE_SIT: (frozenset((SIT,)), BALANCE),
 }
-"""Request to the modes in which it is not ignored, and what it ends in."""
+"""Request to the modes in which it is carried out, and the mode in which it ends."""
 
 
 class SportGait(Gait):
-    """Notes ``gait``: its mode, by name."""
+    """Notes ``gait``, its mode, by name."""
 
     def __init__(self, note: Callable[[str, str], None], keeps_s: float, sits: bool) -> None:
         self._sits = sits
@@ -77,7 +77,7 @@ class SportGait(Gait):
         return rpc.OK, None
 
     def _begin(self, mode: int) -> None:
-        """Unlocking the joints takes no time; getting up and down does."""
+        """Change to a mode. Unlocking the joints takes no time; getting up and down does."""
         floor = frozenset((LIE, DAMPING, SIT))
         if (mode in floor) == (self.mode in floor):
             self.become(mode)

@@ -1,8 +1,7 @@
-"""Legs as a simulation: the onboard controller holds them up, and joints that the simulation
-commands follow it instead.
+"""Simulate the legs: the onboard controller holds the robot up, and joints that the simulation commands
+follow the simulation instead.
 
-As long as the wire commands torque the body is the wire's; the simulation never takes it from
-there.
+While the wire commands torque, the wire has the body. The simulation never takes it from the wire.
 """
 
 from __future__ import annotations
@@ -17,8 +16,8 @@ from .onboard import Onboard
 
 
 class StandingBody:
-    """``aim`` takes the rows of a LowCmd (q, dq, tau, kp, kd) and one that says which joints are
-    commanded: 1, or 0 for the onboard controller."""
+    """The body for the simulation control. ``aim`` takes the rows of a LowCmd (q, dq, tau, kp, kd) and a row
+    of flags: 1 for a commanded joint, 0 for the onboard controller."""
 
     target_rows = len(ROWS) + 1
 
@@ -36,7 +35,7 @@ class StandingBody:
         return [Hand.WIRE if self._onboard.commanded else own] * len(self.axes)
 
     def pass_time(self) -> None:
-        """The robot's own ticks do, 500 a second."""
+        """Do nothing: the robot's own ticks, 500 a second, advance the physics."""
 
     def felt(self) -> Felt:
         legs = self._legs
@@ -58,7 +57,7 @@ class StandingBody:
             self._onboard.lead(rows, which)
 
     def hold(self) -> None:
-        """The onboard controller has every joint again."""
+        """Give every joint back to the onboard controller."""
         if not self._onboard.commanded:
             self._onboard.obey_itself()
 

@@ -1,12 +1,12 @@
-"""Unitree's legged robots, walking by their onboard controller: ``level="sport"``.
+"""Walk Unitree's legged robots by their onboard controller: ``level="sport"``.
 
-Connecting and ``resume()`` move nothing. ``stand_up()`` stands up, ``move(vx, vy, wz)`` walks for
-0.3 s, and so does ``send_action({"vx": 0.3})``; send it again to go on.
+Connecting and ``resume()`` move nothing. ``stand_up()`` stands up. ``move(vx, vy, wz)`` walks for 0.3 s, and so
+does ``send_action({"vx": 0.3})``; send it again to go on.
 
-``zero``  velocity zero: the robot goes on balancing (what expired, a lost lease)
-``stop``  it ends what it does and stands by its own controller: ``stop()``, and whatever ended a process of ours.
-          It needs nobody then: a robot that is let go of falls
-``damp``  an e-stop: every joint brakes, and it sinks to the floor. The vendor's emergency stop
+``zero``  velocity zero: the robot goes on balancing (an expired setpoint, a lost lease)
+``stop``  the robot ends its motion and stands by its own controller: ``stop()``, and after the end of one of our
+          processes. It then needs no program to stand. Without its controller it would fall
+``damp``  an e-stop: every joint brakes, and the robot sinks to the floor. The vendor's emergency stop
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class _Walking(Driver):
     )
     BEFORE_MOTION: ClassVar[str] = "stand_up"
     JOINTS_SERVICES: ClassVar[Mapping[str, Service]] = OF_JOINTS
-    """Of the same robot at ``level="low"``."""
+    """Services of the same robot at ``level="low"``."""
 
     config: UnitreeConfig
     unit = "m/s and rad/s"

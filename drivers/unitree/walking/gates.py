@@ -1,4 +1,4 @@
-"""What must be true of a robot before it walks, and what is refused of a command. Pure."""
+"""The conditions under which a robot may walk, and the gates of a command. Pure."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from .dialect import Dialect
 from .robots import BASE
 
 GAIT_TTL_S = 0.3
-"""A SportModeState comes 300 times a second from a robot, 50 times from a twin. An FSM id is asked for
-20 times a second."""
+"""Longest age of the mode. A robot sends SportModeState 300 times a second, a twin 50 times. The FSM id is
+asked for 20 times a second."""
 
 JOINTS_ELSEWHERE = "make it with level='low' to command its joints"
 WALKS_ELSEWHERE = "make it with level='sport' to walk"
 
 
 def conditions(dialect: Dialect, floor_pct: float) -> tuple[Condition, ...]:
-    """Return them in the order in which they are asked: the first that refuses answers. What a
-    service of the robot mends keeps it armed."""
+    """Return the conditions in the order of their checks: the first that refuses answers. The robot stays
+    armed if one of its services can mend the condition."""
     walks = Walks(dialect)
     return (
         Condition(released, on_resume=OnResume.STAY_ARMED),
@@ -39,9 +39,9 @@ def conditions(dialect: Dialect, floor_pct: float) -> tuple[Condition, ...]:
 
 
 def released(observation: Observation, now_ns: int) -> Refused | None:
-    """Refuse a robot whose joints are commanded: its onboard controller has let go of them."""
-    known = observation.sensors.get("sport_mode_released")
-    if known is None or not known[0] or now_ns / NS - known[1] > MODE_TTL_S:
+    """Refuse if the onboard controller has released the joints, which are then commanded one by one."""
+    reported = observation.sensors.get("sport_mode_released")
+    if reported is None or not reported[0] or now_ns / NS - reported[1] > MODE_TTL_S:
         return None
     why = "the sport mode is released: the joints are commanded one by one, and the robot does not balance"
     return Refused(
@@ -56,11 +56,11 @@ class Walks:
         self._dialect = dialect
 
     def mode_known(self, observation: Observation, now_ns: int) -> Refused | None:
-        known = observation.sensors.get("sport_mode")
-        if known is None:
+        reported = observation.sensors.get("sport_mode")
+        if reported is None:
             why = f"no {self._dialect.mode_source} yet"
             return Refused(Code.MODE_UNKNOWN, why, "check that its sport service runs")
-        age_s = now_ns / NS - known[1]
+        age_s = now_ns / NS - reported[1]
         if age_s <= GAIT_TTL_S:
             return None
         age, limit = f"{age_s:.1f} s", f"{GAIT_TTL_S:g} s"
@@ -68,14 +68,14 @@ class Walks:
         return Refused(Code.MODE_STALE, why, "check the robot and the network", age, limit)
 
     def posture(self, observation: Observation, now_ns: int) -> Refused | None:
-        """Refuse a robot that would ignore a velocity: its service answers success all the same."""
+        """Refuse a mode in which the robot ignores a velocity, since its service answers success even then."""
         mode = round(observation.sensors["sport_mode"][0])
         if mode in self._dialect.walks:
             return None
-        name, wanted = self._dialect.name(mode), ", ".join(map(self._dialect.name, sorted(self._dialect.walks)))
+        name, allowed = self._dialect.name(mode), ", ".join(map(self._dialect.name, sorted(self._dialect.walks)))
         service = next((call for call, one in self._dialect.postures.items() if mode in one.after), "")
         remedy = f"call {service}() first" if service else "wait until that is over"
-        return Refused(UnitreeCode.POSTURE, f"the robot is {name}", remedy, name, wanted)
+        return Refused(UnitreeCode.POSTURE, f"the robot is {name}", remedy, name, allowed)
 
 
 def refused_by_robot(observation: Observation, now_ns: int) -> Refused | None:
@@ -86,7 +86,7 @@ def refused_by_robot(observation: Observation, now_ns: int) -> Refused | None:
 
 
 def refuse_joints(model: Model, action: Mapping[str, object]) -> Refused | None:
-    """Refuse the joints, which the onboard controller has."""
+    """Refuse joints, which belong to the onboard controller."""
     for key in action:
         name = str(key).removesuffix(".pos")
         if name in model.axes or name.removesuffix("_joint") in model.axes:

@@ -1,7 +1,7 @@
-"""One participant on the network of a robot that walks by its onboard controller: requests out,
-states in. Wire and stop channel are made of it.
+"""One participant on the network of a robot that walks by its onboard controller. It sends requests and
+receives states. The wire and the stop channel both use it.
 
-``send`` leaves at once. ``until`` takes in what has arrived until something is true.
+``send`` sends at once. ``until`` handles what arrives until a condition is true.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ from .robots import dialect_of
 from .states import STATE_TYPE, SportState, decode_state
 
 LOOK_S = 0.002
-"""How often ``until`` looks."""
+"""Period of ``until``."""
 ASK_EVERY_NS = 50_000_000
-"""How often a robot that does not tell its mode by itself is asked for it."""
+"""Period of asking for the mode, of a robot that does not publish it."""
 SPEED_NS = 600_000_000
-"""A robot that tells no speed within so long tells none [assumed]."""
+"""A robot that has reported no speed within this time never will [assumed]."""
 
 
 class WalkingLink(Network):
-    """Raise ``WireDown`` when the sockets cannot be had."""
+    """The link of a walking robot. Making it raises ``WireDown`` if the sockets cannot be opened."""
 
     def __init__(self, config: UnitreeConfig, clock: Clock) -> None:
         super().__init__(config, clock)
@@ -43,22 +43,22 @@ class WalkingLink(Network):
         self.dialect: Dialect = dialect_of(config.model.walks)
         self.sport = Service(self.participant, config.model.service, clock)
         self.gait: SportState | None = None
-        """What it does, as it said last."""
+        """The newest state of the onboard controller."""
         self.gait_ns = 0
-        """When the newest came whose stamp had changed; 0: none yet."""
+        """When the newest state with a new stamp arrived; 0 if there is no such state."""
         self.answered: dict[Order, int] = {}
-        """Requests that were answered, with yes or no, and when the newest of those was made."""
+        """Requests that were answered, with success or failure, and the time of the newest such request."""
         self.refused: dict[Order, str] = {}
-        """Requests whose last answer says no, and why."""
+        """Requests with a failure as the last answer, and its reason."""
         self._stamps = Stamps()
-        self._odometry = Odometry()  # of a robot that is asked for its mode
+        self._odometry = Odometry()  # for a robot that is asked for its mode
         self._asked_ns = 0
         self._followed_ns = 0
         self._newest: tuple[bytes, bytes, int] | None = None
-        """A LowState, not decoded yet, who wrote it, and when it came."""
+        """The newest LowState, undecoded, with its writer and its time."""
 
     def follow(self) -> None:
-        """Hear what the onboard controller does, from now on."""
+        """Subscribe to the state of the onboard controller, from now on."""
         if not self._followed_ns:
             self._followed_ns = max(1, self.clock.now_ns())
             if self.dialect.state_topic:
@@ -66,22 +66,22 @@ class WalkingLink(Network):
 
     @property
     def tells_no_speed(self) -> bool:
-        """Return whether the robot was given time to tell its speed, and has never done so."""
+        """Return True if the robot had time to report its speed, and has never done so."""
         waited_ns = self.clock.now_ns() - self._followed_ns
         return not self._odometry.tells_speed and bool(self._followed_ns) and waited_ns >= SPEED_NS
 
     def send(self, order: Order) -> bool:
-        """Make a request. Return whether it left for a service that knows us."""
+        """Send a request. Return True if it left for a service that has matched us."""
         self.sport.ask(order.api, partial(self._hear, order), order.parameter)
         return self.sport.matched
 
     def send_stop(self, order: Order) -> bool:
-        """As ``send``, to a robot that says that it has gone, too."""
+        """As ``send``, also to a service that has announced its end."""
         self.sport.ask(order.api, partial(self._hear, order), order.parameter, stop=True)
         return self.sport.takes_stops
 
     def is_in(self, modes: Collection[int]) -> bool:
-        """Return whether the robot has told that it is in one of these modes."""
+        """Return True if the robot has reported one of these modes."""
         return self.gait is not None and self.gait.mode in modes
 
     def poll(self) -> None:
@@ -94,7 +94,7 @@ class WalkingLink(Network):
             super()._on_state(memoryview(payload), writer, t_ns)
 
     async def until(self, condition: Callable[[], bool], within_s: float) -> bool:
-        """Return whether it has become true in time."""
+        """Return True if the condition becomes true in time."""
         with trio.move_on_after(within_s):
             while True:
                 self.poll()
@@ -104,7 +104,11 @@ class WalkingLink(Network):
         return False
 
     async def find(self, where: str) -> None:
-        """Return when the robot's service hears us. Raise ``WireDown``."""
+        """Return when the robot's service has matched us.
+
+        Raises:
+            WireDown: It has not, within ``FIND_S``.
+        """
         if not await self.until(lambda: self.sport.matched, FIND_S):
             raise WireDown(f"{where}: there is no service {self.sport.name}. Check port= and domain=")
 
@@ -116,7 +120,7 @@ class WalkingLink(Network):
         if self.dialect.ask_odometry:
             self.sport.ask(self.dialect.ask_odometry, self._on_pose)
 
-    # -- what is heard
+    # -- answers and states
 
     def _hear(self, order: Order, response: rpc.Response) -> None:
         if response.id < self.answered.get(order, 0):
@@ -128,11 +132,11 @@ class WalkingLink(Network):
             self.refused.pop(order, None)
 
     def _on_state(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
-        """500 come a second, and one in ten of them is looked at."""
+        """Keep only the newest state: 500 arrive a second, and about one in ten is decoded."""
         self._newest = bytes(payload), bytes(writer), t_ns
 
     def _on_gait(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
-        with suppress(MalformedFrame):  # one that cannot be read is none: the one before it grows old
+        with suppress(MalformedFrame):  # skip an unreadable state, so that the last state grows old
             gait = decode_state(payload[4:])
             if not self._stamps.take(gait.stamp_ns, t_ns):
                 return

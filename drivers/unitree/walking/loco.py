@@ -1,12 +1,12 @@
-"""The locomotion service of a G1 (where it is called ``sport``) and an H1 (``loco``): what it is asked,
-and what its states mean. Pure.
+"""The locomotion service of a G1 (called ``sport`` there) and an H1 (``loco``): its requests, and the
+meaning of its states. Pure.
 
-It is a state machine. SetFsmId sets its number and GetFsmId asks for it. It answers success to a
-number that it does not go to, and to a velocity that it ignores, so only the number that it reports
-counts. It reports it when it begins to move there [assumed], so the joints must rest, too. Every
-velocity is sent with its duration, after which the robot ends it by itself.
+It is a state machine. SetFsmId sets its number and GetFsmId asks for it. It answers success even to a
+number that it does not change to, and to a velocity that it ignores, so only the reported number counts.
+It reports the number when the motion begins [assumed], so the joints must rest, too. Every velocity is
+sent with its duration, after which the robot ends it by itself.
 
-Ids of requests, numbers and their names: the vendor's SDK, ``unitree_sdk2`` (BSD-3).
+Numbers of requests and states, and their names, come from the vendor's SDK, ``unitree_sdk2`` (BSD-3).
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from strands_actors.drivers.unitree import rpc
 from .dialect import MOVE_S, Dialect, Order, Posture
 
 STOP_DURATION_S = 1.0
-"""Of a velocity of zero, as the vendor's StopMove has it."""
+"""Duration of a velocity of zero, as in the vendor's StopMove."""
 POSTURE_S = 20.0
 """Longest time for a posture [assumed: standing up takes a G1 some five seconds]."""
 ODOMETRY_TOPIC = "rt/odommodestate"
-"""Of a G1: a SportModeState whose mode says nothing. Not every G1 has it."""
+"""Topic of a G1: a SportModeState without a valid mode. Not every G1 has it."""
 
 ZERO_TORQUE, DAMP = 0, 1
 SQUAT, SIT, STAND, START = 2, 3, 4, 500
-"""Of a G1. In ``STAND`` it stands with locked joints, in ``START`` it balances and walks."""
+"""States of a G1. In ``STAND`` it stands with locked joints, in ``START`` it balances and walks."""
 H1_STAND, H1_START = 2, 204
 
 
@@ -35,11 +35,11 @@ class LocoDialect(Dialect, frozen=True, kw_only=True):
     set_velocity: int
     set_balance: int
     stand: int
-    """The state in which it stands with locked joints."""
+    """State in which the robot stands with locked joints."""
     start: int
-    """The state that walks."""
+    """State in which the robot walks."""
     down: frozenset[int] = frozenset()
-    """States that bring it down on bent legs."""
+    """States that lower the robot on bent legs."""
 
     def move(self, vx_m_s: float, vy_m_s: float, wz_rad_s: float) -> Order:
         return Order(self.set_velocity, _velocity((vx_m_s, vy_m_s, wz_rad_s), MOVE_S))
@@ -56,8 +56,18 @@ def _number(api: int, number: int) -> Order:
 def _postures(
     set_mode: int, stand: int, start: int, walks: frozenset[int], down: dict[str, tuple[str, int]]
 ) -> dict[str, Posture]:
-    """``down``: service to what it is about and the state that it asks for. The toggle between
-    squatting and standing (706) is never sent: a request that is repeated would undo itself."""
+    """Return the postures.
+
+    The toggle between squatting and standing (706) is never sent, since a repeated request would undo
+    itself.
+
+    Args:
+        set_mode: The request that sets a state.
+        stand: The state with locked joints.
+        start: The state that walks.
+        walks: All states in which the robot walks.
+        down: Service to its description and the state that it requests.
+    """
 
     def to(number: int) -> tuple[Order, frozenset[int]]:
         return _number(set_mode, number), frozenset((number,))

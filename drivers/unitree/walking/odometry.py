@@ -1,7 +1,7 @@
-"""The state of a robot that tells its mode and its pose one by one: a G1 and an H1. No I/O, no clock.
+"""Combine mode and pose of a robot that reports them separately: a G1 and an H1. No I/O, no clock.
 
-Its state is as old as the older of the two. A robot that has never told its pose has a state without
-one: its numbers are not finite.
+The combined state is as old as the older of the two. If a robot has never reported its pose, the numbers of
+the pose are not finite.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from .states import SportState
 
 NOWHERE = (math.nan,) * 3
 AT_LEAST_NS = NS // 100
-"""Between two poses from which a speed is made."""
+"""Shortest time between two poses from which a speed is computed."""
 AT_MOST_NS = NS
 
 
 class Odometry:
-    """Takes what the robot tells, with when that was so; what is older than the newest is dropped."""
+    """Takes reports with their times. A report that is older than the newest is dropped."""
 
     def __init__(self) -> None:
         self._mode = 0
@@ -34,11 +34,11 @@ class Odometry:
 
     @property
     def stamp_ns(self) -> int:
-        """When it was in the state that ``state`` returns; 0: its mode is not known."""
+        """Return the time of the state that ``state`` returns; 0 if the mode is unknown."""
         return min(self._mode_ns, self._pose_ns) if self.tells_speed else self._mode_ns
 
     def state(self) -> SportState | None:
-        """Return None until its mode is known."""
+        """Return the combined state; None if the mode is unknown."""
         if not self._mode_ns:
             return None
         if self._pose is None:
@@ -50,12 +50,12 @@ class Odometry:
             self._mode, self._mode_ns = mode, t_ns
 
     def take_state(self, state: SportState, t_ns: int) -> None:
-        """Take a SportModeState. Its mode says nothing."""
+        """Take a SportModeState. Its mode is ignored, since it is not valid."""
         if t_ns > self._pose_ns:
             self._pose, self._pose_ns = state, t_ns
 
     def take_pose(self, pose: tuple[float, float, float], t_ns: int) -> None:
-        """Take where it is and how it is turned. Its speed is the difference of two of these."""
+        """Take position and heading. The speed is computed from two of these."""
         before, self._before = self._before, (t_ns, pose)
         if before is None or not AT_LEAST_NS <= t_ns - before[0] <= AT_MOST_NS:
             return

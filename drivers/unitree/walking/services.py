@@ -1,4 +1,4 @@
-"""What a robot that walks can be asked beyond the common verbs: by its program, and by an agent."""
+"""The services and tool verbs of a walking robot beyond the common ones."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from .dialect import MOVE_S, Dialect
 from .robots import BASE
 
 LATE_S = 1.0
-"""A request of a participant that was killed may be carried out so late [assumed: the vendor's client
-gives up after 1 s]. The root is another participant, and its requests may overtake it."""
+"""Latest time at which a request of a killed participant may be carried out [assumed: the vendor's client
+gives up after 1 s]. The root is another participant, so its requests may overtake that one."""
 SELECT_S = 15.0
 
 _SPEEDS = {"vx": "m/s forward", "vy": "m/s to the left", "wz": "rad/s to the left"}
 
 
 def services_of(dialect: Dialect) -> dict[str, Service]:
-    """Return what such a robot does beyond the common verbs."""
+    """Return the services of a robot with this dialect."""
     postures = {
         name: Service(posture.about, within_s=dialect.posture_s, powers=True, needs_armed=True, late_s=LATE_S)
         for name, posture in dialect.postures.items()
@@ -33,7 +33,7 @@ def services_of(dialect: Dialect) -> dict[str, Service]:
 
 
 def verbs_of(dialect: Dialect) -> tuple[ToolVerb, ...]:
-    """Return what an agent may ask."""
+    """Return the tool verbs for an agent."""
     walks = f"Walk for {DURATION}, or for {MOVE_S:g} s, then stand. A zero stops at once."
     move = held_move(walks, _SPEEDS, dict.fromkeys(BASE, 0.0))
     postures = (

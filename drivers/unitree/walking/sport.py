@@ -1,7 +1,7 @@
-"""The service ``sport`` of a Go2 and a B2: what it is asked, and what its modes mean. Pure.
+"""The service ``sport`` of a Go2 and a B2: its requests, and the meaning of its modes. Pure.
 
-Ids of requests: the vendor's SDK, ``unitree_sdk2`` (BSD-3). Modes: its documentation of
-SportModeState, and the examples of its SDK.
+The numbers of requests come from the vendor's SDK, ``unitree_sdk2`` (BSD-3). The modes come from its
+documentation of SportModeState and the examples of its SDK.
 """
 
 from __future__ import annotations

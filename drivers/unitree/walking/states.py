@@ -1,5 +1,5 @@
-"""SportModeState: what the onboard controller of a Go2 or a B2 does, and where it believes to be; of a
-G1 only the latter. No I/O, no clock.
+"""SportModeState: the mode and the estimated pose of the onboard controller of a Go2 or a B2; for a G1 the
+pose only. No I/O, no clock.
 
 XCDR1, little endian, without its four-byte encapsulation. Layout: the IDL of ``unitree_sdk2``.
 """
@@ -16,14 +16,14 @@ from strands_actors.kernel.clock import NS
 STATE_TOPIC = "rt/sportmodestate"
 STATE_TYPE = "unitree_go::msg::dds_::SportModeState_"
 
-# stamp, error code, imu (13 floats, temperature), mode, progress, gait, height of a lifted foot, position, height
-# of the body, velocity, speed of the turn; skipped behind them: obstacles, feet and ten points of a path
+# Stamp, error code, imu (13 floats, temperature), mode, progress, gait, height of a lifted foot, position, height
+# of the body, velocity, speed of the turn. Skipped after them: obstacles, feet and ten points of a path.
 _STATE = struct.Struct("<iII13fBB2xfB3xf3ff3ff")
 STATE_BYTES = _STATE.size + 400
 
 
 class SportState(NamedTuple):
-    """Metres and radians, in the frame of its odometry; velocities in that of its body."""
+    """A state, in metres and radians in the frame of the odometry. Velocities are in the frame of the body."""
 
     stamp_ns: int  # by the robot's clock
     mode: int
@@ -34,7 +34,7 @@ class SportState(NamedTuple):
 
     @property
     def has_pose(self) -> bool:
-        """Return whether its pose and its velocity are known."""
+        """Return True if the pose and the velocity are known."""
         return math.isfinite(self.velocity[0])
 
     @property
@@ -44,7 +44,7 @@ class SportState(NamedTuple):
 
 
 def decode_state(body: bytes | memoryview) -> SportState:
-    """Raise ``MalformedFrame``, for a number that is not finite, too."""
+    """Return the state of a frame. Raise ``MalformedFrame`` if it is too short or a number is not finite."""
     if len(body) < _STATE.size:
         raise MalformedFrame(f"a SportModeState has {STATE_BYTES} bytes, not {len(body)}")
     flat = _STATE.unpack_from(body)
@@ -55,7 +55,7 @@ def decode_state(body: bytes | memoryview) -> SportState:
 
 
 def encode_state(state: SportState) -> bytes:
-    """What the robot says: for twins."""
+    """Return the frame of a state, for twins."""
     vx, vy, turn = state.velocity
     stamp, nothing = divmod(state.stamp_ns, NS), (0.0,) * 9
     body = _STATE.pack(

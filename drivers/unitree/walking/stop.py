@@ -1,10 +1,10 @@
-"""How a robot that walks is stopped, by the wire and by the root's stop channel alike: the order is
-repeated until the onboard controller has answered it and reports that the robot obeys.
+"""Stop a robot that walks, by the wire or by the root's stop channel: repeat the order until the onboard
+controller has answered it and reports that the robot obeys.
 
-``stop``  StopMove: the robot ends what it does and stays on its feet by its own controller. A G1 and an H1
-          end what they walk; a change of posture that has begun is finished by them, and nothing follows it
-``zero``  the same, then BalanceStand: it takes the next velocity from there
-``damp``  Damp, the vendor's own emergency stop: every joint brakes, the robot sinks to the floor
+``stop``  StopMove: the robot ends its motion and stays on its feet by its own controller. A G1 and an H1
+          end walking; a change of posture that has begun is finished, and no motion follows it
+``zero``  the same, then BalanceStand: the robot can take the next velocity from there
+``damp``  Damp, the vendor's own emergency stop: every joint brakes, and the robot sinks to the floor
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ from .robots import BASE
 from .states import SportState
 
 STOP_S = 1.7
-"""How long an order is repeated: less than ``Timing.safe_s``, and than what is left of it when a
-link is reached."""
+"""How long an order is repeated. It is less than ``Timing.safe_s``, and less than the rest of it after a
+link was opened."""
 REST_S = 0.3
-"""Within which a robot that refuses an order tells that it rests anyway."""
+"""Time in which a robot that refuses an order may report that it rests anyway."""
 STILL_M_S, STILL_RAD_S = 0.1, 0.15
-"""Below these speeds a robot that balances on the spot stands [assumed]."""
+"""A robot that balances on the spot counts as standing below these speeds [assumed]."""
 
 
 class Stopping:
@@ -57,8 +57,12 @@ class Stopping:
             raise WireDown("the service that walks does not hear us")
 
     async def taken(self, within_s: float) -> None:
-        """Return when an order that was made after this call has been answered: the service
-        answers one after the other, so all that was asked for before was taken then."""
+        """Return when an order that was sent after this call is answered. The service answers in order, so it
+        has then handled all earlier requests.
+
+        Raises:
+            WireDown: No answer came, or the robot refused the order and does not rest.
+        """
         link, since_ns = self._link, self._link.clock.now_ns()
         if not await link.until(lambda: link.answered.get(self._order, 0) >= since_ns, within_s):
             raise WireDown("the robot says nothing")
@@ -69,7 +73,7 @@ class Stopping:
         self._told_ns = link.gait_ns
 
     def _rests_since(self, since_ns: int) -> bool:
-        """Return whether it reports a mode in which there is nothing to stop."""
+        """Return True if it reports a mode in which there is nothing to stop."""
         return self._link.gait_ns >= since_ns and self._link.is_in(self._link.dialect.rests)
 
     async def next_report(self, within_s: float) -> Report:
@@ -96,16 +100,17 @@ class Stopping:
 
 
 def stands(gait: SportState) -> bool:
-    """Return whether it does not walk."""
+    """Return True if the robot does not walk."""
     vx, vy, wz = gait.velocity
     return abs(vx) <= STILL_M_S and abs(vy) <= STILL_M_S and abs(wz) <= STILL_RAD_S
 
 
 async def bring_down(link: WalkingLink, safe_state: SafeState) -> tuple[MotorReport, ...]:
-    """Never raises. Where the service knows us, the first order leaves before the first wait."""
+    """Bring the robot to a safe state. Never raises. If the service has matched us, the first order leaves
+    before the first wait."""
     outcome = await stop_until_it_stands(Stopping(link, safe_state), STOP_S)
     if safe_state == SafeState.ZERO and not outcome.detail and link.gait and link.gait.mode in link.dialect.walks:
-        link.send(link.dialect.balance)  # it need not step on the spot until the next velocity
+        link.send(link.dialect.balance)  # so that it does not step on the spot until the next velocity
     return reports(outcome)
 
 
@@ -114,8 +119,8 @@ def reports(outcome: Outcome) -> tuple[MotorReport, ...]:
 
 
 class WalkingStopChannel(KeptSession[UnitreeConfig, WalkingLink]):
-    """A participant of the root's own, which the robot knows before it is needed. It hears no states
-    until it stops the robot: 500 a second are nothing for the root."""
+    """A separate participant of the root. The robot discovers it before it is needed. It receives no states
+    until it stops the robot, since the root cannot afford 500 a second."""
 
     SERVED_FIRST: ClassVar[bool] = False
 

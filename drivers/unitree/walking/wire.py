@@ -1,7 +1,7 @@
 """The wire of a robot that walks by its onboard controller.
 
-Reading is taking in what has arrived. The robot goes on with a velocity for a second (a Go2 of
-software 1.1.6 and later), or for ever (before): the tree sends zero when its lifetime ends.
+``read`` only handles received data. The robot continues a velocity for a second (a Go2 of software 1.1.6
+and later), or for ever (before). So the tree sends zero when the lifetime of a velocity ends.
 """
 
 from __future__ import annotations
@@ -33,20 +33,20 @@ from .states import SportState
 from .stop import bring_down, reports
 
 SILENT_S = 1.0
-"""Without a LowState for so long the link counts as lost."""
+"""Longest time without a LowState. After it the link counts as lost."""
 EXTRAS_S = 1.0
-"""For what is told slowly."""
+"""Longest wait at ``open`` for the mode and the battery, which may come slowly."""
 AGAIN_S = 0.5
-"""Between two requests for a posture that the robot has not taken yet."""
+"""Period of repeating a request for a posture that the robot has not begun."""
 SETTLE_S = 0.5
 STILL_RAD_S = 0.3
-"""Joints that are slower than this for so long rest [assumed]."""
+"""Joints that stay slower than this for ``SETTLE_S`` rest [assumed]."""
 LOOK_S = 0.05
-"""Between two looks at them."""
+"""Period of checking the joints."""
 
 
 class WalkingSession(RobotSession):
-    """What exists between ``open`` and ``close``."""
+    """The state of the wire between ``open`` and ``close``."""
 
     def __init__(self, config: UnitreeConfig, clock: Clock) -> None:
         self.link = link = WalkingLink(config, clock)
@@ -54,18 +54,18 @@ class WalkingSession(RobotSession):
         link.follow()
         super().__init__(link, clock)
         self.told = trio.Event()  # set by the next reading
-        self.moves: list[Order] = []  # the last velocities, of which a refusal counts
+        self.moves: list[Order] = []  # the newest velocity; only its refusal counts
         self._asked_ns = 0
 
     def poll(self, now_ns: int) -> None:
-        """Take in what came, ask for what is due."""
+        """Handle received data, and send the requests that are due."""
         self.link.poll()
         if now_ns - self._asked_ns >= ASK_EVERY_NS:
             self._asked_ns = now_ns
             self.ask_mode()
 
     def sent(self, order: Order) -> None:
-        """A velocity has left: what earlier ones were refused for counts no longer."""
+        """Note a velocity that has left. Refusals of earlier velocities no longer count."""
         if self.moves != [order]:
             for earlier in self.moves:
                 self.link.refused.pop(earlier, None)
@@ -110,8 +110,8 @@ class WalkingWire(PromptSessionWire[WalkingSession]):
     # -- the link
 
     async def open(self) -> dict[str, Any]:
-        """Find the robot, hear it, and ask what controls it. What it does not say is refused later,
-        when it is told to move."""
+        """Find the robot, receive its state, and ask what controls it. If an answer is missing, the gates
+        later refuse to move the robot."""
         self.close()
         self.session_or_none = session = WalkingSession(self._config, self._clock)
         link, where = session.link, self._config.port
@@ -148,7 +148,7 @@ class WalkingWire(PromptSessionWire[WalkingSession]):
     # -- commanding
 
     async def arm(self, permit: Permit) -> Observation:
-        """Nothing is energised: the robot stands, or lies, by its own controller."""
+        """Energise nothing: the robot stands, or lies, by its own controller."""
         await trio.lowlevel.checkpoint()
         permit.check()
         return await self.read()
@@ -171,8 +171,7 @@ class WalkingWire(PromptSessionWire[WalkingSession]):
         return await bring_down(session.link, safe_state)
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """By the participant that the robot knew, which finds it again by itself; else by a new
-        one."""
+        """Use the open participant, which the robot rediscovers by itself, or else a new one."""
         session = self.session_or_none
         if session is not None:
             return await bring_down(session.link, safe_state)
@@ -193,14 +192,14 @@ class WalkingWire(PromptSessionWire[WalkingSession]):
             answer = await self._select(permit)
         else:
             answer = await self._take_posture(service, session.link.dialect.postures[service], permit)
-        # The gate knows what has changed before the caller is answered: from the next reading.
-        session.told = told = trio.Event()
-        await told.wait()
+        # Wait for the next reading, so that the gate knows the new state before the caller gets the answer.
+        session.told = next_reading = trio.Event()
+        await next_reading.wait()
         return answer
 
     async def _take_posture(self, service: str, posture: Posture, permit: Permit) -> dict[str, Any] | Refused:
-        """Ask for one step after the other. Each is done when the robot reports so: its answer says
-        that it was heard."""
+        """Request one step after the other. A step is done when the robot reports its mode. An answer only
+        shows that the service received the request."""
         link = self.session.link
         if link.gait is None:
             why = f"no {link.dialect.mode_source} yet"
@@ -210,9 +209,9 @@ class WalkingWire(PromptSessionWire[WalkingSession]):
         if mode in posture.done:
             return {"mode": name, "already": True}
         if mode not in posture.after:
-            wanted = ", ".join(map(link.dialect.name, sorted(posture.after)))
+            allowed = ", ".join(map(link.dialect.name, sorted(posture.after)))
             why = f"the robot is {name}"
-            return Refused(UnitreeCode.POSTURE, why, f"it can when it is {wanted}", name, wanted)
+            return Refused(UnitreeCode.POSTURE, why, f"it can when it is {allowed}", name, allowed)
         for order, modes in posture.steps:
             while not link.is_in(modes):
                 permit.check()
@@ -228,7 +227,7 @@ class WalkingWire(PromptSessionWire[WalkingSession]):
         return {"mode": link.dialect.name(link.gait.mode), "already": False}
 
     async def _until_joints_rest(self, permit: Permit) -> None:
-        """Return when no joint has moved for a while."""
+        """Return when no joint has moved for ``SETTLE_S``."""
         moved_ns = self._clock.now_ns()
         while self._clock.now_ns() - moved_ns < SETTLE_S * NS:
             await trio.sleep(LOOK_S)
@@ -247,16 +246,16 @@ class WalkingWire(PromptSessionWire[WalkingSession]):
         session = self.session
         if session.mode is not None and session.mode[0]:
             return {"onboard_mode": session.mode[0], "already": True}
-        name, heard = self._config.model.sport_mode, list[rpc.Response]()
+        name, answers = self._config.model.sport_mode, list[rpc.Response]()
         while True:
             permit.check()
-            heard.clear()
-            session.modes.ask(rpc.SELECT_MODE, heard.append, json.dumps({"name": name}))
-            await session.link.until(lambda: bool(heard), AGAIN_S)
+            answers.clear()
+            session.modes.ask(rpc.SELECT_MODE, answers.append, json.dumps({"name": name}))
+            await session.link.until(lambda: bool(answers), AGAIN_S)
             session.ask_mode()
             await session.link.until(lambda: session.mode is not None and bool(session.mode[0]), AGAIN_S)
             if session.mode is not None and session.mode[0]:
                 return {"onboard_mode": session.mode[0], "already": False}
-            if heard and heard[0].why and heard[0].code != rpc.SELECTED_TOO_SOON:
-                why = f"the robot refuses: {heard[0].why}"
+            if answers and answers[0].why and answers[0].code != rpc.SELECTED_TOO_SOON:
+                why = f"the robot refuses: {answers[0].why}"
                 return Refused(Code.REFUSED_BY_ROBOT, why, "look at the robot, then try again")

@@ -35,11 +35,11 @@ from .rtde import RtdeServer
 from .text_ports import Dashboard, ScriptPort
 
 STATE_HZ = 10.0
-"""Of 30001 and 30002. The real-time port tells each tick."""
+"""Rate of the state on 30001 and 30002. The real-time port sends it every tick."""
 
 
 class URTwinOptions(HostOption, frozen=True):
-    """The ports are fixed."""
+    """The options of a twin. Its ports are fixed."""
 
     program_start_s: Annotated[float, option("seconds from a program's text to its first line", ge=0)] = 0.05
     program_load_s: Annotated[
@@ -48,14 +48,14 @@ class URTwinOptions(HostOption, frozen=True):
 
 
 class Machine:
-    """What may happen to the robot."""
+    """The events that may happen to the robot."""
 
     def __init__(self, controller: Controller, faults: Faults) -> None:
         self.controller = controller
         self.faults = faults
 
     def set_fault(self, fault: Fault, unit: int | None) -> None:
-        """``unit`` 1 to 6: a joint, which can only get stuck. None: what the controller sends."""
+        """``unit`` 1 to 6: a joint, which can only get stuck. None: the samples of the controller."""
         if unit is None:
             self.faults.set(fault)
         elif fault in (Fault.OK, Fault.STUCK) and 1 <= unit <= len(JOINTS):
@@ -76,7 +76,7 @@ class URServer(TcpServer):
             if text and self._told:
                 self._state.tell(state_packets.error_message(self.controller.uptime_s, text))
 
-        self._told = False  # the controller is there before its ports
+        self._told = False  # the controller exists before its ports
 
         self.controller = Controller(arm_of(robot), program_start_s=given.program_start_s, on_event=on_event)
         faults = Faults()
@@ -108,7 +108,7 @@ class URServer(TcpServer):
             self.unplug()
 
     def power_cycle(self) -> None:
-        """Every connection ends; the controller comes back with the arm's power off."""
+        """Close every connection. The controller comes back with the arm's power off."""
         super().power_cycle()
         self.unplug()
         self.plug()
@@ -135,7 +135,7 @@ class URServer(TcpServer):
         self._tell()
 
     def _tell(self) -> None:
-        """To everybody what is due; what several want is computed once."""
+        """Send all clients the data that is due. Data for several clients is computed once."""
         self._ticks += 1
         sample = cache(lambda: Sample(self.controller))
         self._rtde.push(self._ticks, time.monotonic(), sample)

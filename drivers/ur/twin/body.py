@@ -1,5 +1,4 @@
-"""The arm as a simulation: as long as no program runs on its controller, targets come through the
-simulation control."""
+"""Simulate the arm: while no program runs on its controller, targets come through the simulation control."""
 
 from __future__ import annotations
 
@@ -15,7 +14,7 @@ from .motion import Hold, Servo
 
 class URBody(ControlledBody):
     def __init__(self, controller: Controller) -> None:
-        super().__init__(controller.plant, lambda: None)  # the controller's own ticks
+        super().__init__(controller.plant, lambda: None)  # the controller's own ticks advance the physics
         self._controller = controller
 
     @property

@@ -1,6 +1,5 @@
-"""What clients of a UR controller tell it, and what that counts as in the wire log: the registers
-by which ur-rtde's control script is told what to do, lines of the dashboard, programs. No I/O, no
-clock."""
+"""Requests of a UR controller's clients, and their kinds in the wire log: the registers that command
+ur-rtde's control script, lines of the dashboard, programs. No I/O, no clock."""
 
 from __future__ import annotations
 
@@ -11,11 +10,11 @@ from strands_actors.drivers.ur.protocol import SafetyMode
 NOT_FOUND, IN_USE = "NOT_FOUND", "IN_USE"
 
 REGISTERS = 48
-"""Of each sort. 0 to 23 belong to fieldbus and PLC, 24 to 47 to RTDE clients."""
+"""Number of registers of each sort. 0 to 23 belong to fieldbus and PLC, 24 to 47 to RTDE clients."""
 UPPER_RANGE = 24
 
 SINGLE_BITS = range(64, 128)
-"""Bit registers that have a name each; the first 64 are read and written 32 at once."""
+"""Bit registers with a name each. The first 64 are read and written 32 at once."""
 
 STATUS_POWER_ON, STATUS_PROGRAM_RUNNING, STATUS_TEACH = 1, 2, 4
 """Bits of ``robot_status_bits``."""
@@ -31,14 +30,14 @@ SAFETY_BITS = {
     SafetyMode.VIOLATION: 1 << 8 | 1 << 10,
     SafetyMode.FAULT: 1 << 9 | 1 << 10,
 }
-"""``safety_status_bits`` of each mode: bit 10 says that the arm is stopped for it."""
+"""``safety_status_bits`` of each mode. Bit 10 means that the mode has stopped the arm."""
 
 
-# -- the control script of ur-rtde, told what to do by input registers
+# -- the control script of ur-rtde, commanded by input registers
 
 
 class Command(enum.IntEnum):
-    """Numbers in its first integer register. The script's own first output register answers."""
+    """Numbers in its first integer register. Its first output register answers."""
 
     NONE = 0
     MOVE_J = 1
@@ -108,16 +107,16 @@ REFUSED = {
     70: "get_jacobian",
     71: "get_jacobian_time_derivative",
 }
-"""What the control script does and this controller has not: the functions by their names."""
+"""Commands of the control script that this controller lacks, with the names of their functions."""
 
 READY, DONE = 1, 2
-"""What the script answers."""
+"""Answers of the script."""
 
 AT_ONCE = frozenset({6, 9, 10, 11, 24, 25, 26, 27, 38, 58})
-"""Real-time commands: answered READY without an execution."""
+"""Real-time commands. The script answers READY without DONE."""
 
 MOTION = frozenset({1, 2, 3, 4, 6, 9, 10, 11, 12, 18, 24, 41, 45, 51, 52, 66})
-"""Commands that move the arm, or let a hand move it."""
+"""Commands that move the arm, or let it be moved by hand."""
 
 STOPS = frozenset(
     {
@@ -133,7 +132,7 @@ STOPS = frozenset(
 
 
 def classify_command(number: int) -> str:
-    """The kind, in the wire log, of a data packet that carries a command register."""
+    """Return the kind, in the wire log, of a data packet with a command register."""
     if number in MOTION:
         return "setpoint"
     if number in STOPS:
@@ -150,7 +149,7 @@ _ENABLE_LINES = frozenset(
 
 
 def classify_dashboard(line: str) -> str:
-    """The kind of a dashboard line in the wire log."""
+    """Return the kind of a dashboard line in the wire log."""
     words = line.strip().lower()
     if words in _STOP_LINES:
         return "safe"
@@ -158,6 +157,7 @@ def classify_dashboard(line: str) -> str:
 
 
 def classify_script(text: bytes) -> str:
-    """A program that only stops is a safe frame; any other gets the power to move the arm."""
+    """Return the kind of a program in the wire log. A program that only stops is a safe frame. Any other can
+    move the arm."""
     words = text.strip()
     return "safe" if words.startswith((b"stopj(", b"stopl(")) and b"\n" not in words else "enable"

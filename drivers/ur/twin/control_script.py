@@ -1,4 +1,4 @@
-"""The control script that ur-rtde uploads. It is recognised, and its handshake is played."""
+"""Recognise the control script that ur-rtde uploads, and play its handshake instead of running its text."""
 
 from __future__ import annotations
 
@@ -12,29 +12,30 @@ from .pose import Frame, frame_of
 from .urscript import Script, Statement
 
 RUNNING_BIT, COUNT_BITS, OPERATION_BITS = 1 << 15, 16, 24
-"""Of the register that tells how far an asynchronous move is: progress in the lowest 15 bits."""
+"""Layout of the register that reports the progress of an asynchronous move. The lowest 15 bits are the
+progress."""
 
 PROTECTIVE_STOP_S = 0.01
-"""From the call until the stop: the script has said meanwhile that the call is done [assumed]."""
+"""Time from the call until the stop. Meanwhile the script has reported that the call is done [assumed]."""
 
 
 class ControlScript:
-    """Reads its command in the first integer register of its range, answers in the first output
-    register: READY, then for a command that takes its time DONE until the command is taken away.
+    """Reads its command from the first integer register of its range, and answers in the first output register:
+    READY, then DONE for a command that takes time, until that command is removed.
 
-    What it cannot do ends it, with an error in the controller's log, as on a controller.
+    A command that it cannot carry out ends it, with an error in the controller's log, as on a controller.
     """
 
     def __init__(self, controller: Controller, offset: int, path: Sequence[Statement] = ()) -> None:
-        """``path``: the moves that were put into the script."""
+        """``path``: the moves that the upload contains."""
         self._controller = controller
         self._offset = offset
         self._path = path
         self._busy_with = c.Command.NONE.value
-        self._over: Callable[[], bool] | None = None  # whether what was begun is done
-        self._aside: Callable[[], bool] | None = None  # the same of what goes on beside
+        self._over: Callable[[], bool] | None = None  # returns True if the present command is done
+        self._aside: Callable[[], bool] | None = None  # the same for an asynchronous move
         self._operation = self._written = 0
-        self._stops_s: float | None = None  # when the stop that the program asked for begins
+        self._stops_s: float | None = None  # time of a protective stop that the program has requested
         controller.int_in[offset] = c.Command.NONE
         self._answer(c.READY)
 
@@ -76,7 +77,7 @@ class ControlScript:
             return
         act = _ACTS.get(number)
         if act is None:
-            return  # as the script does: a number it does not know is done at once
+            return  # like the script: an unknown number is done at once
         try:
             act(self)
         except Unreachable as unreachable:
@@ -133,7 +134,7 @@ class ControlScript:
     def _jog(self) -> None:
         controller, feature = self._controller, round(self._double(6))
         velocity: Sequence[float] = self._six()
-        if feature == 2:  # a frame of the caller's
+        if feature == 2:  # a frame of the caller
             axes = self._frame(8)
             vx, vy, vz, wx, wy, wz = velocity
             velocity = (*axes.turned((vx, vy, vz)), *axes.turned((wx, wy, wz)))
@@ -178,7 +179,7 @@ class ControlScript:
 
     def _payload(self) -> None:
         self._controller.payload_kg = self._double(0)
-        if any(self._six(1)[:3]):  # the script keeps the one before when it is told the origin
+        if any(self._six(1)[:3]):  # for the origin the script keeps the centre of gravity it has
             self._controller.payload_cog_m = tuple(self._six(1)[:3])
 
     def _target_payload(self) -> None:
@@ -200,7 +201,7 @@ class ControlScript:
         self._controller.int_out[self._offset + 1] = int(yes)
 
     def _tell_progress(self, value: int) -> None:
-        """0: an asynchronous move begins; -1: it is over."""
+        """Report the progress of an asynchronous move: 0 at its beginning, -1 at its end."""
         self._written = (self._written + 1) % 128
         self._operation = (self._operation + (value == 0)) % 128
         register = self._written << COUNT_BITS | self._operation << OPERATION_BITS

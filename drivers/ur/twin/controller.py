@@ -1,6 +1,6 @@
 """The controller of the twin: modes, registers, the running program, the arm. It knows no sockets.
 
-Time passes in ticks, on the clock it is given; between them it only changes what it is told to.
+Time passes in ticks, by the given clock. Between ticks only requests change its state.
 """
 
 from __future__ import annotations
@@ -23,26 +23,26 @@ from .motion import Motion, Unreachable
 from .pose import ORIGIN, Frame, between, scaled
 
 TICK_HZ = 500.0
-"""Of these controllers."""
+"""Tick rate of these controllers."""
 
 MOMENT_S = 1e-4
-"""For speeds of the tool."""
+"""Time step for the speed of the tool, in seconds."""
 
 LOG_LINES = 200
-"""Of the controller's own log, the newest."""
+"""Most lines of the controller's own log; the oldest are dropped."""
 
 SIX = range(len(JOINTS))
 
 
 class Program(Protocol):
-    """What runs on the controller."""
+    """A program on the controller."""
 
     def heard(self) -> None:
-        """An input was written."""
+        """Handle inputs that were written."""
         ...
 
     def step(self) -> None:
-        """A tick has passed."""
+        """Handle a tick."""
         ...
 
 
@@ -55,8 +55,15 @@ class Controller:
         now_s: Callable[[], float] = time.monotonic,
         on_event: Callable[[str, str], None] = lambda kind, text: None,
     ) -> None:
-        """``on_event`` hears what the controller does by itself: ``watchdog``, ``error``, ``stopj`` of a
-        program that runs; with what its log says of it."""
+        """Make a controller and its arm.
+
+        Args:
+            arm: The arm.
+            program_start_s: Seconds from a program's text to its first line.
+            now_s: The clock.
+            on_event: Called with each event of the controller and its line in the log: ``watchdog``,
+                ``error``, and ``stopj`` of a running program.
+        """
         self.plant = Plant.from_table(model_table(arm))
         self.arm = arm
         self.kinematics = Kinematics(arm.dh_m, [(axis.low, axis.high) for axis in arm.axes])
@@ -68,13 +75,13 @@ class Controller:
         self.wake_up()
 
     def wake_up(self) -> None:
-        """Powered on, where its arm is."""
+        """Power on, with the arm where it is."""
         self.reset()
         self.set_mode(p.RobotMode.RUNNING)
         self.plant.catch_up(self.now_s())
 
     def reset(self) -> None:
-        """As after a boot, but the arm stays where it is."""
+        """Return to the state after a boot, except that the arm stays where it is."""
         self.mode = p.RobotMode.POWER_OFF
         self.safety = p.SafetyMode.NORMAL
         self.remote = True
@@ -87,7 +94,7 @@ class Controller:
         self.tcp = ORIGIN
         self.digital_out = 0
         self.analog_out = [0.0, 0.0]
-        self.analog_types = 0b11  # bits: an output gives a voltage, not a current
+        self.analog_types = 0b11  # bits: 1 for an output of voltage, 0 for current
         self.tool_voltage = 0
         self.bits_in = self.bits_out = 0
         self.program_line = 0
@@ -96,10 +103,10 @@ class Controller:
         self.double_in, self.double_out = [0.0] * c.REGISTERS, [0.0] * c.REGISTERS
         self.program: Program | None = None
         self.motion: Motion = motion.Hold()
-        self.led = False  # whether a simulation moves the arm: until a program is started
+        self.led = False  # True while a simulation moves the arm, until a program is started
         self.fault = Fault.OK
         self._starting: tuple[float, Callable[[], Program]] | None = None
-        self._watched: dict[int, tuple[float, float]] = {}  # integer register -> period, when it was written
+        self._watched: dict[int, tuple[float, float]] = {}  # integer register -> period, time of the last write
         self._booted_s = self.now_s()
         self._ticked_s = self._booted_s
         self._brake(True)
@@ -117,8 +124,8 @@ class Controller:
         self._brake(mode is not p.RobotMode.RUNNING)
 
     def set_safety(self, mode: p.SafetyMode) -> None:
-        """A stop ends the program; an emergency stop or a fault takes the power off the arm,
-        too."""
+        """Set the safety mode. Every stop ends the program. An emergency stop or a fault also takes the power
+        off the arm."""
         self.safety = mode
         if mode in p.MOVABLE_SAFETY:
             return
@@ -136,12 +143,12 @@ class Controller:
 
     @property
     def busy(self) -> bool:
-        """Whether a program runs, or is about to: then the arm is its."""
+        """True if a program runs or is about to. The arm then belongs to it."""
         return self.program is not None or self._starting is not None
 
     def start_program(self, make: Callable[[], Program]) -> None:
-        """Replaces whatever runs. Where nothing may move, or in local control, it is not
-        started."""
+        """Start a program in place of any running one. It does not start if the arm may not move, or in local
+        control."""
         self.stop_program()
         self.led = False
         self.halt()
@@ -153,14 +160,14 @@ class Controller:
             self._starting = self.now_s() + self.program_start_s, make
 
     def run_beside(self, make: Callable[[], Program]) -> None:
-        """A secondary program: done at once, beside what runs. It can neither wait nor move."""
+        """Run a secondary program, at once and beside the running one. It can neither wait nor move."""
         if self.mode is p.RobotMode.RUNNING and self.remote:
             make().step()
         else:
             self.note(f"a secondary program is not run: {self.mode.name}, remote control {self.remote}")
 
     def stop_program(self) -> None:
-        """A pause ends with the program that was paused."""
+        """End the program, and a pause with it."""
         self._starting = None
         self.paused = False
         if self.program is not None:
@@ -175,12 +182,12 @@ class Controller:
         self._on_event("error", text)
 
     def fail(self, why: str) -> None:
-        """A runtime error: the program ends, and the log says why."""
+        """End the program with a runtime error in the log."""
         self.stop_program()
         self.note(f"runtime error: {why}")
 
     def protect(self, why: str) -> None:
-        """Stop by itself, until somebody has looked."""
+        """Make a protective stop, which a person has to unlock."""
         self.note(f"protective stop: {why}")
         self.set_safety(p.SafetyMode.PROTECTIVE_STOP)
 
@@ -191,7 +198,7 @@ class Controller:
         return p.RuntimeState.PAUSED if self.paused else p.RuntimeState.PLAYING
 
     def halt(self) -> float:
-        """Come to a stand from whatever motion. Seconds that this takes."""
+        """Stop any motion. Return the seconds that this takes."""
         target, limp = self.motion.target(self.plant), self.motion.limp
         off_rad = max(abs(rad - at) for rad, at in zip(target, self.plant.position_rad, strict=True))
         stands_there = self.is_steady() and not limp and off_rad < motion.ARRIVED_RAD
@@ -199,7 +206,7 @@ class Controller:
         return max(abs(rad_s) for rad_s in self.plant.velocity_rad_s) / motion.BRAKING_RAD_S2
 
     def halt_by_program(self) -> None:
-        """As ``halt``, because the program that runs says so."""
+        """As ``halt``, as an order of the running program."""
         self._on_event("stopj", "")
         self.halt()
 
@@ -213,14 +220,14 @@ class Controller:
     def move_joints(
         self, goal: Sequence[float], speed: float, acceleration: float, time_s: float = 0.0
     ) -> motion.Trip:
-        """Raise ``Unreachable``."""
+        """Move to a goal of the joints. Raise ``Unreachable`` if it is beyond a joint's range."""
         self.check_joints(goal)
         trip = motion.MoveTo(self.plant.position_rad, goal, speed, acceleration, time_s)
         self.move(trip)
         return trip
 
     def move_tool(self, goal: Frame, speed: float, acceleration: float, time_s: float = 0.0) -> motion.Trip:
-        """Raise ``Unreachable``."""
+        """Move the tool on a line. Raise ``Unreachable`` if no joints bring the tool to the goal."""
         if self.joints_for(goal, self.plant.position_rad) is None:
             raise Unreachable("no joints bring the tool there")
         trip = motion.MoveLine(self.tool(), goal, self.follow, speed, acceleration, time_s)
@@ -228,20 +235,19 @@ class Controller:
         return trip
 
     def check_joints(self, joints: Sequence[float]) -> None:
-        """Raise ``Unreachable`` for joints that may not stand so."""
+        """Raise ``Unreachable`` for joints beyond their ranges."""
         if not self.kinematics.within(joints):
             raise Unreachable("a joint is to go beyond its range")
 
     def solved(self, goal: Frame, near: Sequence[float]) -> Sequence[float]:
-        """As ``joints_for``. Raise ``Unreachable``."""
-        found = self.joints_for(goal, near)
-        if found is None:
+        """As ``joints_for``. Raise ``Unreachable`` if there is no solution."""
+        joints = self.joints_for(goal, near)
+        if joints is None:
             raise Unreachable("no joints bring the tool there")
-        return found
+        return joints
 
     def watch(self, register: int, min_hz: float) -> None:
-        """``rtde_set_watchdog``: stop the program when the register is not written at least so
-        often."""
+        """``rtde_set_watchdog``: stop the program if the register is written at a lower rate."""
         if min_hz > 0:
             self._watched[register] = 1.0 / min_hz, self.now_s()
         else:
@@ -250,7 +256,7 @@ class Controller:
     # -- inputs
 
     def write(self, values: Mapping[str, p.Value]) -> None:
-        """What an RTDE client wrote."""
+        """Take the values that an RTDE client has written."""
         for name, value in values.items():
             sort, number = INPUTS.get(name, ("", 0))
             if sort == "int":
@@ -269,7 +275,7 @@ class Controller:
             self.program.heard()
 
     def _write_panel(self, values: Mapping[str, p.Value]) -> None:
-        """Slider and plugs: each with a mask of what is meant."""
+        """Set speed slider and outputs. A mask selects the values that count."""
         if values.get("speed_slider_mask"):
             self.speed_slider = max(0.0, min(1.0, _scalar(values.get("speed_slider_fraction", 1.0))))
         for bank, shift in (("standard", 0), ("configurable", 8), ("tool", 16)):
@@ -286,8 +292,8 @@ class Controller:
     # -- time
 
     def tick(self) -> None:
-        # As of the tick before: what had come by then has been read, also by a twin that had no
-        # processor.
+        # Judge by the time of the last tick: data that had arrived by then has been read, even if this
+        # twin got no processor since.
         seen_s, now_s = self._ticked_s, self.now_s()
         elapsed_s, self._ticked_s = min(now_s - seen_s, 0.1), now_s
         if self._starting is not None and now_s >= self._starting[0]:
@@ -309,32 +315,32 @@ class Controller:
                 self.protect(str(unreachable))
         self.plant.catch_up(now_s)
 
-    # -- what it knows of itself
+    # -- state
 
     @property
     def uptime_s(self) -> float:
         return self._ticked_s - self._booted_s
 
     def tool(self) -> Frame:
-        """Where the tool's centre point is."""
+        """Return the frame of the tool's centre point."""
         return self.kinematics.flange(self.plant.position_rad).then(self.tcp)
 
     def target_tool(self) -> Frame:
         return self.kinematics.flange(self.motion.target(self.plant)).then(self.tcp)
 
     def tool_speed(self) -> tuple[float, ...]:
-        """By where the joints are a moment later."""
+        """Return the speed of the tool, from the joints' positions a moment later."""
         position, velocity = self.plant.position_rad, self.plant.velocity_rad_s
         later = [rad + rad_s * MOMENT_S for rad, rad_s in zip(position, velocity, strict=True)]
         way, turn = between(self.tool(), self.kinematics.flange(later).then(self.tcp))
         return (*scaled(way, 1 / MOMENT_S), *scaled(turn, 1 / MOMENT_S))
 
     def joints_for(self, tool: Frame, near: Sequence[float]) -> Sequence[float] | None:
-        """Return the joints, nearest to ``near``, that bring the tool there. None: it cannot be."""
+        """Return the joints, nearest to ``near``, that bring the tool there; None if there is no solution."""
         return self.kinematics.joints(tool.then(self.tcp.inverse()), near)
 
     def follow(self, tool: Frame, near: Sequence[float]) -> Sequence[float] | None:
-        """As ``joints_for``, in the same posture."""
+        """As ``joints_for``, without a change of posture."""
         return self.kinematics.joints(tool.then(self.tcp.inverse()), near, follow=True)
 
     def is_steady(self) -> bool:
@@ -348,7 +354,7 @@ INPUTS = {
     "input_bit_registers0_to_31": ("bits", 0),
     "input_bit_registers32_to_63": ("bits", 32),
 }
-"""Registers, by the names that RTDE has for them."""
+"""Registers, by their names in RTDE."""
 
 
 def _scalar(value: p.Value) -> float:

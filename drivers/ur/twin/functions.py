@@ -1,4 +1,4 @@
-"""The functions that programs on the controller may call, by URScript's names and arguments."""
+"""The functions that a program on the controller may call, with URScript's names and arguments."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from .pose import Frame, frame_of
 
 
 class ScriptError(Exception):
-    """What a controller does not run, and why."""
+    """A controller cannot run this. The text says why."""
 
 
 class Pose(tuple[float, ...]):
-    """``p[...]``."""
+    """A pose of URScript: ``p[...]``."""
 
     def __new__(cls, values: Any) -> Pose:
         pose = super().__new__(cls, (_number(value) for value in values))
@@ -27,7 +27,7 @@ class Pose(tuple[float, ...]):
 
 
 class Waits:
-    """What a line waits for."""
+    """The condition for which a line waits."""
 
     def __init__(self, over: Callable[[], bool]) -> None:
         self._over = over
@@ -37,7 +37,7 @@ class Waits:
 
 
 class Functions:
-    """Each method is a function of URScript; what begins with an underscore is not."""
+    """Each method is a function of URScript, except those that begin with an underscore."""
 
     def __init__(self, controller: Controller, on_progress: Callable[[int], None]) -> None:
         self._robot = controller
@@ -93,7 +93,8 @@ class Functions:
     # -- time
 
     def sleep(self, t: float) -> Waits:
-        until_s = self._robot.now_s() + _number(t) - 0.5 / TICK_HZ  # in whole ticks, as its controller counts
+        # The controller counts in whole ticks.
+        until_s = self._robot.now_s() + _number(t) - 0.5 / TICK_HZ
         return Waits(lambda: self._robot.now_s() >= until_s)
 
     def sync(self) -> Waits:
@@ -143,7 +144,7 @@ class Functions:
         return bool(self._robot.digital_out >> _index(n, 18) & 1)
 
     def get_standard_digital_in(self, n: int) -> bool:
-        return _index(n, 8) < 0  # nothing is plugged in
+        return _index(n, 8) < 0  # always False: the inputs are not connected
 
     def set_standard_analog_out(self, n: int, f: float) -> None:
         self._robot.analog_out[_index(n, 2)] = _number(f)
@@ -190,7 +191,7 @@ class Functions:
     ) -> None:
         self._robot.log.append(f"popup: {s}")
 
-    # -- what it knows
+    # -- state
 
     def get_actual_joint_positions(self) -> list[float]:
         return list(self._robot.plant.position_rad)
@@ -233,7 +234,7 @@ class Functions:
     def get_steptime(self) -> float:
         return 0.002
 
-    # -- reckoning
+    # -- arithmetic
 
     def pose_trans(self, p_from: Any, p_from_to: Any) -> Pose:
         return Pose(frame_of(_six(p_from)).then(frame_of(_six(p_from_to))).pose())

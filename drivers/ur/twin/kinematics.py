@@ -1,8 +1,8 @@
-"""Where the flange is, and which joints bring it there: closed forms of an arm whose second, third
-and fourth axis are parallel and whose last three meet no common point.
+"""Compute the flange from the joints, and the joints from the flange. These are closed forms for an arm with
+parallel second, third and fourth axes, whose last three axes do not meet in one point.
 
-``z`` of a step is the axis of the joint after it. See ``tests/drivers/ur/test_kinematics.py`` for
-what it is held against: the DH chain, and the body in MuJoCo.
+In each step ``z`` is the axis of the next joint. ``tests/drivers/ur/test_kinematics.py`` compares the results
+with the DH chain and with the body in MuJoCo.
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ from .pose import Frame, Vector, dot, plus, scaled
 TURN = 2.0 * math.pi
 
 STRAIGHT = 1e-6
-"""Sine below which a wrist is straight: then the first and the last joint turn the same way."""
+"""Sine below which a wrist counts as straight. The first and the last joint then turn about the same
+direction."""
 
 ROUNDING = 1e-6
-"""How far beyond what an arm reaches rounding may bring a pose."""
+"""How far rounding may put a pose beyond the arm's reach."""
 
 
 class Kinematics:
@@ -28,7 +29,7 @@ class Kinematics:
         self._ranges_rad = tuple(ranges_rad)
 
     def within(self, joints: Sequence[float]) -> bool:
-        """Return whether each joint may stand so."""
+        """Return True if each joint is within its range."""
         return all(low <= rad <= high for rad, (low, high) in zip(joints, self._ranges_rad, strict=True))
 
     def flange(self, joints: Sequence[float]) -> Frame:
@@ -39,7 +40,7 @@ class Kinematics:
         c, s = math.cos(q23 + q4), math.sin(q23 + q4)
         side = (s1, -c1, 0.0)  # the axis of the three parallel joints
         along = (c1 * c, s1 * c, s)
-        down = (c1 * s, s1 * s, -c)  # of the fifth joint
+        down = (c1 * s, s1 * s, -c)  # the axis of the fifth joint
         x5 = (c5 * along[0] + s5 * side[0], c5 * along[1] + s5 * side[1], c5 * along[2])
         ahead = (-s5 * along[0] + c5 * side[0], -s5 * along[1] + c5 * side[1], -s5 * along[2])
         out = self._a2 * math.cos(q2) + self._a3 * math.cos(q23)
@@ -57,19 +58,19 @@ class Kinematics:
         )
 
     def elbow(self, joints: Sequence[float]) -> Vector:
-        """Where the third joint is."""
+        """Return the position of the third joint."""
         out = self._a2 * math.cos(joints[1])
         return out * math.cos(joints[0]), out * math.sin(joints[0]), self._d1 + self._a2 * math.sin(joints[1])
 
     def joints(self, flange: Frame, near: Sequence[float], follow: bool = False) -> tuple[float, ...] | None:
-        """Return the joints nearest to ``near``, within their ranges, that bring the flange there.
-        ``follow``: without going over to another posture. None: it cannot be."""
+        """Return the joints nearest to ``near``, within their ranges, that bring the flange there; None if
+        there is no solution. ``follow``: do not change to another posture."""
         best: tuple[float, ...] | None = None
         least = math.inf
         wrist = plus(flange.place, scaled(flange.z, -self._d6))
         distance = math.hypot(wrist[0], wrist[1])
         if distance < ROUNDING or abs(self._d4) > distance + ROUNDING:
-            return None  # in the pillar over the base, where no shoulder can be
+            return None  # inside the cylinder around the base, which no shoulder can reach
         bearing, offset = math.atan2(wrist[1], wrist[0]), math.asin(max(-1.0, min(1.0, self._d4 / distance)))
         shoulders: tuple[float, ...] = (bearing + offset, bearing + math.pi - offset)
         if follow:
@@ -81,16 +82,16 @@ class Kinematics:
                 continue
             for sign in (math.copysign(1.0, math.sin(near[4])),) if follow else (1.0, -1.0):
                 q5 = sign * math.acos(max(-1.0, min(1.0, c5)))
-                for found in self._bent(flange, q1, q5, side, near, follow):
-                    change = sum(abs(rad - was) for rad, was in zip(found, near, strict=True))
+                for solution in self._bent(flange, q1, q5, side, near, follow):
+                    change = sum(abs(rad - was) for rad, was in zip(solution, near, strict=True))
                     if change < least:
-                        least, best = change, found
+                        least, best = change, solution
         return best
 
     def _bent(
         self, flange: Frame, q1: float, q5: float, side: Vector, near: Sequence[float], follow: bool
     ) -> list[tuple[float, ...]]:
-        """What the other joints may be."""
+        """Return the solutions for the other joints."""
         s5 = math.sin(q5)
         q6 = math.atan2(-dot(flange.y, side) / s5, dot(flange.x, side) / s5) if abs(s5) > STRAIGHT else near[5]
         c6, s6 = math.cos(q6), math.sin(q6)
@@ -121,7 +122,8 @@ class Kinematics:
         return solutions
 
     def _wound(self, joint: int, rad: float, near: float) -> float | None:
-        """The same angle, as many turns on as bring it next to ``near`` within the range."""
+        """Return the same angle plus whole turns, nearest to ``near`` within the range; None if there is no
+        such angle."""
         low, high = self._ranges_rad[joint]
         nearest = rad + TURN * round((near - rad) / TURN)
         fitting = [turned for turned in (nearest, nearest - TURN, nearest + TURN) if low <= turned <= high]

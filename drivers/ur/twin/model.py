@@ -1,4 +1,4 @@
-"""The model of an arm, made of its row."""
+"""Build the model of an arm from its table."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import Any
 from strands_actors.drivers.ur.arms import JOINTS, Arm
 
 HOME_RAD = (0.0, -math.pi / 2, math.pi / 2, -math.pi / 2, -math.pi / 2, 0.0)
-"""Where a twin wakes up: upright, the elbow bent."""
+"""The joints of a twin at its start: upright, with a bent elbow."""
 
 
 def model_table(arm: Arm) -> dict[str, Any]:
-    """Return the arm as ``drivers/common/model_rows`` takes it: the wrist_3 body is the flange of
-    the DH chain. Centres of mass: after the vendor's description, rounded."""
+    """Return the arm as a table for ``drivers/common/model_rows``. The wrist_3 body is the flange of the DH
+    chain. The centres of mass come from the vendor's description, rounded."""
     d1, a2, a3, d4, d5, d6 = arm.dh_m
     bodies = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
     places = ((0, 0, d1), (0, 0, 0), (a2, 0, 0), (a3, 0, d4), (0, -d5, 0), (0, d6, 0))
@@ -58,7 +58,7 @@ def model_table(arm: Arm) -> dict[str, Any]:
         "joints": [{"key": joint} for joint in JOINTS],
         "model_rows": "\n".join(rows),
         "home_rad": HOME_RAD,
-        "gravity_compensated": True,  # the controller knows its arm, and brakes hold it without power
+        "gravity_compensated": True,  # the controller compensates it, and brakes hold the arm without power
         "armature": 0.1 * arm.effort_nm[0] / 150,  # [assumed]
         "bandwidth": 40.0,
     }

@@ -1,4 +1,4 @@
-"""Ways in which a program moves the arm: each sets the joints' targets, tick by tick."""
+"""The motions of a program. Each sets the joints' targets in every tick."""
 
 from __future__ import annotations
 
@@ -13,34 +13,34 @@ STANDING_RAD_S = 0.01
 ARRIVED_RAD = 2e-3
 
 BRAKING_RAD_S2 = 10.0
-"""Of the joints in a stop [assumed]: what the control script asks for is the tool's."""
+"""Deceleration of the joints in a stop [assumed]. The one that the control script requests is the tool's."""
 
 BRAKING_S = 0.05
-"""A servo of the twin lags so far behind its target: where it halts from any speed without turning
-back."""
+"""Lag of a servo of the twin behind its target. So a target this far ahead stops the joint from any speed
+without turning back."""
 
 TURN_PER_WAY_RAD_M = 4.0
-"""A tool that turns more than it goes: so much of a turn takes as long as a metre [assumed]."""
+"""For a tool that turns more than it moves: a turn of this angle takes as long as a metre [assumed]."""
 
 LEAP_RAD = 0.1
-"""A joint that had to go so far in one tick cannot follow the tool."""
+"""A joint that would have to turn further than this in one tick cannot follow the tool."""
 
 Solve = Callable[[Frame, Sequence[float]], Sequence[float] | None]
-"""Which joints bring the tool there, near those that are given. None: it cannot be."""
+"""Returns the joints that bring the tool to a frame, near given joints; None if there is no solution."""
 
 
 class Unreachable(Exception):
-    """The tool cannot be brought where it is to go."""
+    """The tool cannot reach its goal."""
 
 
 class Motion:
-    """Stands where it is told to begin; subclasses move on."""
+    """Stands where it begins. Subclasses move."""
 
     limp = False
-    """Whether joints have no torque: a hand moves the arm."""
+    """True if the joints have no torque, so that a hand can move the arm."""
 
     slowed = False
-    """Whether the speed slider slows it down."""
+    """True if the speed slider slows it down."""
 
     def __init__(self) -> None:
         self._target: list[float] = []
@@ -49,7 +49,7 @@ class Motion:
         self._target = list(plant.position_rad)
 
     def advance(self, plant: Plant, seconds: float) -> None:
-        """Raise ``Unreachable``."""
+        """Set the targets of the joints after a time. Raise ``Unreachable`` if there are none."""
         for joint, rad in enumerate(self._target):
             plant.set_target(joint, rad)
 
@@ -58,10 +58,10 @@ class Motion:
 
 
 class Hold(Motion):
-    """Come to a stand and stay."""
+    """Stop and stay."""
 
     def __init__(self, stand: Sequence[float] | None = None) -> None:
-        """``stand``: where to, when that is known."""
+        """``stand``: where to stay; None for the nearest point at which the joints can stop."""
         super().__init__()
         self._stand = stand
 
@@ -74,7 +74,7 @@ class Hold(Motion):
 
 
 class Free(Motion):
-    """Whoever takes the arm by the hand moves it."""
+    """Let a hand move the arm."""
 
     limp = True
 
@@ -83,8 +83,8 @@ class Free(Motion):
 
 
 class Servo(Motion):
-    """Follow a goal that changes all the time, at the joints' top speed at most. Keeps the last one
-    for ever."""
+    """Follow a goal that changes continually, at the joints' top speed at most. The last goal stays for
+    ever."""
 
     def __init__(self, goal: Sequence[float]) -> None:
         super().__init__()
@@ -95,7 +95,7 @@ class Servo(Motion):
 
 
 class Speed(Motion):
-    """Turn at constant rates, for ever: nobody who is silent stops this."""
+    """Turn at constant rates for ever. A silent client does not stop it."""
 
     def __init__(self, rates_rad_s: Sequence[float]) -> None:
         super().__init__()
@@ -107,17 +107,17 @@ class Speed(Motion):
 
 
 def _led(solve: Solve, frame: Frame, joints: Sequence[float]) -> list[float]:
-    """Which joints bring the tool there from these, in one tick. Raise ``Unreachable``."""
-    found = solve(frame, joints)
-    if found is None:
+    """Return the joints that bring the tool to a frame in one tick. Raise ``Unreachable`` if they cannot."""
+    solution = solve(frame, joints)
+    if solution is None:
         raise Unreachable("the tool is led to where the arm does not reach")
-    if max(abs(rad - was) for rad, was in zip(found, joints, strict=True)) > LEAP_RAD:
+    if max(abs(rad - was) for rad, was in zip(solution, joints, strict=True)) > LEAP_RAD:
         raise Unreachable("the tool is led through a singularity faster than the joints turn")
-    return list(found)
+    return list(solution)
 
 
 class ToolSpeed(Motion):
-    """Move the tool at a constant velocity, for ever. ``own_axes``: as the tool's axes have it, not
+    """Move the tool at a constant velocity for ever. ``own_axes``: the velocity is in the tool's axes instead of
     the base's."""
 
     def __init__(self, start: Frame, solve: Solve, velocity: Sequence[float], own_axes: bool = False) -> None:
@@ -139,12 +139,12 @@ class ToolSpeed(Motion):
 
 
 class Trip(Motion):
-    """Gets somewhere and stays there: speeds up, goes on, slows down."""
+    """Move to a goal and stay there: accelerate, cruise, brake."""
 
     slowed = True
 
     def __init__(self, way: float, speed: float, acceleration: float, duration_s: float) -> None:
-        """``duration_s``, where it is not 0, counts instead of the speed."""
+        """``duration_s``, unless it is 0, replaces the speed."""
         super().__init__()
         self._way = way
         self._acceleration = max(acceleration, 1e-3)
@@ -156,7 +156,7 @@ class Trip(Motion):
 
     @property
     def _share(self) -> float:
-        """Of the way that is behind us."""
+        """The share of the way that is done, 0 to 1."""
         ramp_s, gone_s = self._ramp_s, self._gone_s
         left_s = 2 * ramp_s + self._cruise_s - gone_s
         if left_s <= 0:
@@ -185,8 +185,8 @@ class Trip(Motion):
 
 
 class MoveTo(Trip):
-    """Go to a goal of the joints, which start and end together; the one that has the longest way
-    has the speed."""
+    """Move the joints to a goal. All start and end together. The speed is that of the joint with the longest
+    way."""
 
     def __init__(
         self,
@@ -205,7 +205,7 @@ class MoveTo(Trip):
 
 
 class MoveLine(Trip):
-    """Lead the tool on a straight line."""
+    """Move the tool on a straight line."""
 
     def __init__(
         self, start: Frame, goal: Frame, solve: Solve, speed: float, acceleration: float, duration_s: float = 0.0
@@ -225,6 +225,6 @@ def _length(v: Vector) -> float:
 
 
 def _peak(way: float, duration_s: float, acceleration: float) -> float:
-    """The speed that makes a trip last so long; one that cannot be had is the highest that can."""
+    """Return the speed that makes a trip last this long, or the highest possible one."""
     half = acceleration * duration_s / 2
     return max(1e-6, half - math.sqrt(max(0.0, half**2 - acceleration * way)))

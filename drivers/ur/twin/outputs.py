@@ -1,6 +1,7 @@
-"""What a controller tells of itself, name by name: each with its type, and how it is known.
+"""The outputs of a controller, by name: each with its type and a function that computes it.
 
-A ``Sample`` is one tick's: what no client asked for is not computed, what several ask for once.
+A ``Sample`` belongs to one tick. An output that no client reads is not computed, and one that several clients
+read is computed once.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ _ZERO6, _ZERO3 = (0.0,) * 6, (0.0,) * 3
 
 
 class Sample(dict[str, p.Value]):
-    """Every output as it is now, computed when it is asked for."""
+    """All present outputs. Each is computed at the first access."""
 
     def __init__(self, controller: Controller) -> None:
         super().__init__()
@@ -100,7 +101,7 @@ OUTPUTS: dict[str, tuple[str, Getter]] = {
     "input_bit_registers0_to_31": ("UINT32", lambda robot: robot.bits_in & 0xFFFFFFFF),
     "input_bit_registers32_to_63": ("UINT32", lambda robot: robot.bits_in >> 32 & 0xFFFFFFFF),
 }
-"""What this controller knows."""
+"""Outputs that this controller computes."""
 
 
 def _add(kind: str, zero: p.Value, names: str) -> None:
@@ -125,7 +126,7 @@ def _bit(attribute: str, at: int) -> Getter:
 
 
 def _add_registers() -> None:
-    """Of each sort, as outputs and as they were written."""
+    """Add the registers of each sort, both inputs and outputs."""
     for way in ("in", "out"):
         for at in range(c.REGISTERS):
             OUTPUTS[f"{way}put_int_register_{at}"] = "INT32", _element(f"int_{way}", at)
@@ -135,7 +136,7 @@ def _add_registers() -> None:
 
 
 _add_registers()
-# what a twin has no use for is zero: nothing is plugged into it, and nothing pushes
+# A twin reports zero for the rest: it has no connected inputs, and no force acts on it.
 _add("VECTOR6D", _ZERO6, "target_qdd actual_TCP_force ft_raw_wrench actual_current_window")
 _add("VECTOR3D", _ZERO3, "actual_tool_accelerometer elbow_velocity")
 _add("UINT64", 0, "actual_digital_input_bits")

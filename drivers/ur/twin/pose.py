@@ -1,7 +1,7 @@
-"""Poses as a UR controller has them: metres, then a rotation vector in radians.
+"""Poses of a UR controller: metres, then a rotation vector in radians.
 
-In plain floats: a controller works on them 500 times a second, and numpy takes twenty times as long
-for what has three numbers.
+They are plain floats: a controller computes 500 poses a second, and numpy takes twenty times as long for
+vectors of three numbers.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def plus(a: Vector, b: Vector) -> Vector:
 
 
 class Frame(NamedTuple):
-    """Where something is, and its axes; all seen from the base."""
+    """A position and its axes, both in the base's frame."""
 
     place: Vector
     x: Vector
@@ -40,7 +40,7 @@ class Frame(NamedTuple):
     z: Vector
 
     def turned(self, v: Vector) -> Vector:
-        """Return a direction of this frame as the base sees it."""
+        """Return a direction of this frame in the base's frame."""
         x, y, z = self.x, self.y, self.z
         return (
             x[0] * v[0] + y[0] * v[1] + z[0] * v[2],
@@ -49,7 +49,7 @@ class Frame(NamedTuple):
         )
 
     def then(self, other: Frame) -> Frame:
-        """Return ``other``, which is given as this frame sees it."""
+        """Return ``other``, which is given in this frame, in the base's frame."""
         return Frame(
             plus(self.place, self.turned(other.place)),
             self.turned(other.x),
@@ -67,7 +67,7 @@ class Frame(NamedTuple):
         )
 
     def pose(self) -> tuple[float, ...]:
-        """Return place and rotation vector."""
+        """Return position and rotation vector."""
         return (*self.place, *rotation_vector(self.x, self.y, self.z))
 
 
@@ -75,7 +75,7 @@ ORIGIN = Frame((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0
 
 
 def frame_of(pose: Sequence[float]) -> Frame:
-    """The frame of six numbers."""
+    """Return the frame of a pose of six numbers."""
     px, py, pz, rx, ry, rz = pose
     angle = math.sqrt(rx * rx + ry * ry + rz * rz)
     if angle < ALMOST_ZERO:
@@ -92,7 +92,7 @@ def frame_of(pose: Sequence[float]) -> Frame:
 
 
 def rotation_vector(x: Vector, y: Vector, z: Vector) -> Vector:
-    """Of the rotation that makes these axes."""
+    """Return the rotation vector of a rotation with these axes."""
     skew = (y[2] - z[1], z[0] - x[2], x[1] - y[0])  # twice the sine of the angle, along its axis
     sine2 = math.sqrt(dot(skew, skew))
     angle = math.atan2(sine2, x[0] + y[1] + z[2] - 1.0)
@@ -100,22 +100,22 @@ def rotation_vector(x: Vector, y: Vector, z: Vector) -> Vector:
         return scaled(skew, angle / sine2)
     if angle < 1.0:
         return scaled(skew, 0.5)
-    # half a turn: the axis is what does not move, told by the longest column of R + 1
+    # Half a turn. The axis is the direction that does not move: the longest column of R + 1.
     columns = ((x[0] + 1.0, x[1], x[2]), (y[0], y[1] + 1.0, y[2]), (z[0], z[1], z[2] + 1.0))
     longest = max(columns, key=lambda column: dot(column, column))
     return scaled(longest, angle / math.sqrt(dot(longest, longest)))
 
 
 def between(start: Frame, goal: Frame) -> tuple[Vector, Vector]:
-    """How to get from one to the other: a way in metres, and a turn as a rotation vector, both in
-    the base's axes."""
+    """Return the difference of two frames: a way in metres and a turn as a rotation vector, both in the base's
+    axes."""
     way = plus(goal.place, scaled(start.place, -1.0))
     rotation = goal._replace(place=ORIGIN.place).then(start._replace(place=ORIGIN.place).inverse())
     return way, rotation_vector(rotation.x, rotation.y, rotation.z)
 
 
 def moved(start: Frame, way: Vector, turn: Vector) -> Frame:
-    """``start`` so far on, and turned on the spot."""
+    """Return ``start``, moved by ``way`` and turned on the spot by ``turn``."""
     rotation = frame_of((0.0, 0.0, 0.0, *turn))
     return Frame(
         plus(start.place, way), rotation.turned(start.x), rotation.turned(start.y), rotation.turned(start.z)

@@ -1,4 +1,4 @@
-"""The twin's RTDE server: recipes, who may write which input, and the stream of samples."""
+"""The twin's RTDE server: recipes, the owner of each input, and the stream of samples."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ TEXT_ERROR = 1
 
 
 def _text_message(text: str) -> bytes:
-    """Return the payload of a text message: what is said, by whom, and how bad it is."""
-    said = text.encode()[:255]
-    return bytes((len(said),)) + said + b"\x04RTDE" + bytes((TEXT_ERROR,))
+    """Return the payload of a text message: the text, its source and its severity."""
+    message = text.encode()[:255]
+    return bytes((len(message),)) + message + b"\x04RTDE" + bytes((TEXT_ERROR,))
 
 
 class RtdeServer:
-    """All clients of one controller."""
+    """The clients of one controller."""
 
     def __init__(self, controller: Controller, faults: Faults) -> None:
         self.controller = controller
@@ -45,7 +45,7 @@ class RtdeServer:
                 del self.owners[name]
 
     def push(self, tick: int, now_s: float, sample: Callable[[], Sample]) -> None:
-        """After a tick: its sample, to whom it is due."""
+        """Send the sample of a tick to the clients that are due."""
         for client in self._clients:
             if client.wants(tick):
                 client.queue(sample(), now_s)
@@ -70,7 +70,7 @@ class Client:
             try:
                 for packet in self._decoder.feed(data):
                     self._try(t_ns, packet)
-            except MalformedFrame as malformed:  # where the next packet begins is not known any more
+            except MalformedFrame as malformed:  # the begin of the next packet is unknown now
                 self._refuse(t_ns, data, str(malformed))
                 self._connection.hang_up()
                 return
@@ -82,7 +82,7 @@ class Client:
             self._refuse(t_ns, p.frame(*packet), str(malformed))
 
     def _refuse(self, t_ns: int, raw: bytes, why: str) -> None:
-        """Log what is not understood, in the controller's log too, and tell who sent it."""
+        """Log bytes that are not understood, also in the controller's log, and tell the client."""
         self._connection.heard(t_ns, "malformed", raw)
         self._server.controller.note(f"RTDE: {why}")
         self._connection.say("read", p.frame(p.Kind.TEXT, _text_message(f"RTDE: {why}")))
@@ -91,15 +91,15 @@ class Client:
         return self._started and self._outputs is not None and tick % self._every == 0
 
     def queue(self, sample: Sample, now_s: float) -> None:
-        """Samples are not logged: a hundred a second, each as long as a page, would bury the
-        rest."""
+        """Queue a sample. Samples are not logged: a hundred a second, each as long as a page, would hide all
+        other lines."""
         assert self._outputs is not None
         faults = self._server.faults
         fault = faults.of(None)
-        values = {name: sample[name] for name in self._outputs.names}  # it computes what it is asked for
+        values = {name: sample[name] for name in self._outputs.names}  # the access computes the value
         if fault is Fault.STUCK:
             values = self._stale or values
-        elif fault is Fault.WRONG and "actual_q" in values:  # else a session that reads none
+        elif fault is Fault.WRONG and "actual_q" in values:  # without it the client reads no position
             wrong = values["actual_q"]
             assert isinstance(wrong, tuple)
             values["actual_q"] = tuple(rad + WRONG_BY_RAD for rad in wrong)
@@ -150,7 +150,7 @@ class Client:
                 self._started = False
                 return b"\x01"
             case p.Kind.TEXT:
-                return None  # said to the controller, which keeps it to itself
+                return None  # the controller does not answer a text
         raise MalformedFrame(f"a packet of kind {packet.kind}, which no client sends")
 
     def _agree_outputs(self, payload: bytes) -> bytes:
@@ -161,7 +161,7 @@ class Client:
         types = [OUTPUTS[name][0] if name in OUTPUTS else c.NOT_FOUND for name in names]
         if c.NOT_FOUND not in types:
             self._outputs = p.Recipe(1, names, types)
-            self._stale = {}  # of the recipe before
+            self._stale = {}  # a sample of the last recipe
             self._every = max(1, round(TICK_HZ / hz)) if hz > 0 else 1
         return b"\x01" + ",".join(types).encode()
 
@@ -179,7 +179,7 @@ class Client:
 
 
 COMMAND_REGISTERS = ("input_int_register_0", f"input_int_register_{c.UPPER_RANGE}")
-"""Where the control script looks for its command, by the range it was told to use."""
+"""Registers from which the control script reads its command: one for each range that it may use."""
 
 
 def _names(text: bytes) -> list[str]:

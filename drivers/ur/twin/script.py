@@ -1,5 +1,5 @@
-"""Programs on the controller: ``stopj``, the control script of ur-rtde, whose handshake is played,
-and whatever ``urscript`` can run."""
+"""Make a program of a text: ``stopj``, ur-rtde's control script, whose handshake is played, or any text that
+``urscript`` can run."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ _PATH = re.compile(rb"# inject move path\n(.*?)^\s*end", re.MULTILINE | re.DOTAL
 
 
 def run_text(text: bytes, controller: Controller) -> None:
-    """Do what a text sent to a script port says. What cannot be compiled is not started: the
-    controller's log says why."""
+    """Run a text that was sent to a script port. A text that does not compile is not started, and the
+    controller's log has the reason."""
     try:
         make = program_of(text, controller)
     except ScriptError as error:
@@ -32,12 +32,12 @@ def run_text(text: bytes, controller: Controller) -> None:
 
 
 def program_of(text: bytes, controller: Controller) -> Callable[[], Program]:
-    """What a text sent to a script port makes the controller do. Raise ``ScriptError``."""
+    """Return a function that makes the program of a text. Raise ``ScriptError`` if it does not compile."""
     if c.classify_script(text) == "safe":
         return lambda: Halting(controller)
     if _CONTROL in text:
-        found, path = _OFFSET.search(text), _PATH.search(text)
-        offset = int(found.group(1)) if found else 0
+        offset_match, path = _OFFSET.search(text), _PATH.search(text)
+        offset = int(offset_match.group(1)) if offset_match else 0
         moves = parse(path.group(1).decode("utf-8", "replace")) if path else ()
         return lambda: ControlScript(controller, offset, moves)
     statements = parse(text.decode("utf-8", "replace"))
@@ -45,7 +45,7 @@ def program_of(text: bytes, controller: Controller) -> Callable[[], Program]:
 
 
 class Standing:
-    """A program that does nothing, until it is stopped."""
+    """A program that does nothing until it is stopped."""
 
     def heard(self) -> None:
         pass
@@ -55,7 +55,7 @@ class Standing:
 
 
 class Halting(Standing):
-    """``stopj``: ends when the arm stands."""
+    """The program ``stopj``. It ends when the arm stands."""
 
     def __init__(self, controller: Controller) -> None:
         self._controller = controller

@@ -1,4 +1,5 @@
-"""What the text ports tell unasked, in the layout of controllers from software 5.10 on, big-endian.
+"""The state that the text ports send by themselves, in the layout of controllers from software 5.10 on,
+big-endian.
 
 Primary and secondary (30001, 30002): ``i32 size | u8 kind | parts``, each part ``i32 size | u8 kind
 | data``. Real-time (30003): ``i32 size`` and 152 doubles. Pure: no I/O, no clock.
@@ -35,21 +36,21 @@ _ALPHA_RAD = (1.570796327, 0.0, 0.0, 1.570796327, -1.570796327, 0.0)
 
 
 def version_message() -> bytes:
-    """The first that a client of 30001 or 30002 hears."""
+    """Return the first message for a client of 30001 or 30002."""
     major, minor, bugfix, build = VERSION
     head = struct.pack(">QbbB", 0, SOURCE_CONTROLLER, MESSAGE_VERSION, len(PROJECT))
     return _part(ROBOT_MESSAGE, head + PROJECT + struct.pack(">BBii", major, minor, bugfix, build) + BUILT)
 
 
 def error_message(uptime_s: float, text: str) -> bytes:
-    """A line of the controller's log, as clients hear it."""
+    """Return a line of the controller's log as a message for clients."""
     title = b"Error"
     head = struct.pack(">QbbiiB", round(uptime_s * 1e6), SOURCE_CONTROLLER, MESSAGE_KEY, 0, 0, len(title))
     return _part(ROBOT_MESSAGE, head + title + text.encode("ascii", "replace"))
 
 
 def state_message(controller: Controller, sample: Sample) -> bytes:
-    """The state of now, as 30001 and 30002 have it."""
+    """Return the present state for 30001 and 30002."""
     return _part(
         ROBOT_STATE,
         _part(0, _mode(controller))
@@ -67,7 +68,7 @@ def state_message(controller: Controller, sample: Sample) -> bytes:
 
 
 def realtime_message(controller: Controller, sample: Sample) -> bytes:
-    """The state of now, as 30003 has it."""
+    """Return the present state for 30003."""
     six = [0.0] * 6
     target, velocity = _six(sample["target_q"]), _six(sample["actual_qd"])
     current, torque = _six(sample["actual_current"]), _six(sample["target_moment"])
@@ -90,7 +91,7 @@ def _mode(controller: Controller) -> bytes:
     state = controller.runtime_state
     return _MODE.pack(
         round(controller.uptime_s * 1e6),
-        True,  # connected, and real
+        True,  # connected, and a real robot
         True,
         powered,
         stopped,
@@ -132,7 +133,7 @@ def _masterboard(controller: Controller) -> bytes:
 
 
 def _dh(controller: Controller) -> tuple[float, ...]:
-    """a, d and alpha of each joint."""
+    """Return a, d and alpha of the joints."""
     d1, a2, a3, d4, d5, d6 = controller.arm.dh_m
     return (0.0, a2, a3, 0.0, 0.0, 0.0, d1, 0.0, 0.0, d4, d5, d6, *_ALPHA_RAD)
 

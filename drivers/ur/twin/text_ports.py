@@ -1,4 +1,4 @@
-"""The twin's ports of text: the dashboard, and those that take programs."""
+"""The twin's text ports: the dashboard, and the ports that take programs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .script import Standing, run_text
 
 VERSION = "5.13.1.1253"
 PROGRAMS = frozenset({"rtde_control.urp", "hold.urp"})
-"""What is stored on the controller. Played, a program of these runs and moves nothing."""
+"""Programs that are stored on the controller. Played, one of these runs and moves nothing."""
 INSTALLATIONS = frozenset({"default.installation"})
 MODES = ("manual", "automatic")
 SUPPORT_FOLDER_ID = "1"
@@ -33,13 +33,13 @@ _END_OF_PROGRAM = re.compile(rb"^end[ \t\r]*\n", re.MULTILINE)
 
 
 LAST_LINES = ("quit", "shutdown")
-"""After which the dashboard hangs up."""
+"""Lines after which the dashboard closes the connection."""
 
 
 class Dashboard:
     def __init__(self, controller: Controller, robot: str) -> None:
         self._controller = controller
-        # the arm's model as the dashboard has it: without the series' letter [assumed]
+        # The dashboard names the arm's model without the letter of its series [assumed].
         self._model = robot.upper().removesuffix("E")
         self._program = ""
         self._mode = ""
@@ -59,7 +59,7 @@ class Dashboard:
                     return
 
     def answer(self, line: str) -> str:
-        """Do what a line says."""
+        """Carry out a line and return the answer."""
         controller = self._controller
         match line.lower():
             case "polyscopeversion":
@@ -129,7 +129,7 @@ class Dashboard:
         return self._with_words(word.lower(), rest.strip(), line)
 
     def _with_words(self, word: str, rest: str, line: str) -> str:
-        """Lines that say something of their own at the end."""
+        """Carry out a line that ends with a name or a text."""
         controller = self._controller
         match word, *rest.split(maxsplit=2):
             case "load", "installation", name:
@@ -170,7 +170,7 @@ class Dashboard:
         return "Starting program" if controller.busy else "Failed to execute: play"
 
     def _restart_safety(self) -> str:
-        """After a fault or a violation the robot is off, and whole."""
+        """Restart after a fault or a violation. The robot is then off, and without faults."""
         if self._controller.safety in (p.SafetyMode.FAULT, p.SafetyMode.VIOLATION):
             self._controller.set_safety(p.SafetyMode.NORMAL)
         self._controller.set_mode(p.RobotMode.POWER_OFF)
@@ -178,12 +178,12 @@ class Dashboard:
 
 
 class ScriptPort:
-    """Takes programs, and tells the state unasked. A program is complete at an unindented ``end``;
-    a line outside one is a program of its own.
+    """Takes programs, and sends the state by itself. A program is complete at an unindented ``end``. A line
+    outside a program is one itself.
 
     Args:
-        load_s: Seconds from a program's text until the controller has loaded it. A stop of the
-            dashboard does not end what is still being loaded [assumed: the worst case].
+        load_s: Seconds from a program's text until the controller has loaded it. The dashboard's stop does not
+            end a program that is being loaded [assumed: the worst case].
     """
 
     def __init__(
@@ -204,7 +204,7 @@ class ScriptPort:
             self._clients.discard(connection)
 
     def push(self, tick: int, sample: Callable[[], Sample]) -> None:
-        """After a tick: the state, to whoever reads it, when it is due."""
+        """Send the state to the clients that read it, in the ticks in which it is due."""
         if tick % self._every or not self._clients:
             return
         reading = [client for client in self._clients if client.takes]
@@ -234,10 +234,10 @@ class ScriptPort:
 
 
 def _complete(text: bytes) -> int:
-    """How much of ``text`` is one program; 0: not all of it is there."""
+    """Return the size of the first program in ``text``; 0 if it is incomplete."""
     if text.lstrip().startswith((b"def ", b"sec ")):
-        found = _END_OF_PROGRAM.search(text)
-        return found.end() if found else 0
+        match = _END_OF_PROGRAM.search(text)
+        return match.end() if match else 0
     return text.find(b"\n") + 1
 
 

@@ -1,8 +1,8 @@
-"""URScript, as much of it as clients send line by line: calls, assignments, ``while``, ``if`` and
-functions without threads. What is beyond that is a compile error.
+"""Run the part of URScript that clients send line by line: calls, assignments, ``while``, ``if`` and
+functions, without threads. Everything else is a compile error.
 
-Its expressions are Python's, but for poses, ``p[...]``: so Python's parser reads them, and what
-comes out is walked here, node by node; nothing of it is ever executed as Python.
+Its expressions are Python's, except poses, ``p[...]``. So Python's parser reads them, and this module
+evaluates the resulting tree node by node. Nothing is ever executed as Python.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from .functions import Functions, Pose, ScriptError, Waits
 from .motion import Unreachable
 
 STEPS_A_TICK = 200
-"""Statements that run in one tick; a loop that waits for nothing goes on in the next."""
+"""Most statements in one tick. A loop that does not wait continues in the next tick."""
 
 LONGEST_LINE = 10_000
 
@@ -43,8 +43,8 @@ class Statement(NamedTuple):
 
 
 def parse(text: str) -> tuple[Statement, ...]:
-    """Raise ``ScriptError`` for what is not understood."""
-    lines = [_COMMENT.sub(lambda found: found.group(1) or "", line).strip() for line in text.split("\n")]
+    """Return the statements of a program. Raise ``ScriptError`` if it does not compile."""
+    lines = [_COMMENT.sub(lambda match: match.group(1) or "", line).strip() for line in text.split("\n")]
     parser = _Parser([(at, line) for at, line in enumerate(lines, 1) if line])
     try:
         return parser.whole()
@@ -58,7 +58,7 @@ class _Parser:
         self._at = 0
 
     def whole(self) -> tuple[Statement, ...]:
-        """A program is what it defines first, or bare lines."""
+        """Return the statements of a text: the body of its only function, or its bare lines."""
         statements = self._block(top=True)
         if len(statements) == 1 and statements[0].kind == "def":
             return statements[0].blocks[0][1]
@@ -99,11 +99,11 @@ class _Parser:
 
     def _compound(self, number: int, word: str, rest: str) -> Statement:
         if word in ("def", "sec"):
-            found = _FUNCTION.fullmatch(rest)
-            if found is None:
+            match = _FUNCTION.fullmatch(rest)
+            if match is None:
                 raise ScriptError(f"line {number}: {word} needs a name and parentheses")
-            names = tuple(name.strip() for name in found.group(2).split(",") if name.strip())
-            return Statement(number, "def", found.group(1), blocks=((None, self._ended(number)),), names=names)
+            names = tuple(name.strip() for name in match.group(2).split(",") if name.strip())
+            return Statement(number, "def", match.group(1), blocks=((None, self._ended(number)),), names=names)
         if word == "while":
             return Statement(number, "while", blocks=((_expression(number, rest), self._ended(number)),))
         if word == "if":
@@ -169,8 +169,8 @@ _NUMBERS = (int, float, bool)
 
 
 class Script:
-    """A program that runs line by line. It ends when there is no more, or with an error in the
-    controller's log."""
+    """A program that runs line by line. It ends after the last line, or with an error in the controller's
+    log."""
 
     def __init__(
         self,
@@ -181,7 +181,7 @@ class Script:
         self._controller = controller
         self._functions = Functions(controller, on_progress)
         self._signatures: dict[str, inspect.Signature] = {}
-        """Of the functions that were called: a loop calls them again in each tick."""
+        """Signatures of functions that were called. A loop calls them again in each tick."""
         self._defined: dict[str, Statement] = {}
         self._globals: dict[str, Any] = {}
         self._run = self._block(statements, self._globals)
@@ -189,7 +189,7 @@ class Script:
         self._left = STEPS_A_TICK
 
     def heard(self) -> None:
-        """Registers are read when a line asks for them."""
+        """Do nothing: a line reads the registers when it runs."""
 
     def step(self) -> None:
         try:
@@ -203,8 +203,12 @@ class Script:
                 self._controller.stop_program()
 
     def advance(self) -> bool:
-        """Go on until something is waited for. Return whether it is over. Raise ``ScriptError`` and
-        ``Unreachable``."""
+        """Go on until a line waits. Return True if the program is over.
+
+        Raises:
+            ScriptError: A line cannot be run.
+            Unreachable: A motion has no solution.
+        """
         if self._waits is not None and not self._waits():
             return False
         self._left = STEPS_A_TICK
@@ -271,7 +275,7 @@ class Script:
         value, index = self._value(statement.value, names), statement.blocks[0][0]
         if index is None:
             (names if statement.name not in self._globals else self._globals)[statement.name] = value
-        elif statement.name in ("digital_out", "analog_out"):  # as scripts of old have it
+        elif statement.name in ("digital_out", "analog_out"):  # the syntax of old scripts
             getattr(self._functions, f"set_{statement.name}")(self._value(index, names), value)
         else:
             self._name(statement.name, names)[self._value(index, names)] = value
@@ -346,9 +350,9 @@ class Script:
         return function(*bound.args, **bound.kwargs)
 
     def _name(self, name: str, names: dict[str, Any]) -> Any:
-        for known in (names, self._globals, _CONSTANTS):
-            if name in known:
-                return known[name]
+        for scope in (names, self._globals, _CONSTANTS):
+            if name in scope:
+                return scope[name]
         raise ScriptError(f"{name} is not defined")
 
 
