@@ -16,7 +16,7 @@
 ``get_peers``, ``tell``, ``broadcast``, ``estop``, ``resume``  robots on the mesh
 ``list_robots``, ``list_driver_coverage``  names of robots, and the drivers that exist for each
 
-A name is loaded at its first use. If a package for it is missing, a call of it says what to install.
+A name is loaded at its first use. If it needs a package that is missing, a call names that package.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Entry of a twin's process when a robot is opened with ``transport="twin"`` or simulated."""
+"""Entry of the twin's process, for ``transport="twin"`` and for simulations."""
 
 from __future__ import annotations
 
