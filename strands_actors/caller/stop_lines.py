@@ -14,7 +14,7 @@ from . import directory
 async def stop_by_name(robot: str, by: str) -> str:
     """Stop a robot of this user, and return the result in one line.
 
-    It never raises, since a person who presses a button sees this line only.
+    It never raises, since this line is all that the user of a stop button sees.
 
     Args:
         robot: Name of the robot.

@@ -69,8 +69,8 @@ def end(stray: Stray) -> bool:
 
 
 def _is_gone(stray: Stray) -> bool:
-    """Wait until no process of this name runs. Several trees of one name cannot be told apart, so it waits
-    for all of them."""
+    """Wait until no process of this name runs. Several trees of one name cannot be distinguished, so it
+    waits for all of them."""
     until_s = time.monotonic() + GONE_S
     while any(robot == stray.robot for _, robot in _labelled(label_of(stray.robot))):
         if time.monotonic() > until_s:
