@@ -91,7 +91,7 @@ class AsyncRobot:
         return tool_spec(self.tool_name, self.driver)
 
     async def send_action(self, action: Mapping[str, Any], robot_name: str | None = None) -> Answer:
-        """As ``Robot.send_action``."""
+        """Send one setpoint to the robot. Arguments and keys are those of ``RealRobot.send_action``."""
         if refused := verbs.refuse_name(robot_name, self._plan, self.name):
             return refused
         return await answered("move", verbs.send_action, self._tree, action)
@@ -99,11 +99,29 @@ class AsyncRobot:
     async def move_to(
         self, targets: Mapping[str, Any], seconds: float = moving.DEFAULT_S, wait: bool = True
     ) -> Answer:
-        """As ``Robot.move_to``. A cancelled call ends the motion."""
+        """Move the named joints smoothly to their targets. A cancelled call ends the motion.
+
+        Args:
+            targets: Target by joint, in the driver's units. Other joints stay where they are.
+            seconds: Duration of the motion, above 0 and at most 600 s.
+            wait: True returns at the end of the motion, False at once.
+
+        Returns:
+            As ``RealRobot.move_to``.
+        """
         return await answered("move_to", moving.move_to, self._tree, targets, seconds, wait)
 
     async def move_along(self, rows: Sequence[Mapping[str, Any]], hz: float, wait: bool = True) -> Answer:
-        """As ``Robot.move_along``. A cancelled call ends the motion."""
+        """Move to the first row, then along all rows. A cancelled call ends the motion.
+
+        Args:
+            rows: Targets by joint, in the driver's units. Every row names the same joints.
+            hz: Rows per second, above 0 and at most 1000.
+            wait: As in ``move_to``.
+
+        Returns:
+            As ``RealRobot.move_along``.
+        """
         return await answered("move_along", moving.move_along, self._tree, rows, hz, wait)
 
     @overload
@@ -111,14 +129,24 @@ class AsyncRobot:
     @overload
     async def get_observation(self, images: bool) -> dict[str, Any]: ...
     async def get_observation(self, images: bool = False) -> dict[str, Any]:
-        """As ``Robot.get_observation``."""
+        """Return the newest measured position of each joint, in the driver's units; {} without a reading.
+
+        Args:
+            images: True adds the newest picture of each camera, as in ``RealRobot.get_observation``.
+        """
         seen: dict[str, Any] = self._observing.positions(
             await answered("observe", verbs.get_observation, self._tree)
         )
         return seen | self._tree.cameras.looks() if images else seen
 
     async def read_camera(self, name: str, max_age_ms: float | None = None) -> Frame:
-        """As ``Robot.read_camera``."""
+        """Return the newest picture of a camera, without waiting. It raises as ``RealRobot.read_camera``.
+
+        Args:
+            name: Name of the camera, as in ``open_robot(..., cameras=...)``.
+            max_age_ms: Greatest age of the picture. None: three periods of the camera, and at least
+                200 ms.
+        """
         await trio.lowlevel.checkpoint()
         return self._tree.cameras.read(name, max_age_ms)
 
@@ -140,14 +168,17 @@ class AsyncRobot:
     async def service(
         self, name: str, *values: Any, action: Mapping[str, Any] | None = None, **arguments: Any
     ) -> Answer:
-        """As ``Robot.service``. Each service is a method, too: ``await robot.step(steps=100)``."""
+        """Run a service of the robot's driver. Each service is a method, too: ``await
+        robot.step(steps=100)``. Arguments and keys are those of ``RealRobot.service``."""
         named = verbs.name_values(self._plan, name, values, arguments)
         if isinstance(named, Refused):
             return answers.refused(named)
         return await answered(name, verbs.service, self._tree, name, named, action)
 
     async def command(self, name: str, *values: Any, wait: bool = True, **inputs: Any) -> Answer:
-        """As ``Robot.command``: ``await robot.home()``, ``await robot.move(0.2, duration_s=3.0)``."""
+        """Run a verb that the driver declares for agents. Each verb is a method, too: ``await
+        robot.home()``, ``await robot.move(0.2, duration_s=3.0)``. Arguments and keys are those of
+        ``RealRobot.command``."""
         call = call_of(self.driver, name, values, inputs)
         if isinstance(call, Refused):
             return answers.refused(call)
@@ -164,19 +195,23 @@ class AsyncRobot:
             return functools.partial(self.service, name)
 
     async def state(self) -> Answer:
-        """As ``Robot.state``."""
+        """Return the newest readings of the robot. The keys are those of ``RealRobot.state``."""
         return await answered("state", verbs.get_state, self._tree)
 
     async def stop(self) -> Answer:
-        """De-energise every motor and report each. As ``Robot.stop``."""
+        """De-energise every motor (or bring it to the safe state that the driver declares for a stop), and
+        report each. It is a success only if every motor confirmed it. The keys are those of
+        ``RealRobot.stop``."""
         return await answered("stop", verbs.stop, self._tree)
 
     async def resume(self) -> Answer:
-        """Lift the lock of an e-stop, and energise at the measured position. It starts no motion. As
-        ``Robot.resume``."""
+        """Lift the lock of an e-stop, and energise at the measured position. It starts no motion. The keys
+        are those of ``RealRobot.resume``."""
         return await answered("resume", verbs.resume, self._tree)
 
     async def get_status(self) -> Answer:
+        """Return the status of the robot and its processes. The keys are those of
+        ``RealRobot.get_status``."""
         return await answered("status", verbs.get_status, self._tree)
 
     async def run_policy(
@@ -190,8 +225,8 @@ class AsyncRobot:
         wait: bool = False,
         robot_name: str | None = None,
     ) -> Answer:
-        """As ``Robot.run_policy``. It returns at once, unless ``wait`` is true. The policy runs in a worker
-        thread."""
+        """Run a policy object in a worker thread of this process. Return at once, unless ``wait`` is true.
+        Arguments, keys and exceptions are those of ``RealRobot.run_policy``."""
         if refused := verbs.refuse_name(robot_name, self._plan, self.name, "run_policy"):
             return refused
         run = verbs.run_policy(policy, policy_object, instruction, duration, n_steps, control_frequency, wait)
@@ -207,7 +242,8 @@ class AsyncRobot:
         control_frequency: float | None = None,
         **options: Any,
     ) -> Answer:
-        """As ``Robot.start_task``."""
+        """Run a policy by name in a separate process, and return at once. Arguments and keys are those of
+        ``RealRobot.start_task``."""
         start = verbs.start_task(
             self.driver,
             policy_provider,
@@ -221,10 +257,13 @@ class AsyncRobot:
         return start if isinstance(start, Answer) else await answered("start_task", start, self._tree)
 
     async def get_task_status(self) -> Answer:
+        """Return the status of the policy or motion that runs, or of the last one. The keys are those of
+        ``RealRobot.get_task_status``."""
         return await answered("task", verbs.get_task_status, self._tree)
 
     async def stop_task(self) -> Answer:
-        """As ``Robot.stop_task``: return when the robot holds, even if the policy does not answer."""
+        """End the policy or motion, and return when the robot holds. A policy that does not answer cannot
+        delay this. The keys are those of ``RealRobot.stop_task``."""
         return await answered("stop_task", verbs.stop_task, self._tree)
 
     async def use_tool(self, given: object, by: str, motion: str = "") -> Answer:
@@ -255,15 +294,15 @@ async def open_robot(
     """Open one robot in a trio program.
 
     Inside the block the robot is connected and armed. After the block it is safe, and its processes
-    have ended.
+    have ended. The arguments are those of ``Robot``.
 
     Args:
-        name: As in ``Robot``.
-        mode: As in ``Robot``.
+        name: Name of the robot.
+        mode: ``"sim"``, ``"real"`` or ``"auto"``.
         arm: False energises nothing.
-        approve: As in ``Robot``.
-        guarded: As in ``Robot``.
-        approve_within_s: As in ``Robot``.
+        approve: Function that gives the approval of an operator.
+        guarded: Verbs and action keys that need approval, in addition to those of the driver.
+        approve_within_s: Longest time in seconds that ``approve`` may take.
         keywords: The other keywords of ``Robot``.
 
     Raises:

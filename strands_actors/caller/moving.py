@@ -31,7 +31,7 @@ DEFAULT_S = 2.0
 
 
 async def move_to(tree: RobotTree, targets: Mapping[str, Any], seconds: float, wait: bool) -> Answer:
-    """Move the named joints to their targets. The arguments are those of ``Robot.move_to``."""
+    """Move the named joints to their targets. The arguments are those of ``RealRobot.move_to``."""
     driver, seconds = tree.driver, as_python(seconds)
     refusal = refuse_targets(driver, targets) or refuse_seconds("move_to", "seconds", seconds, LONGEST_S)
     if refusal is not None:
@@ -71,7 +71,7 @@ async def hold(tree: RobotTree, verb: str, action: Mapping[str, Any], seconds: f
 
 
 async def move_along(tree: RobotTree, rows: Sequence[Mapping[str, Any]], hz: float, wait: bool) -> Answer:
-    """Move to the first row, then along all rows. The arguments are those of ``Robot.move_along``."""
+    """Move to the first row, then along all rows. The arguments are those of ``RealRobot.move_along``."""
     driver, period_s = tree.driver, 1.0 / tree.driver.timing.control_hz
     path = read_path(driver, rows, as_python(hz))
     if isinstance(path, Refused):

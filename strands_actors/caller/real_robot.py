@@ -105,10 +105,12 @@ class RealRobot(RobotTool):
 
     @property
     def tool_name(self) -> str:
+        """Return the name of the handle, which is also the name of the tool for agents."""
         return self._plan.tool_name
 
     @property
     def driver(self) -> Driver:
+        """Return the driver, which has axes, units, limits and services of the robot."""
         return self._driver
 
     @property
@@ -688,7 +690,7 @@ class RealRobot(RobotTool):
             Keys: as of ``get_task_status``; and ``caveats`` if the leader has any.
         """
         from strands_actors.teleoperation.teleoperator import Teleoperator
-        from strands_actors.teleoperation.verbs import attach  # Imported here: only a teleoperation needs it.
+        from strands_actors.teleoperation.verbs import attach  # Only a teleoperation needs this import.
 
         if isinstance(leader, str):
             try:
@@ -714,18 +716,15 @@ class RealRobot(RobotTool):
         block: bool | None = None,
         **options: Any,
     ) -> Answer:
-        """As ``attach_teleop``, and wait for its end. Ctrl-C ends it, and the robot holds.
+        """Let a leader control the robot, and wait for the end. Ctrl-C ends it, and the robot holds.
+
+        The other arguments are those of ``attach_teleop``.
 
         Args:
-            leader: As in ``attach_teleop``. None: the leader that was attached before continues with
-                its settings; ``duration`` (with ``block=True``) ends it.
-            hz: As in ``attach_teleop``.
-            map_fn: As in ``attach_teleop``.
-            deadman: As in ``attach_teleop``.
-            max_speed: As in ``attach_teleop``.
-            duration: Longest time in seconds.
-            block: True waits for the end. None: wait if a ``leader`` is given.
-            options: As in ``attach_teleop``.
+            leader: A ``Teleoperator``, or its name. None: the leader that was attached before continues
+                with its settings.
+            duration: Longest time in seconds. Without a ``leader`` it needs ``block=True``.
+            block: True waits for the end, False returns at once. None: wait if a ``leader`` is given.
 
         Returns:
             As ``get_task_status``, or as ``stop_task`` if this call ended it.

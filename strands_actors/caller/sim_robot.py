@@ -135,11 +135,11 @@ class SimRobot(RealRobot):
     def get_observation(
         self, images: Any = False, *, robot_name: str | None = None, skip_images: bool | None = None
     ) -> dict[str, Any]:
-        """As ``Robot.get_observation``.
+        """As ``RealRobot.get_observation``, also with the keywords of strands-robots.
 
         Args:
-            images: As in ``Robot.get_observation``. A text here counts as ``robot_name``.
-            robot_name: As in ``send_action``. Keyword of strands-robots.
+            images: True adds the newest picture of each camera. A text here counts as ``robot_name``.
+            robot_name: The robot that is meant, as in ``send_action``. Keyword of strands-robots.
             skip_images: The opposite of ``images``. Keyword of strands-robots.
 
         Raises:
@@ -154,12 +154,13 @@ class SimRobot(RealRobot):
     def send_action(
         self, action: Mapping[str, Any], robot_name: str | None = None, n_substeps: int | None = None
     ) -> Answer:
-        """As ``Robot.send_action``.
+        """As ``RealRobot.send_action``.
 
         Args:
-            action: As in ``Robot.send_action``.
-            robot_name: As in ``Robot.send_action``.
-            n_substeps: Number of steps of physics to compute with it, as ``step`` does.
+            action: Target by joint, in the driver's units.
+            robot_name: The robot that is meant. The name of another robot is refused.
+            n_substeps: Number of steps of physics to compute with it, as ``step`` does. None: the physics
+                runs in real time.
         """
         if n_substeps is None:
             return super().send_action(action, robot_name)
@@ -298,21 +299,18 @@ class SimRobot(RealRobot):
         policy_provider: str | None = None,
         policy_config: Mapping[str, Any] | None = None,
     ) -> Answer:
-        """As ``Robot.run_policy``, also with the keywords of strands-robots.
+        """As ``RealRobot.run_policy``, also with the keywords of strands-robots.
 
         These are ``robot_name`` (or a robot's name as the first argument), ``policy_object``,
         ``policy_provider`` and ``policy_config``. With any of them the call returns when the policy has
-        ended, as in strands-robots, unless ``wait`` is given.
+        ended, as in strands-robots, unless ``wait`` is given. The other arguments and the keys are those of
+        ``RealRobot.run_policy``.
 
         Args:
-            policy: As in ``Robot.run_policy``. A text here counts as ``robot_name``.
-            instruction: As in ``Robot.run_policy``.
-            duration: As in ``Robot.run_policy``.
-            n_steps: As in ``Robot.run_policy``.
-            control_frequency: As in ``Robot.run_policy``.
-            policy_object: As in ``Robot.run_policy``.
-            wait: As in ``Robot.run_policy``. None: wait if a keyword of strands-robots is given.
-            robot_name: As in ``send_action``.
+            policy: The policy. A text here counts as ``robot_name``.
+            wait: True returns when the policy has ended, False at once. None: wait if a keyword of
+                strands-robots is given.
+            robot_name: The robot that is meant, as in ``send_action``.
             policy_provider: Name of a policy to create. None: ``mock``, if no policy is given.
             policy_config: Keyword arguments for ``create_policy``.
         """

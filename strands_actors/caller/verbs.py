@@ -358,7 +358,7 @@ def run_policy(
     hz: float | None,
     wait: bool,
 ) -> Verb | Answer:
-    """Return the verb, or a refusal. The arguments are those of ``Robot.run_policy``."""
+    """Return the verb, or a refusal. The arguments are those of ``RealRobot.run_policy``."""
     duration, n_steps, hz = map(as_python, (duration, n_steps, hz))
     try:
         _check_length(duration, n_steps, hz)
@@ -391,7 +391,7 @@ def start_task(
     duration: float,
     hz: float | None,
 ) -> Verb | Answer:
-    """Return the verb, or a refusal. The arguments are those of ``Robot.start_task``."""
+    """Return the verb, or a refusal. The arguments are those of ``RealRobot.start_task``."""
     duration, hz = map(as_python, (duration, hz))
     try:
         if why := driver.ROLLOUTS or driver.TASKS:

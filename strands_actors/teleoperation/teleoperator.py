@@ -272,7 +272,9 @@ def where_to_listen(listen: object) -> tuple[str, int]:
     host, _, number = str(listen).partition(":")
     if not isinstance(listen, str) or (number and not (number.isdigit() and int(number) < 65536)):
         raise ValueError(f"a page cannot listen on {listen!r}. give an address of this host, or address:port")
-    if _is_every_address(host):  # The page accepts only the host name that it knows, and it would not know it.
+    # The page refuses host names other than its own. With every address it could not know the name that
+    # the browser uses.
+    if _is_every_address(host):
         raise ValueError(
             f"a page cannot listen on {listen!r}, which is every address of this host. give the one that its "
             f"browser opens, as 192.0.2.5{f':{number}' if number else ''}"

@@ -51,7 +51,7 @@ def attach(
     max_speed: float | None,
     duration: float | None,
 ) -> Verb | Answer:
-    """Return the verb, or a refusal. The arguments are those of ``Robot.attach_teleop``."""
+    """Return the verb, or a refusal. The arguments are those of ``RealRobot.attach_teleop``."""
     hz, max_speed, duration = map(as_python, (hz, max_speed, duration))
     try:
         if not isinstance(leader, Teleoperator):
