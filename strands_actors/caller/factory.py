@@ -97,7 +97,7 @@ def Robot(  # a function; its name is that of strands-robots
         A ``SimRobot`` for a simulation, otherwise a ``RealRobot``.
 
     Raises:
-        ValueError: A name, a value or a keyword is wrong. The text says what is accepted.
+        ValueError: A name, a value or a keyword is wrong. The text has the accepted ones.
         TypeError: A value has the wrong type, or the mode would ignore the keyword.
         ImportError: The package of the ``backend`` is not installed.
 

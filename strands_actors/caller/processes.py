@@ -122,7 +122,7 @@ class Processes(ABC):
 
     @abstractmethod
     async def late(self, verb: str, timeout: AskTimeout) -> Refused:
-        """Prevent that a request without an answer in time takes effect late. Return its refusal."""
+        """Prevent a request that was not answered in time from taking effect late. Return its refusal."""
 
     @abstractmethod
     async def revive(self, lift: bool, beside: Callable[[], Awaitable[None]]) -> Refused | None:

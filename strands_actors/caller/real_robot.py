@@ -69,8 +69,8 @@ class RealRobot(RobotTool):
     below, are the keys of the JSON of a success.
 
     Inside a running asyncio loop (an agent, a notebook), await ``stream``, ``stop`` and
-    ``get_status``: they do not block the loop. The other methods block for some milliseconds, until
-    their reply comes.
+    ``get_status``: they do not block the loop. The other methods block until their reply comes, which
+    takes some milliseconds; with ``wait=True`` they block until the end of the motion.
 
     The services and verbs that the robot's driver declares are methods, too: ``robot.home()``.
 
@@ -279,7 +279,7 @@ class RealRobot(RobotTool):
         changes nothing. The object cannot be used again: make a new one.
 
         Returns:
-            A success only if every motor confirmed the safe state. Keys: as of ``stop``.
+            A success only if every motor confirmed the safe state. The keys are those of ``stop``.
         """
         parents = self._forked
         if parents is not None:
@@ -580,7 +580,7 @@ class RealRobot(RobotTool):
             robot_name: The robot that it is meant for, as in ``send_action``.
 
         Returns:
-            The status of the policy. Keys: as of ``get_task_status``. With ``wait=True`` it is a success
+            The status of the policy, with the keys of ``get_task_status``. With ``wait=True`` it is a success
             if the policy ended by ``duration``, ``n_steps`` or ``stop_task()``.
 
         Raises:
@@ -620,7 +620,7 @@ class RealRobot(RobotTool):
             options: Keyword arguments for the policy. They must be plain data.
 
         Returns:
-            The status of the policy. Keys: as of ``get_task_status``.
+            The status of the policy, with the keys of ``get_task_status``.
         """
         start = verbs.start_task(
             self._driver,
@@ -687,7 +687,7 @@ class RealRobot(RobotTool):
                 ``port`` and ``id``.
 
         Returns:
-            Keys: as of ``get_task_status``; and ``caveats`` if the leader has any.
+            The keys of ``get_task_status``, and ``caveats`` if the leader has any.
         """
         from strands_actors.teleoperation.teleoperator import Teleoperator
         from strands_actors.teleoperation.verbs import attach  # Only a teleoperation needs this import.
@@ -764,8 +764,8 @@ class RealRobot(RobotTool):
             rates: For a ``keyboard``, the speed of each axis as a share of its full rate, -1 to 1.
 
         Returns:
-            Key: ``held``. A wrong input is refused and moves nothing; ``held=False`` takes effect even
-            if a rate beside it is refused.
+            Key: ``held``. A wrong input is refused and moves nothing. ``held=False`` takes effect even if
+            a rate is refused.
         """
         from strands_actors.teleoperation.verbs import operate
 

@@ -165,8 +165,8 @@ class Rollouts:
     async def _never_started(self, tasks: ActorRef, failure: AskTimeout | Unreachable) -> Refused:
         """Undo a start that was not answered in time, and return the refusal.
 
-        The policy must not start late. The stop of the robot ends the caller's lease, so a policy that
-        has started or still starts gets no lease under it.
+        The policy must not start late. After the stop the gate gives no lease under the caller's present
+        one. So a policy that has started, or still starts, cannot write.
         """
         tasks.tell(StopTask())
         why = busy.explained(str(failure))

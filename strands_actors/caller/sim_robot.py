@@ -127,7 +127,7 @@ class SimRobot(RealRobot):
         """Open MuJoCo's viewer, which shows the robot until the window is closed.
 
         Raises:
-            SimulationError: There is no display, or the window did not open.
+            SimulationError: There is no display, a package is missing, or the window did not open.
         """
         with _named("view"):
             self._call(self._world.view)
@@ -230,8 +230,9 @@ class SimRobot(RealRobot):
             shape: ``box``, ``sphere``, ``cylinder``, ``capsule`` or ``mesh``.
             position: x, y, z in metres. None: the origin.
             orientation: Quaternion w, x, y, z. None: upright.
-            size: Full extents in metres; of a mesh its scale. A box has 3 numbers, a sphere 1, a
-                cylinder and a capsule 2, a mesh 3. None: 5 cm wide (10 cm long); a mesh is not scaled.
+            size: Full extents in metres; of a mesh its scale. A box and a mesh have 3 numbers, a sphere
+                1, a cylinder and a capsule 2 (width, length). None: 5 cm; a cylinder and a capsule are
+                10 cm long; a mesh is not scaled.
             color: r, g, b, or r, g, b, a; each 0 to 1. None: grey.
             mass: Kilograms, above 0.
             is_static: True: the object does not move.
@@ -355,7 +356,7 @@ class SimRobot(RealRobot):
             push_to_hub: True is refused, since this package uploads nothing.
             vcodec: ``av1`` or ``mpeg4``; ``h264`` is recorded as ``mpeg4``. None: that of the dataset.
             overwrite: Remove an existing dataset first.
-            cameras: Names of the robot's cameras (``cameras=``). None: all of them.
+            cameras: Names of the robot's cameras (``cameras=``); None for all cameras.
 
         Returns:
             Keys: ``recording``, ``repo_id``, ``root``, ``task``, ``fps``.
