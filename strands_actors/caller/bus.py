@@ -60,13 +60,13 @@ class Bus:
         """
         if data_name not in READABLE:
             raise ValueError(f"bus: {str(data_name)[:40]!r} is not read. Use one of {', '.join(READABLE)}")
-        wanted = self._names(motors)
+        names = self._names(motors)
         observation = self._look()
         row = self._row(data_name, observation)
         silent = {axis for axis, said in observation.faults.items() if "silent" in said.split(", ")}
         values = zip(self._driver.axes, row, strict=False)
         return {
-            axis: value for axis, value in values if axis in wanted and axis not in silent and math.isfinite(value)
+            axis: value for axis, value in values if axis in names and axis not in silent and math.isfinite(value)
         }
 
     def _row(self, data_name: str, observation: Observation) -> tuple[float, ...]:

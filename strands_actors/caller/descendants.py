@@ -51,10 +51,10 @@ def complete(report: TreeReport, table: Mapping[int, Entry] | None = None) -> Tr
 
 def _listed_ancestor(pid: int, table: Mapping[int, Entry], roles: Mapping[int, str]) -> str:
     """Return the role of the nearest ancestor in ``roles``; empty if there is no such ancestor."""
-    at: int | None = pid
-    while at is not None and at not in roles:
-        at = table[at].parent if at in table else None
-    return "" if at is None else roles[at]
+    ancestor: int | None = pid
+    while ancestor is not None and ancestor not in roles:
+        ancestor = table[ancestor].parent if ancestor in table else None
+    return "" if ancestor is None else roles[ancestor]
 
 
 def _read_table() -> Iterator[tuple[int, Entry]]:

@@ -119,10 +119,10 @@ class Directory:
 @contextlib.asynccontextmanager
 async def join() -> AsyncIterator[Directory]:
     """Connect to every robot of this user, as long as the block runs."""
-    found = list(notes())
-    if not found:  # Without robots no session is opened.
-        yield Directory(Node("nobody", MonotonicClock()), found)
+    running = list(notes())
+    if not running:  # Without robots no session is opened.
+        yield Directory(Node("nobody", MonotonicClock()), running)
         return
-    endpoints = [endpoint for note in found for endpoint in note.endpoints]
+    endpoints = [endpoint for note in running for endpoint in note.endpoints]
     async with open_node(f"visitor.{os.getpid()}", connect=endpoints) as (node, _):
-        yield Directory(node, found)
+        yield Directory(node, running)

@@ -49,19 +49,19 @@ def command_line(*words: str, within_s: float) -> dict[str, Any]:
             env=environment(),
             check=False,
         )
-        told: dict[str, Any] = json.loads(done.stdout)
+        answer: dict[str, Any] = json.loads(done.stdout)
     except (OSError, ValueError, subprocess.TimeoutExpired) as failure:
         return {"error": f"the command line does not answer ({failure})"}
-    return told
+    return answer
 
 
 def stop(robot: str, driver: Driver) -> StopResult:
     """Stop the robot by the command line."""
     deadlines = StopDeadlines.of(driver.timing.safe_s)
-    told = command_line("stop", robot, within_s=deadlines.gate_s + deadlines.root_s)
-    rows = told.get("robots", [])
+    answer = command_line("stop", robot, within_s=deadlines.gate_s + deadlines.root_s)
+    rows = answer.get("robots", [])
     if len(rows) != 1:
-        return stop_result.silent("stop", told.get("error") or "the command line names no robot", driver)
+        return stop_result.silent("stop", answer.get("error") or "the command line names no robot", driver)
     (row,) = rows
     if row["done"] is not True and not row.get("motors"):
         return stop_result.silent("stop", row.get("detail") or "it is not confirmed", driver)

@@ -64,16 +64,16 @@ def _lives(robot: str, place: str) -> Iterator[Path]:
 
 async def _until_ended(path: Path) -> None:
     began_s = trio.current_time()
-    while (found := holder(path)) is not None:
+    while (standby := holder(path)) is not None:
         waited_s = trio.current_time() - began_s
-        if waited_s > FROZEN_S and found.pid and is_stopped(found.pid):
+        if waited_s > FROZEN_S and standby.pid and is_stopped(standby.pid):
             with contextlib.suppress(ProcessLookupError):
-                os.kill(found.pid, signal.SIGKILL)
+                os.kill(standby.pid, signal.SIGKILL)
         if waited_s > WAIT_S:
             report = read(path.with_name(path.name.removesuffix(LOCK) + REPORT))
             doing = f"{report.text}." if report is not None else "root or wire of that tree still run."
             raise NotConnected(
-                f"the standby of an earlier tree has not ended (process {found.pid}): {doing} "
+                f"the standby of an earlier tree has not ended (process {standby.pid}): {doing} "
                 "Try again when it has; it gives up after a minute"
             )
         await trio.sleep(LOOK_S)

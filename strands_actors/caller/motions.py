@@ -236,8 +236,8 @@ def _refuse_end(driver: Driver, end: Candidate, state: GateState) -> Refused | N
     The state matters: a joint that is past the end of its range may stay there, but no other joint may
     go there. Refusals for speed are ignored, since the end is not one step away.
     """
-    found = (gate(end, state) for gate in driver.gates)
-    return next((refusal for refusal in found if refusal is not None and refusal.code not in TOO_FAST), None)
+    refusals = (gate(end, state) for gate in driver.gates)
+    return next((refusal for refusal in refusals if refusal is not None and refusal.code not in TOO_FAST), None)
 
 
 def _refuse_steps(

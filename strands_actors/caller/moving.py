@@ -66,8 +66,8 @@ async def hold(tree: RobotTree, verb: str, action: Mapping[str, Any], seconds: f
     motion = await tree.rollouts.move(verb, lambda seen: plan_hold(driver, verb, action, seconds, seen, period_s))
     if isinstance(motion, Refused):
         return answers.refused(motion)
-    told = {"robot": tree.robot, "commanded": motion.action(1), "unit": driver.unit, "duration_s": seconds}
-    return await _ended(tree, verb, told, (), wait)
+    reply = {"robot": tree.robot, "commanded": motion.action(1), "unit": driver.unit, "duration_s": seconds}
+    return await _ended(tree, verb, reply, (), wait)
 
 
 async def move_along(tree: RobotTree, rows: Sequence[Mapping[str, Any]], hz: float, wait: bool) -> Answer:
@@ -109,25 +109,25 @@ async def _to_its_end(tree: RobotTree, motion: Motion | Refused, wait: bool, **m
         return answers.refused(motion)
     last = motion.action(motion.n_steps)
     unit, seconds = tree.driver.unit, round(motion.seconds, 3)
-    told = {"robot": tree.robot, **more, "commanded": last, "unit": unit, "seconds": seconds}
-    return await _ended(tree, motion.verb, told, tuple(last), wait)
+    reply = {"robot": tree.robot, **more, "commanded": last, "unit": unit, "seconds": seconds}
+    return await _ended(tree, motion.verb, reply, tuple(last), wait)
 
 
-async def _ended(tree: RobotTree, verb: str, told: dict[str, Any], joints: tuple[str, ...], wait: bool) -> Answer:
+async def _ended(tree: RobotTree, verb: str, reply: dict[str, Any], joints: tuple[str, ...], wait: bool) -> Answer:
     """Wait for the end of a motion, if ``wait`` is true. A cancelled wait ends the motion."""
     if not wait:
-        return answers.success({**told, "running": True})
+        return answers.success({**reply, "running": True})
     try:
         ended = await tree.rollouts.wait()
     except trio.Cancelled:
         with trio.CancelScope(shield=True):
             await tree.rollouts.stop_task()
         raise
-    told |= {"took_s": round(ended.elapsed_s, 3)}
+    reply |= {"took_s": round(ended.elapsed_s, 3)}
     if ended.exit_reason != "n_steps":
         why = f"{verb}: it did not come to its end: {ended.exit_reason}"
-        return answers.error(f"{why}: {ended.exit_detail}" if ended.exit_detail else why, told)
-    return answers.success({**told, **await _position(tree, joints)})
+        return answers.error(f"{why}: {ended.exit_detail}" if ended.exit_detail else why, reply)
+    return answers.success({**reply, **await _position(tree, joints)})
 
 
 async def _told_once(
@@ -138,24 +138,24 @@ async def _told_once(
     if isinstance(accepted, Refused):
         return answers.refused(accepted.about("move_to"))
     driver = tree.driver
-    told = {"robot": tree.robot, **driver.accepted(action, accepted.values, accepted.sensors), "seconds": seconds}
+    reply = {"robot": tree.robot, **driver.accepted(action, accepted.values, accepted.sensors), "seconds": seconds}
     if not wait:
-        return answers.success({**told, "running": True})
+        return answers.success({**reply, "running": True})
     try:
         until_s = trio.current_time() + seconds
         while (left_s := until_s - trio.current_time()) > 0:
             await trio.sleep(min(LOOK_S, left_s))
             status = await tree.status()
             if status is None:
-                return answers.error("move_to: the wire does not answer, so how it ends is not known", told)
+                return answers.error("move_to: the wire does not answer, so how it ends is not known", reply)
             if status.mode not in (Mode.ARMED, Mode.HOLDING):
-                return answers.error(f"move_to: the robot is {status.mode} ({status.cause})", told)
+                return answers.error(f"move_to: the robot is {status.mode} ({status.cause})", reply)
     except trio.Cancelled:
         with trio.CancelScope(shield=True):
             await tree.release()
         raise
     joints = tuple(str(key).removesuffix(".pos") for key in targets)
-    return answers.success({**told, **await _position(tree, joints)})
+    return answers.success({**reply, **await _position(tree, joints)})
 
 
 async def _position(tree: RobotTree, joints: tuple[str, ...]) -> dict[str, Any]:

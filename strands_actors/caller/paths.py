@@ -83,7 +83,7 @@ def read_path(driver: Driver, rows: object, hz: object) -> Path | Refused:
     if not isinstance(rows, Sequence) or not rows or not all(isinstance(row, Mapping) and row for row in rows):
         return _refused("it is no list of rows", "give a list of joints with numbers: [{'joint': 0.0}, ...]")
     joints = tuple(str(name).removesuffix(".pos") for name in rows[0])
-    found: list[tuple[float, ...]] = []
+    targets: list[tuple[float, ...]] = []
     for number, row in enumerate(rows):
         named = {str(name).removesuffix(".pos"): finite(value) for name, value in row.items()}
         if named.keys() != set(joints):
@@ -92,17 +92,17 @@ def read_path(driver: Driver, rows: object, hz: object) -> Path | Refused:
         if None in values:
             joint = joints[values.index(None)]
             return _refused(f"row {number} has no number for {joint}", "give a finite number")
-        found.append(tuple(value for value in values if value is not None))
-    if (len(found) - 1) / rate > LONGEST_S:
+        targets.append(tuple(value for value in values if value is not None))
+    if (len(targets) - 1) / rate > LONGEST_S:
         limit = f"at most {LONGEST_S:g}"
-        return _refused(f"it takes {(len(found) - 1) / rate:.4g} s", f"give a path of {limit} s", "", limit)
+        return _refused(f"it takes {(len(targets) - 1) / rate:.4g} s", f"give a path of {limit} s", "", limit)
     if unknown := [joint for joint in joints if joint not in driver.axes]:
         why = f"{driver.robot} has no joint {shown(unknown[0])}"
         remedy = f"use some of {', '.join(driver.axes)}"
         return Refused(Code.UNKNOWN_JOINT, why, remedy, shown(unknown[0]), verb=MOVE_ALONG)
     places = frozenset(joint for joint in joints if is_place(driver, driver.axes.index(joint)))
     refusal = refuse_targets(driver, dict.fromkeys(places, 0.0)) if places else None
-    return Path(joints, places, found, rate) if refusal is None else refusal.about(MOVE_ALONG)
+    return Path(joints, places, targets, rate) if refusal is None else refusal.about(MOVE_ALONG)
 
 
 def check_along(driver: Driver, motion: Motion, path: Path, seen: Seen) -> Iterator[Refused | None]:
@@ -118,13 +118,13 @@ def check_along(driver: Driver, motion: Motion, path: Path, seen: Seen) -> Itera
     before = path.at(0)
     for step in range(steps_before + 1, motion.n_steps + 1):
         then = motion.action(step)
-        found = arrived(driver, before, here)
-        if not isinstance(found, Refused):
-            asked = refuse_action(driver, then, found)
-            found = asked if isinstance(asked, Refused) else found
-        if isinstance(found, Refused):
+        result = arrived(driver, before, here)
+        if not isinstance(result, Refused):
+            asked = refuse_action(driver, then, result)
+            result = asked if isinstance(asked, Refused) else result
+        if isinstance(result, Refused):
             at_s = (step - steps_before) * motion.period_s
-            yield replace(found, reason=f"at {at_s:.2f} s: {found.reason}", verb=MOVE_ALONG)
+            yield replace(result, reason=f"at {at_s:.2f} s: {result.reason}", verb=MOVE_ALONG)
         else:
             yield None
         before = then

@@ -307,8 +307,8 @@ def _resolve(wanted: Wanted, driver_class: type[Driver], options: dict[str, Any]
         if not wanted.spelled:
             raise
         names = ", ".join(f"{given} is another name of {own}" for own, given in wanted.spelled.items())
-        kind = ValueError if isinstance(refusal, ValueError) else TypeError
-        raise kind(f"{refusal} ({names})") from None
+        error_class = ValueError if isinstance(refusal, ValueError) else TypeError
+        raise error_class(f"{refusal} ({names})") from None
 
 
 def _check_port(wanted: Wanted, driver_class: type[Driver], resolved: dict[str, Any]) -> None:
@@ -334,9 +334,9 @@ def _missing_port(robot: str, driver_class: type[Any]) -> str:
         return f"Robot: {robot} needs 'port', its address: Robot({robot!r}, mode='real', port={like!r})"
     from serial.tools import list_ports
 
-    found = ", ".join(sorted(port.device for port in list_ports.comports())) or "none"
+    devices = ", ".join(sorted(port.device for port in list_ports.comports())) or "none"
     doubt = "" if adapters(driver_class) else ", none looks like a servo bus"
     return (
         f"Robot: {robot} needs 'port': Robot({robot!r}, mode='real', port='/dev/ttyACM0'). "
-        f"serial devices here: {found}{doubt} (a path is not an identity: check which robot is behind it)"
+        f"serial devices here: {devices}{doubt} (a path is not an identity: check which robot is behind it)"
     )

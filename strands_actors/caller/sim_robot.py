@@ -241,8 +241,8 @@ class SimRobot(RealRobot):
         Returns:
             Key: ``added``, the name.
         """
-        told = (name, shape, position, orientation, size, color, mass, is_static, mesh_path)
-        return self._change("add_object", lambda: (scene.object_fields(*told),), {"added": name})
+        given = (name, shape, position, orientation, size, color, mass, is_static, mesh_path)
+        return self._change("add_object", lambda: (scene.object_fields(*given),), {"added": name})
 
     def remove_object(self, name: str) -> Answer:
         """Remove an object that ``add_object`` has added.
@@ -276,11 +276,11 @@ class SimRobot(RealRobot):
         Returns:
             Key: ``added``, the name.
         """
-        told = (name, position, target, fov, parent_body)
+        given = (name, position, target, fov, parent_body)
 
         def fields() -> tuple[dict[str, Any]]:
             scene.check_size(width, height)
-            return (scene.camera_fields(*told),)
+            return (scene.camera_fields(*given),)
 
         answer = self._change("add_camera", fields, {"added": name})
         if answer["status"] == "success":
@@ -420,7 +420,7 @@ class SimRobot(RealRobot):
             return refused
         hz = self._driver.timing.control_hz if control_frequency is None else control_frequency
         try:
-            found = evaluation.evaluate_checked(
+            result = evaluation.evaluate_checked(
                 self,
                 policy_object,
                 policy_provider,
@@ -435,7 +435,7 @@ class SimRobot(RealRobot):
             )
         except (TypeError, ValueError, evaluation.Failed) as failure:
             return answers.error(f"eval_policy: {failure}")
-        return answers.success(found)
+        return answers.success(result)
 
     def _change(self, verb: str, read: Callable[[], tuple[Any, ...]], done: dict[str, Any]) -> Answer:
         """Change the scene. ``read`` checks the arguments and returns those for the simulation."""

@@ -85,16 +85,16 @@ def read_own_model(robot: str, file: str, scene: Scene) -> tuple[type[Any], dict
     options = driver_class.resolve(robot, {"model": file})
     twin: dict[str, Any] = {"model": os.path.abspath(os.path.expanduser(file))}
     if scene.keyframe is not None:
-        known: dict[str, list[float]] = options["keyframes"]
-        names = list(known)
-        wanted = scene.keyframe
-        if isinstance(wanted, int) and not isinstance(wanted, bool) and 0 <= wanted < len(names):
-            wanted = names[wanted]
-        if not isinstance(wanted, str) or wanted not in known:
+        keyframes: dict[str, list[float]] = options["keyframes"]
+        names = list(keyframes)
+        keyframe = scene.keyframe
+        if isinstance(keyframe, int) and not isinstance(keyframe, bool) and 0 <= keyframe < len(names):
+            keyframe = names[keyframe]
+        if not isinstance(keyframe, str) or keyframe not in keyframes:
             raise ValueError(
                 f"Robot: keyframe is {scene.keyframe!r}. {robot} has {', '.join(names) or 'none in its model'}"
             )
-        twin["home"] = known[wanted]
+        twin["home"] = keyframes[keyframe]
     return driver_class, options, twin
 
 

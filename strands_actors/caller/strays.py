@@ -40,13 +40,13 @@ def strays() -> list[Stray]:
     """Return the roots of this run directory that have no note and are not just starting. The list is empty
     on systems that do not show them."""
     try:
-        known = {note.robot: note.pid for note in notes()}
+        noted = {note.robot: note.pid for note in notes()}
         labelled = dict(_labelled(label_of(""), standbys=False))
         roots = [(pid, robot) for pid, robot in labelled.items() if labelled.get(_parent(pid)) != robot]
         return sorted(
             Stray(robot, pid)
             for pid, robot in roots
-            if known.get(robot, 0) != pid and (robot in known or not is_held(robot))
+            if noted.get(robot, 0) != pid and (robot in noted or not is_held(robot))
         )
     except OSError:  # There is no run directory, or no /proc. Other checks report that.
         return []

@@ -323,12 +323,12 @@ class RobotTree:
 
     async def _resume(self, lift: bool, asked_ns: int) -> Resumed | Refused:
         stops = self._stops
-        known = self._processes.started
+        was_started = self._processes.started
         refused = await self._processes.revive(lift, self._writer.beat)
         if refused is not None:
             return refused
         # As in ``_connect``, a wire that was started after the stop may be between two attempts.
-        await self._processes.wait_linked(RETRY_S if known else 0.0)
+        await self._processes.wait_linked(RETRY_S if was_started else 0.0)
         answer = await self._energise(stops, asked_ns, lift)
         if isinstance(answer, Resumed):
             async with self._writer.turn:

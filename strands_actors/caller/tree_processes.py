@@ -110,9 +110,9 @@ class TreeProcesses(Processes):
         claim = None if plan.twin_process is not None else await claim_port(plan, self.robot)
         try:
             self.require_open()
-            found = await until_over(self.robot, where)
-            if found is not None:
-                self.standby_report = found
+            report = await until_over(self.robot, where)
+            if report is not None:
+                self.standby_report = report
             self.require_open()
             self._begin(port, where, () if claim is None else (claim.fd,), beside)
         finally:
@@ -217,8 +217,8 @@ class TreeProcesses(Processes):
         plan = self.plan
         if plan.drill_age_s is None:
             return {}
-        at = TWIN if plan.transport == "twin" else port
-        return {"drill": clause(plan.driver_class, plan.robot, at, plan.options, plan.drill_age_s)}
+        place_name = TWIN if plan.transport == "twin" else port
+        return {"drill": clause(plan.driver_class, plan.robot, place_name, plan.options, plan.drill_age_s)}
 
     async def _attend(
         self,

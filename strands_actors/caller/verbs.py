@@ -178,8 +178,8 @@ async def release(tree: RobotTree) -> Answer:
     result = await tree.release()
     if isinstance(result, Refused):
         return answers.refused(result)
-    known = {} if isinstance(result, stop_result.Unreachable) else {"released": True}
-    return answers.stop_result("release", result, known)
+    released = {} if isinstance(result, stop_result.Unreachable) else {"released": True}
+    return answers.stop_result("release", result, released)
 
 
 def is_service(plan: Plan | None, name: str) -> bool:
@@ -225,8 +225,8 @@ def name_values(
     names = () if service is None else tuple(service.arguments)
     takes = ", ".join(names) or "no arguments"
     if len(values) > len(names):
-        what = f"{len(values)} values were given"
-        return Refused(Code.BAD_INPUT, what, f"it takes {takes}", str(len(values)), str(len(names)), verb=name)
+        why = f"{len(values)} values were given"
+        return Refused(Code.BAD_INPUT, why, f"it takes {takes}", str(len(values)), str(len(names)), verb=name)
     placed = dict(zip(names, values, strict=False))
     if twice := sorted(placed.keys() & arguments.keys()):
         return Refused(
@@ -261,13 +261,13 @@ def _command(
     tree: RobotTree, name: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None
 ) -> dict[str, Any] | Refused | None:
     """Return the action of a service that is a command, or a refusal; None if it is not a command."""
-    known = tree.driver.SERVICES.get(name)
-    if known is None or not known.acts:
+    declared = tree.driver.SERVICES.get(name)
+    if declared is None or not declared.acts:
         return None
     refusal = tree.driver.check_service(name, arguments)
     if refusal is not None:
         return refusal.about(name)
-    return {**(action or {}), **action_of_service(known, arguments)}
+    return {**(action or {}), **action_of_service(declared, arguments)}
 
 
 def action_of_service(service: Service, arguments: Mapping[str, Any]) -> dict[str, Any]:
@@ -280,8 +280,8 @@ def action_of_service(service: Service, arguments: Mapping[str, Any]) -> dict[st
 def _order_to_stop(tree: RobotTree, name: str) -> Reason | None:
     """Return the reason of a service that is a stop (``Service.stops``); None for any other. Unknown
     names are refused later."""
-    known = tree.driver.SERVICES.get(name)
-    return None if known is None else known.stops
+    declared = tree.driver.SERVICES.get(name)
+    return None if declared is None else declared.stops
 
 
 def _performed(answer: Performed | Refused) -> Answer:
@@ -302,19 +302,19 @@ async def get_status(tree: RobotTree) -> Answer:
 
 def describe(tree: RobotTree, status: Status | None) -> dict[str, Any]:
     problem = tree.problem or busy.explained("the wire does not answer")
-    told = answers.status(
+    described = answers.status(
         tree.plan.tool_name, tree.plan.robot, tree.driver, problem, status, tree.facts, tree.standby_report
     )
     if tree.cameras:
-        told["cameras"] = tree.cameras.status()
+        described["cameras"] = tree.cameras.status()
     if tree.caveats:
-        told["caveats"] = list(tree.caveats)
+        described["caveats"] = list(tree.caveats)
     # A busy computer looks like a loose cable, so the status shows the load.
     seen = busy.machine()
     if seen.pressure is not None:
-        told["machine_busy_pct"] = round(100 * seen.pressure)
-    told["machine"] = seen.text
-    return told
+        described["machine_busy_pct"] = round(100 * seen.pressure)
+    described["machine"] = seen.text
+    return described
 
 
 async def resume(tree: RobotTree, lift: bool = True) -> Answer:

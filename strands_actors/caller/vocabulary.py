@@ -43,9 +43,9 @@ def call_of(driver: Driver, command: str, values: Sequence[Any], inputs: Mapping
     """
     verb = find_verb(driver, command)
     if verb is None:
-        known = ", ".join(verb_names(driver)) or "none"
+        names_of_verbs = ", ".join(verb_names(driver)) or "none"
         why = f"{driver.robot} has no such command"
-        return Refused(Code.UNKNOWN_COMMAND, why, f"it has {known}", command, known, verb=command)
+        return Refused(Code.UNKNOWN_COMMAND, why, f"it has {names_of_verbs}", command, names_of_verbs, verb=command)
     names = {name.replace(".", "_"): name for name in verb.inputs}
     takes = ", ".join(names) or "no input"
     if len(values) > len(names):

@@ -42,10 +42,10 @@ class Writer:
     async def acquire(self) -> Refused | None:
         """Acquire the lease, or acquire it again. Return None, or the refusal."""
         processes = self._processes
-        wanted = Acquire(processes.holder, pid=os.getpid(), again=self.lease.id if self.lease else 0)
+        request = Acquire(processes.holder, pid=os.getpid(), again=self.lease.id if self.lease else 0)
         # During a hold the gate answers only at its end.
         within_s = processes.patience.ask_s + processes.driver.timing.safe_s
-        answer = await processes.gate.ask(wanted, within_s)
+        answer = await processes.gate.ask(request, within_s)
         if isinstance(answer, Lease):
             self.lease = answer
             return None
@@ -55,9 +55,9 @@ class Writer:
         """Release the lease, if it is held. Return the result of the hold that ends its target."""
         lease, self.lease = self.lease, None
         processes = self._processes
-        wanted = GetSafety() if lease is None else Release(lease.id)
+        request = GetSafety() if lease is None else Release(lease.id)
         try:
-            answer = await processes.gate.ask(wanted, processes.patience.stop_s)
+            answer = await processes.gate.ask(request, processes.patience.stop_s)
         except (AskTimeout, Unreachable) as failure:
             return stop_result.silent("release", busy.explained(str(failure)), processes.driver)
         return stop_result.of_answer("release", answer, processes.driver.axes)

@@ -38,11 +38,11 @@ def create_policy(provider: str, **options: Any) -> Any:
         provider, options = "remote", {"endpoint": provider, **options}
     factory = registered_class(provider)
     if factory is None:
-        found = find_provider(provider)
+        known_provider = find_provider(provider)
         if provider not in OF_THIS_PROCESS:
             raise ValueError(
                 f"create_policy: {provider} has to know its robot. "
-                f"use start_task(policy_provider={provider!r}, ...), which tells it" + _at(found.where)
+                f"use start_task(policy_provider={provider!r}, ...), which tells it" + _at(known_provider.where)
             )
         factory = load(OF_THIS_PROCESS[provider])
     _check_options(provider, factory, options)

@@ -203,16 +203,16 @@ class Eye:
         """Return the newest picture. Raise ``StaleFrame`` if it is too old."""
         from strands_actors.surfaces.cameras import Stale, StaleFrame
 
-        found = self._reader.newest()
-        if isinstance(found, Stale):
-            raise StaleFrame(self._reader.camera, found)
-        height, width, colours = found.image.shape
+        newest = self._reader.newest()
+        if isinstance(newest, Stale):
+            raise StaleFrame(self._reader.camera, newest)
+        height, width, colours = newest.image.shape
         if (colours, height, width) != self._shape:
             raise ValueError(
                 f"lerobot_local: camera {self._reader.camera!r} gives {width} x {height}, and {self.key} of the "
                 f"checkpoint is {self._shape[-1]} x {self._shape[-2]}. give the camera that width and height"
             )
-        return found.image
+        return newest.image
 
     def _is_blind(self) -> bool:
         from strands_actors.surfaces.cameras import Stale
@@ -223,21 +223,21 @@ class Eye:
 def _eyes(config: Any, robot: str, cameras: Sequence[str], rename_map: Mapping[str, str], folder: str) -> list[Eye]:
     """Return a camera for each picture that the checkpoint needs. Raise ``ValueError`` if the robot has no such
     camera."""
-    wanted = dict(config.image_features or {})
-    if not wanted:
+    features = dict(config.image_features or {})
+    if not features:
         return []
     from strands_actors.surfaces.cameras import attach_camera
     from strands_actors.surfaces.cameras.picture_files import cameras_of
 
     cameras = cameras or cameras_of(robot)  # A caller on another host does not know the cameras.
     named = {rename_map.get(f"{IMAGES}{camera}", f"{IMAGES}{camera}"): camera for camera in cameras}
-    if missing := sorted(set(wanted) - set(named)):
+    if missing := sorted(set(features) - set(named)):
         has = f"cameras {', '.join(cameras)}" if cameras else "no cameras"
         raise ValueError(
             f"lerobot_local: {folder} needs images ({', '.join(missing)}), and the robot has {has}. give Robot "
             f"cameras={{{missing[0].removeprefix(IMAGES)!r}: {{...}}}}, or rename_map"
         )
-    return [Eye(key, attach_camera(robot, named[key]), feature.shape) for key, feature in wanted.items()]
+    return [Eye(key, attach_camera(robot, named[key]), feature.shape) for key, feature in features.items()]
 
 
 def _chunk_in_real_time(config: Any, execution_horizon: int) -> None:

@@ -83,8 +83,8 @@ class MockPolicy(Policy):
         for _ in range(self.CHUNK):
             t_s = self._step * self._dt_s
             self._step += 1
-            known = self._swings or self._center
-            actions.append({axis: self._at(j, axis, t_s) for j, axis in enumerate(self._center) if axis in known})
+            moving = self._swings or self._center
+            actions.append({axis: self._at(j, axis, t_s) for j, axis in enumerate(self._center) if axis in moving})
         return actions
 
     def _at(self, j: int, axis: str, t_s: float) -> float:

@@ -99,10 +99,10 @@ def registered_class(name: str) -> type[Any] | None:
     loader = _registered.get(_aliases.get(name, name))
     if loader is None:
         return None
-    found = loader()
-    if not isinstance(found, type):
-        raise ValueError(f"policy {name!r}: its loader returned {found!r}. it has to return the class")
-    return found
+    loaded = loader()
+    if not isinstance(loaded, type):
+        raise ValueError(f"policy {name!r}: its loader returned {loaded!r}. it has to return the class")
+    return loaded
 
 
 def list_providers() -> dict[str, Provider]:
@@ -110,8 +110,8 @@ def list_providers() -> dict[str, Provider]:
     from importlib.metadata import entry_points  # Its import costs 9 ms, and only named policies need it.
 
     points = entry_points(group="strands_actors.policies")
-    known = {point.name: Provider(point.value) for point in points} | PROVIDERS
-    return known | dict.fromkeys(_registered, Provider("", takes_address=False, takes_axes=False))
+    providers = {point.name: Provider(point.value) for point in points} | PROVIDERS
+    return providers | dict.fromkeys(_registered, Provider("", takes_address=False, takes_axes=False))
 
 
 def find_provider(name: str) -> Provider:
@@ -120,17 +120,17 @@ def find_provider(name: str) -> Provider:
     Raises:
         ValueError: The name is unknown, or a package that it needs is missing. The text has the known names.
     """
-    known = list_providers()
+    providers = list_providers()
     chosen = _aliases.get(name, name) if isinstance(name, str) else name
     if chosen in _registered:
-        found = registered_class(chosen)
-        assert found is not None
-        return known[chosen]._replace(where=place_of(found))
-    provider = Provider(name) if ":" in str(name) else known.get(name)
+        registered = registered_class(chosen)
+        assert registered is not None
+        return providers[chosen]._replace(where=place_of(registered))
+    provider = Provider(name) if ":" in str(name) else providers.get(name)
     if provider is None:
-        raise ValueError(f"policy_provider is {name!r}. use one of {', '.join(sorted({*known, *_aliases}))}")
+        raise ValueError(f"policy_provider is {name!r}. use one of {', '.join(sorted({*providers, *_aliases}))}")
     if provider.needs and importlib.util.find_spec(provider.needs) is None:
-        others = ", ".join(sorted(name for name, other in known.items() if not other.needs))
+        others = ", ".join(sorted(name for name, other in providers.items() if not other.needs))
         raise ValueError(
             f"policy_provider {name!r} needs {provider.needs}: pip install 'strands-actors[{provider.needs}]'. "
             f"without it there are {others}"

@@ -147,10 +147,10 @@ class Remote(Policy):
             return None
         except (OSError, WebSocketException) as error:
             raise ConnectionError(f"{self._where}: {error}") from error
-        found = self._understand(greeting, message)
-        if found is None:
+        protocol = self._understand(greeting, message)
+        if protocol is None:
             raise ConnectionError(f"{self._where} began with what is no greeting: {message[:80]!r}")
-        return found
+        return protocol
 
     def _change_to(self, talk: JsonV1) -> None:
         self._talk = talk

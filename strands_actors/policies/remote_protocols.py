@@ -125,16 +125,16 @@ class JsonV1:
         return msgspec.json.encode(named[what])
 
     def request(self, observation: Mapping[str, float], instruction: str) -> bytes:
-        said = {"observation": dict(observation), "instruction": instruction}
-        return msgspec.json.encode({"type": "get_actions", **said, "rtc_observed_delay_steps": None, "kwargs": {}})
+        asked = {"observation": dict(observation), "instruction": instruction}
+        return msgspec.json.encode({"type": "get_actions", **asked, "rtc_observed_delay_steps": None, "kwargs": {}})
 
     def done(self, answer: bytes | str) -> None:
         """Read the response to a setting. Raise ``Misunderstood`` if the server did not accept it."""
-        found = _understood(answer)
-        if not isinstance(found, Ok):
-            raise Misunderstood(f"answered {type(found).__name__.lower()} where ok was due")
-        if found.metadata is not None:
-            self.facts = checked(found.metadata)
+        response = _understood(answer)
+        if not isinstance(response, Ok):
+            raise Misunderstood(f"answered {type(response).__name__.lower()} where ok was due")
+        if response.metadata is not None:
+            self.facts = checked(response.metadata)
 
     def chunk(self, answer: bytes | str) -> list[dict[str, Any]]:
         found = _understood(answer)
@@ -147,14 +147,14 @@ def greeting(message: bytes | str) -> JsonV1 | None:
     """Return the protocol of a server that sent this greeting; None if the message is not a greeting. Raise
     ``Misunderstood`` for another version."""
     try:
-        found = _ANSWER.decode(message)
+        response = _ANSWER.decode(message)
     except msgspec.DecodeError:
         return None
-    if not isinstance(found, Ready):
+    if not isinstance(response, Ready):
         return None
-    if found.protocol_version != VERSION:
-        raise Misunderstood(f"speaks version {found.protocol_version} of its protocol, not {VERSION}")
-    return JsonV1(checked(found.metadata))
+    if response.protocol_version != VERSION:
+        raise Misunderstood(f"speaks version {response.protocol_version} of its protocol, not {VERSION}")
+    return JsonV1(checked(response.metadata))
 
 
 def checked(facts: Facts) -> Facts:
@@ -166,9 +166,9 @@ def checked(facts: Facts) -> Facts:
 
 def _understood(answer: bytes | str) -> Ready | Ok | Actions | Failure:
     try:
-        found: Ready | Ok | Actions | Failure = _ANSWER.decode(answer)
+        response: Ready | Ok | Actions | Failure = _ANSWER.decode(answer)
     except msgspec.DecodeError as error:
         raise Misunderstood(f"answered what its protocol does not have: {error}") from error
-    if isinstance(found, Failure):
-        raise Misunderstood(f"says: {found.error}")
-    return found
+    if isinstance(response, Failure):
+        raise Misunderstood(f"says: {response.error}")
+    return response

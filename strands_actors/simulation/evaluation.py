@@ -119,5 +119,5 @@ def _checked(answer: Any) -> dict[str, Any]:
     """Return the JSON of an envelope. Raise ``Failed`` for an error."""
     if answer["status"] == "error":
         raise Failed(answer["content"][0]["text"])
-    found: dict[str, Any] = answer["content"][0]["json"]
-    return found
+    result: dict[str, Any] = answer["content"][0]["json"]
+    return result

@@ -120,10 +120,10 @@ def _name(name: object) -> str:
 def _row(what: str, given: object, default: tuple[float, ...], counts: Sequence[int] = ()) -> tuple[float, ...]:
     if given is None:
         return default
-    wanted = counts or (len(default),)
+    allowed = counts or (len(default),)
     values = tuple(given) if isinstance(given, Sequence) and not isinstance(given, str) else _listed(given)
-    if len(values) not in wanted:
-        raise ValueError(f"{what} is {given!r}. give {' or '.join(map(str, wanted))} numbers")
+    if len(values) not in allowed:
+        raise ValueError(f"{what} is {given!r}. give {' or '.join(map(str, allowed))} numbers")
     return tuple(_number(what, value) for value in values)
 
 

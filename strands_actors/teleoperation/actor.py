@@ -308,13 +308,13 @@ class Teleoperation(Actor):
             await self._send(step.target, frame)
 
     async def _engage(self, frame: Frame) -> Step:
-        wanted = Acquire(
+        request = Acquire(
             f"teleoperation of {self._rollout.robot}",
             self._rollout.over,
             os.getpid(),
             instruction=self._rollout.instruction,
         )
-        lease = await self._ask(wanted)
+        lease = await self._ask(request)
         if lease is None:
             return self._asks_again(Step())
         if not isinstance(lease, Lease):

@@ -40,21 +40,21 @@ def make(type: str, **options: Any) -> Any:
     register = getattr(importlib.import_module("lerobot.utils.import_utils"), "register_third_party_plugins", None)
     if register is not None:
         register()
-    known = config_class.get_known_choices()
+    types = config_class.get_known_choices()
     for module in pkgutil.iter_modules(importlib.import_module(TELEOPERATORS).__path__):
-        if type in known:
+        if type in types:
             break
         if module.ispkg:
             _import_if_it_can(f"{TELEOPERATORS}.{module.name}")
-            known = config_class.get_known_choices()
-    if type not in known:
-        raise ValueError(f"lerobot has no teleoperator {type!r}. it has {', '.join(sorted(known))}")
-    own = list(inspect.signature(known[type]).parameters)
+            types = config_class.get_known_choices()
+    if type not in types:
+        raise ValueError(f"lerobot has no teleoperator {type!r}. it has {', '.join(sorted(types))}")
+    own = list(inspect.signature(types[type]).parameters)
     if unknown := [name for name in options if name not in own]:
         raise ValueError(f"lerobot's {type} has no {', '.join(unknown)}. it has {', '.join(own)}")
     import draccus  # LeRobot brings it, and reads its own command line with it.
 
-    made = utils.make_teleoperator_from_config(draccus.decode(known[type], options))
+    made = utils.make_teleoperator_from_config(draccus.decode(types[type], options))
     if "use_degrees" not in own:
         _in_degrees(made)
     return Unattended(made, type, options.get("id"))

@@ -158,8 +158,8 @@ class Machine:
         self._armed = False
         unknown = [str(key) for key in frame.values if key not in self._axes]
         if unknown or not frame.values:
-            known = ", ".join(self._axes)
-            return self.idle(f"the leader has {', '.join(unknown) or 'no axis'}, the robot has {known}: use map_fn")
+            names = ", ".join(self._axes)
+            return self.idle(f"the leader has {', '.join(unknown) or 'no axis'}, the robot has {names}: use map_fn")
         self._target = {key: follower[key] for key in frame.values}
         self._offset = {}
         self._sent_ns = now_ns
@@ -241,14 +241,14 @@ class Machine:
         return self._send(target, now_ns)
 
     def _jogged(self, frame: Frame, passed_s: float) -> dict[str, float]:
-        wanted = {}
+        targets = {}
         for key, rate in frame.values.items():
             axis, rate = self._axes[key], max(-1.0, min(1.0, rate))
             if axis.mode is AxisMode.VELOCITY:
-                wanted[key] = axis.rest + rate * (axis.high if rate > 0 else -axis.low)
+                targets[key] = axis.rest + rate * (axis.high if rate > 0 else -axis.low)
             else:
-                wanted[key] = self._target[key] + rate * self._jog_speed(axis) * passed_s
-        within, self.at_end = self._within(wanted)
+                targets[key] = self._target[key] + rate * self._jog_speed(axis) * passed_s
+        within, self.at_end = self._within(targets)
         return within
 
     def _jog_speed(self, axis: Axis) -> float:

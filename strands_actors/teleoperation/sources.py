@@ -171,8 +171,8 @@ class Operator:
         now_ns = self._clock.now_ns()
         if not self.held:
             return Reading(now_ns, self._rest, held=False)
-        known = {key: rate for key, rate in self._told.rates.items() if key in self._rest}
-        return Reading(now_ns, {**self._rest, **known}, held=True)
+        rates = {key: rate for key, rate in self._told.rates.items() if key in self._rest}
+        return Reading(now_ns, {**self._rest, **rates}, held=True)
 
     def close(self) -> None:
         return None

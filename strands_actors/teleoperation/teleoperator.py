@@ -136,8 +136,8 @@ class Teleoperator:
         if unknown := [key for key in self._options if key not in driver_class.OPTIONS]:
             accepted = ", ".join(driver_class.OPTIONS)
             raise ValueError(f"Teleoperator: {leader} takes no {', '.join(unknown)}. it takes {accepted}")
-        told = self._options if transport is not None else {**self._options, "tool_name": robot_id or leader}
-        self._options = driver_class.resolve(leader, told)
+        options = self._options if transport is not None else {**self._options, "tool_name": robot_id or leader}
+        self._options = driver_class.resolve(leader, options)
         self._driver_class = driver_class
         self._driver = build_driver(driver_class, leader, self._port or "", self._options)
         if self._port is not None:
@@ -189,14 +189,14 @@ class Teleoperator:
         if self._twin is not None:
             await self._twin.start()
         port = self._port or (self._twin.port if self._twin is not None else "")
-        told: dict[str, Any] = {
+        description: dict[str, Any] = {
             "type": "arm",
             "description": describe_driver(self._driver_class, self.name, port, self._options),
         }
         grippers = [axis for axis in self._driver.table if axis.unit == "percent"]
         if grippers:
-            told["gripper"] = [grippers[0].key, grippers[0].low, grippers[0].high]
-        return told
+            description["gripper"] = [grippers[0].key, grippers[0].low, grippers[0].high]
+        return description
 
     def move_by_hand(self, positions: Mapping[str, float]) -> None:
         """Move joints of a leader's twin, as a hand would.

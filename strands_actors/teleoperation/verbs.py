@@ -141,7 +141,7 @@ def operate(driver: Driver, held: object, rates: Mapping[str, object]) -> Verb |
 
 
 def _rates(driver: Driver, given: Mapping[str, object]) -> dict[str, float] | Refused:
-    told: dict[str, float] = {}
+    checked: dict[str, float] = {}
     for key, rate in given.items():
         if key not in driver.axes:
             close = closest(key, driver.axes)
@@ -151,8 +151,8 @@ def _rates(driver: Driver, given: Mapping[str, object]) -> dict[str, float] | Re
         number = finite(as_python(rate))
         if number is None or abs(number) > MOST_RATE:
             return _wrong(Code.BAD_RATE, f"{key} is {shown(rate)}", f"how fast it is to go, {RATES}", rate)
-        told[key] = number
-    return told
+        checked[key] = number
+    return checked
 
 
 def _wrong(code: str, why: str, accepted: str, offered: object) -> Refused:

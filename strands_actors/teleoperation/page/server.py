@@ -155,8 +155,8 @@ class Page:
             return
         nonce = secrets.token_urlsafe(12)
         page = resources.files(__package__).joinpath("page.html").read_text("utf-8")
-        told = json.dumps({"axes": self._axes, "title": self._title}).replace("<", "\\u003c")
-        body = page.replace("NONCE", nonce).replace("/*TOLD*/null", told).encode()
+        page_data = json.dumps({"axes": self._axes, "title": self._title}).replace("<", "\\u003c")
+        body = page.replace("NONCE", nonce).replace("/*TOLD*/null", page_data).encode()
         policy = (
             f"default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; connect-src 'self'; "
             "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -202,18 +202,18 @@ class Page:
     def _take(self, text: str, operator: _Operator) -> None:
         now_ns = self._clock.now_ns()
         try:
-            told = msgspec.json.decode(text, type=Told)
+            message = msgspec.json.decode(text, type=Told)
         except (msgspec.MsgspecError, RecursionError):
             if asks_for_stop(text):
                 self._begin_stop()
             raise
-        operator.has_let_go = operator.has_let_go or not told.held
-        held = told.held and operator.has_let_go
-        t_ns = now_ns - operator.lateness.of(told.at_ms, now_ns)
-        self._operate(Operate(t_ns, held, told.rates))
-        if told.episode:
-            self._press(t_ns, told.episode)
-        if told.stop:
+        operator.has_let_go = operator.has_let_go or not message.held
+        held = message.held and operator.has_let_go
+        t_ns = now_ns - operator.lateness.of(message.at_ms, now_ns)
+        self._operate(Operate(t_ns, held, message.rates))
+        if message.episode:
+            self._press(t_ns, message.episode)
+        if message.stop:
             self._begin_stop()
 
     def _begin_stop(self) -> None:
