@@ -87,7 +87,7 @@ def Robot(  # a function; its name is that of strands-robots
         arm: False: a connect energises nothing. The robot can be read and moved by hand until
             ``resume()``.
         approve: Function that gives the approval of an operator. It is called before an agent, or
-            another program, uses a guarded verb or action key. ``True`` approves.
+            another program, uses a guarded verb or action key. It returns True to approve.
         guarded: Verbs and action keys that are guarded, in addition to those of the driver.
         approve_within_s: Longest time in seconds that ``approve`` may take. After it the request is
             refused.
