@@ -1,11 +1,22 @@
-"""Robots as supervised trees of actors.
+"""Control robots, each as a supervised tree of actors.
 
-from strands_actors import Robot
+    from strands_actors import Robot
 
-arm = Robot("so101", mode="real", transport="twin")
-arm.connect_eagerly()
-arm.send_action({"shoulder_pan": 10.0})
-arm.cleanup()
+    arm = Robot("so101", mode="real", transport="twin")  # a twin; with port= a real arm
+    arm.connect_eagerly()
+    arm.send_action({"shoulder_pan": 10.0})
+    arm.cleanup()
+
+``Robot``             make the handle of one robot, real or simulated (``RealRobot``, ``SimRobot``)
+``open_robot``        the same for a trio program (``AsyncRobot``)
+``Policy``            base class of a policy; ``create_policy`` and ``register_policy`` go by name
+``Teleoperator``      a leader that controls a robot
+``record``, ``read``, ``replay``  record a robot, read a recording, decide it again
+``record_dataset``, ``replay_episode``  episodes in LeRobot's format
+``get_peers``, ``tell``, ``broadcast``, ``estop``, ``resume``  robots on the mesh
+``list_robots``, ``list_driver_coverage``  names of robots, and the drivers that exist for each
+
+A name is loaded at its first use. If it needs a package that is missing, a call names that package.
 """
 
 from __future__ import annotations
@@ -111,15 +122,16 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    # Lazy: the wire and root processes import this package and need none of the surfaces.
+    # Modules are loaded at the first use of a name, since the wire and root processes import this
+    # package and do not need its user interfaces.
     for module, names in _WHERE.items():
         if name in names:
             try:
                 return getattr(import_module(f"{__name__}.{module}"), name)
             except ImportError as failure:
-                # hasattr(), help() and ``import *`` ask for every name: only a call refuses.
+                # hasattr(), help() and ``import *`` read every name, so only a call raises.
                 return import_module(f"{__name__}.contract.extras").refusing(name, failure)
-    # An ImportError: ``from strands_actors import ...`` hides the text of an AttributeError.
+    # This is an ImportError, since ``from strands_actors import ...`` hides an AttributeError's text.
     if name[:1] != "_" and (hint := import_module(f"{__name__}.caller.reference_names").package_hint(name)):
         raise ImportError(hint, name=__name__)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,10 +1,10 @@
-"""The pytest plugin of ``strands_actors``: fixtures with real twins behind real wires.
+"""Pytest fixtures that run robots on their twins, through the real wires.
 
-``strands_twin("so101")``    starts a twin; ends with the test
-``strands_robot("so101")``   a connected robot on a twin of its own; cleaned up, with its twin, with the test
-``strands_run_dir``          where this test's robots meet, and no others
+``strands_twin("so101")``    start a twin; it ends with the test
+``strands_robot("so101")``   start a twin and connect a robot to it; both end with the test
+``strands_run_dir``          a run directory for the robots of this test alone
 
-It imports nothing before a fixture is asked for.
+The plugin imports the rest of the package only when a test uses a fixture.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
 @pytest.fixture(scope="session")
 def strands_run_dirs() -> Iterator[list[Path]]:
-    """Removed at the end of the session: the handle's loop lives as long as the process, its socket
-    with it."""
+    """Run directories of the session, removed at its end. The loop of the robots' handles lives as long as
+    the process, and so does its socket in the directory."""
     made: list[Path] = []
     yield made
     for path in made:
@@ -36,17 +36,24 @@ def strands_run_dirs() -> Iterator[list[Path]]:
 
 @pytest.fixture
 def strands_run_dir(strands_run_dirs: list[Path], monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Short, as a socket's path must be."""
+    """Set a run directory for one test. Its path is short, since the path of a socket must be."""
     path = Path(tempfile.mkdtemp(prefix="sa-"))
     strands_run_dirs.append(path)
     monkeypatch.setenv("STRANDS_ACTORS_RUN", str(path))
-    monkeypatch.setenv("STRANDS_ACTORS_DATA", str(path / "data"))  # an e-stop's lock ends with the test
+    # The lock of an e-stop then ends with the test.
+    monkeypatch.setenv("STRANDS_ACTORS_DATA", str(path / "data"))
     return path
 
 
 @pytest.fixture
 def strands_twin(tmp_path: Path) -> Iterator[Callable[..., Twin]]:
-    """``strands_twin(robot, driver=None, fault=None)``: a running twin, with its wire log."""
+    """Return ``start(robot, driver=None, fault=None)``, which starts a twin with its wire log.
+
+    Args of ``start``:
+        robot: Name of the robot.
+        driver: Its driver class, if it is not registered.
+        fault: Name of a fault that the twin has.
+    """
     from .testing import Twin
 
     with contextlib.ExitStack() as stack:
@@ -62,7 +69,13 @@ def strands_twin(tmp_path: Path) -> Iterator[Callable[..., Twin]]:
 def strands_robot(
     strands_run_dir: Path, strands_twin: Callable[..., Twin]
 ) -> Iterator[Callable[..., tuple[RealRobot, Twin]]]:
-    """``strands_robot(robot, driver=None, **keywords)``: an armed robot and its twin."""
+    """Return ``start(robot, driver=None, **keywords)``, which returns an armed robot and its twin.
+
+    Args of ``start``:
+        robot: Name of the robot.
+        driver: Its driver class, if it is not registered.
+        keywords: Keyword arguments of ``Robot(...)``.
+    """
     from . import Robot
     from .testing.registering import register, where_is
 
@@ -74,7 +87,8 @@ def strands_robot(
         twin = strands_twin(robot, driver)
         handle = Robot(robot, mode="real", port=twin.port, **keywords)
         made.append(handle)
-        for _ in range(3):  # a twin that a busy machine lets wait counts as silent
+        # On a busy machine the twin may wait for a processor and then counts as silent, so try again.
+        for _ in range(3):
             problem = handle.connect_eagerly()
             if problem is None:
                 return handle, twin

@@ -1,5 +1,4 @@
-"""``async with open_robot(...)``: one robot in a trio program; the verbs and envelopes of
-``Robot``, awaited."""
+"""``open_robot(...)``: one robot in a trio program, with the methods and envelopes of ``Robot``."""
 
 from __future__ import annotations
 
@@ -32,8 +31,11 @@ if TYPE_CHECKING:
 
 
 class Observations(AsyncIterator[dict[str, float]]):
-    """Positions by joint, in the driver's units, once a period; none while nothing is read. Turns
-    that were missed are skipped. It holds nothing: a loop may be left at any time."""
+    """Yield the positions by joint, in the driver's units, once per period.
+
+    It skips periods without a reading, and periods that the loop has missed. It owns no resource, so a
+    loop may be left at any time.
+    """
 
     def __init__(self, tree: RobotTree, hz: float) -> None:
         if not 0 < hz <= 1000:
@@ -52,8 +54,11 @@ class Observations(AsyncIterator[dict[str, float]]):
 
 
 class AsyncRobot:
-    """A connected robot, in the trio loop that opened it. Every verb but ``get_observation``
-    answers with an envelope."""
+    """A connected robot in a trio program. ``open_robot(...)`` makes it.
+
+    Its methods are those of ``RealRobot``, as coroutines of the loop that opened it. All return an
+    envelope except ``get_observation``, ``observations`` and ``read_camera``.
+    """
 
     def __init__(self, tree: RobotTree, approval: Approval) -> None:
         self._tree = tree
@@ -68,13 +73,13 @@ class AsyncRobot:
 
     @property
     def name(self) -> str:
-        """Return its name among the robots that run: ``tool_name``, numbered when that was
-        taken."""
+        """Return its name among the robots that run: ``tool_name``, with a number if another robot has
+        that name."""
         return self._tree.robot
 
     @property
     def twin_process(self) -> TwinProcess | None:
-        """Return the twin's process, where there is one."""
+        """Return the process of its twin; None if it has no twin."""
         return self._plan.twin_process
 
     @property
@@ -86,7 +91,7 @@ class AsyncRobot:
         return tool_spec(self.tool_name, self.driver)
 
     async def send_action(self, action: Mapping[str, Any], robot_name: str | None = None) -> Answer:
-        """As ``Robot.send_action``."""
+        """Send one setpoint to the robot. Arguments and keys are those of ``RealRobot.send_action``."""
         if refused := verbs.refuse_name(robot_name, self._plan, self.name):
             return refused
         return await answered("move", verbs.send_action, self._tree, action)
@@ -94,11 +99,29 @@ class AsyncRobot:
     async def move_to(
         self, targets: Mapping[str, Any], seconds: float = moving.DEFAULT_S, wait: bool = True
     ) -> Answer:
-        """As ``Robot.move_to``. To cancel it ends the motion."""
+        """Move the named joints smoothly to their targets. A cancelled call ends the motion.
+
+        Args:
+            targets: Target by joint, in the driver's units. Other joints stay where they are.
+            seconds: Duration of the motion, above 0 and at most 600 s.
+            wait: True returns at the end of the motion, False at once.
+
+        Returns:
+            As ``RealRobot.move_to``.
+        """
         return await answered("move_to", moving.move_to, self._tree, targets, seconds, wait)
 
     async def move_along(self, rows: Sequence[Mapping[str, Any]], hz: float, wait: bool = True) -> Answer:
-        """As ``Robot.move_along``. To cancel it ends the motion."""
+        """Move to the first row, then along all rows. A cancelled call ends the motion.
+
+        Args:
+            rows: Targets by joint, in the driver's units. Every row names the same joints.
+            hz: Rows per second, above 0 and at most 1000.
+            wait: As in ``move_to``.
+
+        Returns:
+            As ``RealRobot.move_along``.
+        """
         return await answered("move_along", moving.move_along, self._tree, rows, hz, wait)
 
     @overload
@@ -106,44 +129,65 @@ class AsyncRobot:
     @overload
     async def get_observation(self, images: bool) -> dict[str, Any]: ...
     async def get_observation(self, images: bool = False) -> dict[str, Any]:
-        """As ``Robot.get_observation``."""
+        """Return the newest measured position of each joint, in the driver's units; {} without a reading.
+
+        Args:
+            images: True adds the newest picture of each camera, as in ``RealRobot.get_observation``.
+        """
         seen: dict[str, Any] = self._observing.positions(
             await answered("observe", verbs.get_observation, self._tree)
         )
         return seen | self._tree.cameras.looks() if images else seen
 
     async def read_camera(self, name: str, max_age_ms: float | None = None) -> Frame:
-        """As ``Robot.read_camera``."""
+        """Return the newest picture of a camera, without waiting. It raises as ``RealRobot.read_camera``.
+
+        Args:
+            name: Name of the camera, as in ``open_robot(..., cameras=...)``.
+            max_age_ms: Greatest age of the picture. None: three periods of the camera, and at least
+                200 ms.
+        """
         await trio.lowlevel.checkpoint()
         return self._tree.cameras.read(name, max_age_ms)
 
     def observations(self, hz: float = 30.0) -> Observations:
-        """Observations at a steady rate, for ``async for``. Raise ``ValueError`` for a rate that is
-        none."""
+        """Return observations at a steady rate, for ``async for``.
+
+        Args:
+            hz: Observations per second, above 0 and at most 1000.
+
+        Raises:
+            ValueError: The rate is outside this range.
+
+        Example:
+            async for positions in robot.observations(hz=10.0):
+                print(positions)
+        """
         return Observations(self._tree, hz)
 
     async def service(
         self, name: str, *values: Any, action: Mapping[str, Any] | None = None, **arguments: Any
     ) -> Answer:
-        """Do one of the driver's own services. Each is a method, too: ``await
-        robot.step(steps=100)``. ``values``: of its arguments in their order. ``action``: a command
-        that is written first; when it is refused, so is the service."""
+        """Run a service of the robot's driver. Each service is a method, too: ``await
+        robot.step(steps=100)``. Arguments and keys are those of ``RealRobot.service``."""
         named = verbs.name_values(self._plan, name, values, arguments)
         if isinstance(named, Refused):
             return answers.refused(named)
         return await answered(name, verbs.service, self._tree, name, named, action)
 
     async def command(self, name: str, *values: Any, wait: bool = True, **inputs: Any) -> Answer:
-        """As ``Robot.command``: ``await robot.home()``, ``await robot.move(0.2, duration_s=3.0)``."""
+        """Run a verb that the driver declares for agents. Each verb is a method, too: ``await
+        robot.home()``, ``await robot.move(0.2, duration_s=3.0)``. Arguments and keys are those of
+        ``RealRobot.command``."""
         call = call_of(self.driver, name, values, inputs)
         if isinstance(call, Refused):
             return answers.refused(call)
         return await answered(name, perform, self._tree, call, wait)
 
-    if not TYPE_CHECKING:  # robot.pyi names the services of each robot, so that a slip is seen
+    if not TYPE_CHECKING:  # robot.pyi lists the services of each robot, so that a type checker finds a typing error
 
         def __getattr__(self, name: str) -> Callable[..., Awaitable[Answer]]:
-            """Return the driver's own services and verbs as methods."""
+            """Return a service or a verb of the driver as a method."""
             plan = self.__dict__.get("_plan")
             if find_verb(self.__dict__.get("driver"), name) and not verbs.is_service(plan, name):
                 return functools.partial(self.command, name)
@@ -151,18 +195,23 @@ class AsyncRobot:
             return functools.partial(self.service, name)
 
     async def state(self) -> Answer:
-        """As ``Robot.state``."""
+        """Return the newest readings of the robot. The keys are those of ``RealRobot.state``."""
         return await answered("state", verbs.get_state, self._tree)
 
     async def stop(self) -> Answer:
-        """De-energise every motor and report each."""
+        """De-energise every motor (or bring it to the safe state that the driver declares for a stop), and
+        report each. It is a success only if every motor confirmed it. The keys are those of
+        ``RealRobot.stop``."""
         return await answered("stop", verbs.stop, self._tree)
 
     async def resume(self) -> Answer:
-        """Lift a lockout, energise at the measured position. Restarts no motion."""
+        """Lift the lock of an e-stop, and energise at the measured position. It starts no motion. The keys
+        are those of ``RealRobot.resume``."""
         return await answered("resume", verbs.resume, self._tree)
 
     async def get_status(self) -> Answer:
+        """Return the status of the robot and its processes. The keys are those of
+        ``RealRobot.get_status``."""
         return await answered("status", verbs.get_status, self._tree)
 
     async def run_policy(
@@ -176,8 +225,8 @@ class AsyncRobot:
         wait: bool = False,
         robot_name: str | None = None,
     ) -> Answer:
-        """As ``Robot.run_policy``: it returns at once, unless it is to ``wait``; the policy runs in a
-        worker thread."""
+        """Run a policy object in a worker thread of this process. Return at once, unless ``wait`` is true.
+        Arguments, keys and exceptions are those of ``RealRobot.run_policy``."""
         if refused := verbs.refuse_name(robot_name, self._plan, self.name, "run_policy"):
             return refused
         run = verbs.run_policy(policy, policy_object, instruction, duration, n_steps, control_frequency, wait)
@@ -193,7 +242,8 @@ class AsyncRobot:
         control_frequency: float | None = None,
         **options: Any,
     ) -> Answer:
-        """As ``Robot.start_task``."""
+        """Run a policy by name in a separate process, and return at once. Arguments and keys are those of
+        ``RealRobot.start_task``."""
         start = verbs.start_task(
             self.driver,
             policy_provider,
@@ -207,15 +257,23 @@ class AsyncRobot:
         return start if isinstance(start, Answer) else await answered("start_task", start, self._tree)
 
     async def get_task_status(self) -> Answer:
+        """Return the status of the policy or motion that runs, or of the last one. The keys are those of
+        ``RealRobot.get_task_status``."""
         return await answered("task", verbs.get_task_status, self._tree)
 
     async def stop_task(self) -> Answer:
-        """End the rollout; returns when the robot holds, whatever the policy does."""
+        """End the policy or motion, and return when the robot holds. A policy that does not answer cannot
+        delay this. The keys are those of ``RealRobot.stop_task``."""
         return await answered("stop_task", verbs.stop_task, self._tree)
 
     async def use_tool(self, given: object, by: str, motion: str = "") -> Answer:
-        """Do what a tool's input asks for. ``motion``: how to allow motion, where it is not
-        allowed."""
+        """Run the verb that a tool's input requests.
+
+        Args:
+            given: The input of the tool.
+            by: The name of the caller, for approval and audit.
+            motion: How an operator can allow motion, for a refusal where it is not allowed.
+        """
         call = read(self.driver, given, self.tool_name)
         if isinstance(call, Refused):
             return answers.refused(call)
@@ -233,11 +291,27 @@ async def open_robot(
     approve_within_s: float = APPROVE_S,
     **keywords: Any,
 ) -> AsyncIterator[AsyncRobot]:
-    """One robot for a trio program: connected and armed inside the block, safe and gone after it.
-    ``arm=False`` energises nothing. ``keywords``: those of ``Robot``.
+    """Open one robot in a trio program.
 
-    Raise ``ConnectionError`` when it cannot be connected, and what ``Robot`` raises for bad
-    arguments.
+    Inside the block the robot is connected and armed. After the block it is safe, and its processes
+    have ended. The arguments are those of ``Robot``.
+
+    Args:
+        name: Name of the robot.
+        mode: ``"sim"``, ``"real"`` or ``"auto"``.
+        arm: False energises nothing.
+        approve: Function that gives the approval of an operator.
+        guarded: Verbs and action keys that need approval, in addition to those of the driver.
+        approve_within_s: Longest time in seconds that ``approve`` may take.
+        keywords: The other keywords of ``Robot``.
+
+    Raises:
+        ConnectionError: The robot cannot be connected.
+        ValueError, TypeError: As ``Robot``, for wrong arguments.
+
+    Example:
+        async with open_robot("so101", mode="real", port="/dev/ttyACM0") as arm:
+            await arm.move_to({"shoulder_pan": 10.0}, seconds=2.0)
     """
     wanted = plan(name, mode, **keywords)
     approval = approval_of(wanted.driver_class, guarded, approve, approve_within_s)
@@ -247,7 +321,7 @@ async def open_robot(
 
 @contextlib.asynccontextmanager
 async def open_tree(wanted: Plan, arm: bool = True) -> AsyncIterator[RobotTree]:
-    """What is below ``open_robot``: the tree itself, with typed answers instead of envelopes."""
+    """As ``open_robot``, but give the tree itself. Its methods return typed answers, not envelopes."""
     async with open_caller() as (node, nursery, entrance):
         try:
             whole = await completed(wanted)

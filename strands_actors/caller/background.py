@@ -1,4 +1,4 @@
-"""Tasks that run beside a block and end with it."""
+"""Run tasks in the background of a block. They end with the block."""
 
 from __future__ import annotations
 
@@ -10,10 +10,14 @@ import trio
 
 @contextlib.asynccontextmanager
 async def open_background() -> AsyncIterator[trio.Nursery]:
-    """A nursery that is cancelled when the block has been left, by whatever way, and not before:
-    what cancels the block from outside reaches the block alone, which may need those tasks to clear
-    away (a robot is made safe by way of them). What the block raises comes out as it is, a Ctrl-C too:
-    trio's own nursery would wrap it in a group, with which Python ends as after any other failure."""
+    """Open a nursery. Its tasks are cancelled after the block, and never before.
+
+    A cancellation from outside reaches the block, but not these tasks. The block may need them to clean
+    up: a robot is made safe by them.
+
+    The block's exception is raised unchanged, also KeyboardInterrupt. A plain trio nursery would wrap it
+    in an exception group, and Python would not end as after Ctrl-C.
+    """
     failure: Exception | KeyboardInterrupt | None = None
     scope = trio.CancelScope(shield=True)
     tasks: list[trio.Nursery] = []

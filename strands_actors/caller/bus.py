@@ -1,6 +1,6 @@
-"""What a servo robot's bus was last read to say, in the words of lerobot's buses: ``arm.bus``.
+"""``arm.bus``: the last readings of a servo robot, under the names of lerobot's buses.
 
-Nothing is asked of the servos here: the tree reads them all the time, and it is their only reader.
+It sends nothing to the servos. The tree reads them all the time, and is their only reader.
 """
 
 from __future__ import annotations
@@ -20,39 +20,53 @@ RAW: Mapping[str, tuple[str, float]] = {
     "Present_Voltage": ("voltage_v", 10.0),
     "Present_Temperature": ("temperature_c", 1.0),
 }
-"""Register to our sensor, and how many counts are one of its unit."""
+"""Register to the name of the sensor, and the counts per unit of the sensor."""
 READABLE = (POSITION, VELOCITY, *RAW)
 
 
 class Bus:
-    """The servos of one robot, to be read."""
+    """Read the servos of one robot.
+
+    Args:
+        driver: The robot's driver.
+        look: Returns the newest observation. Raises ``ConnectionError`` without one.
+    """
 
     def __init__(self, driver: Driver, look: Callable[[], Observation]) -> None:
-        """``look``: the newest observation; raises ``ConnectionError`` where there is none."""
         self._driver = driver
         self._look = look
 
     @property
     def motors(self) -> dict[str, int]:
-        """Return each joint's servo id."""
+        """Return the servo id of each joint."""
         return dict(zip(self._driver.axes, self._driver.ids, strict=True))
 
     def sync_read(self, data_name: str = POSITION, motors: Any = None, num_retry: int = 0) -> dict[str, float]:
-        """Return joint to value: position in the joint's unit, velocity in that a second, and the
-        rest as the servo's own counts. A servo that is silent is not in it. ``motors``: a joint or
-        several; None: all. ``num_retry`` changes nothing: the tree asks again by itself.
+        """Return the last reading of a register by joint.
 
-        Raise ``ValueError`` for a register that is not read, or a joint that is not there;
-        ``ConnectionError`` without a connection."""
+        Args:
+            data_name: ``Present_Position`` (joint's unit), ``Present_Velocity`` (that unit per second),
+                ``Present_Load``, ``Present_Current``, ``Present_Voltage`` or ``Present_Temperature``
+                (counts of the servo).
+            motors: One joint or several; None for all joints.
+            num_retry: No effect, since the tree repeats each reading.
+
+        Returns:
+            Value by joint, without servos that do not answer.
+
+        Raises:
+            ValueError: The register is not read, or there is no such joint.
+            ConnectionError: The robot is not connected.
+        """
         if data_name not in READABLE:
             raise ValueError(f"bus: {str(data_name)[:40]!r} is not read. Use one of {', '.join(READABLE)}")
-        wanted = self._names(motors)
+        names = self._names(motors)
         observation = self._look()
         row = self._row(data_name, observation)
         silent = {axis for axis, said in observation.faults.items() if "silent" in said.split(", ")}
         values = zip(self._driver.axes, row, strict=False)
         return {
-            axis: value for axis, value in values if axis in wanted and axis not in silent and math.isfinite(value)
+            axis: value for axis, value in values if axis in names and axis not in silent and math.isfinite(value)
         }
 
     def _row(self, data_name: str, observation: Observation) -> tuple[float, ...]:

@@ -1,8 +1,8 @@
-"""Commands: what is asked of a robot's gate under its caller's lease.
+"""Send commands to a robot's gate, under the caller's lease.
 
-``ask`` is for the trio loop of the tree, ``ask_here`` for a thread of the program, which asks the
-gate itself and waits. The thread decides nothing: whatever needs a decision (there is no lease, it
-is stale, a rollout writes) is the loop's, where it is taken in one place.
+``ask`` is for the trio loop of the tree. ``ask_here`` is for a thread of the program, which asks the
+gate directly and waits. If a decision is needed (no lease, a stale lease, a running rollout), the
+thread leaves the command to the loop, so that such decisions are made in one place.
 """
 
 from __future__ import annotations
@@ -26,7 +26,13 @@ from .writer import STALE, Writer
 
 
 class Order(NamedTuple):
-    """One command, whatever lease it will be given under."""
+    """One command that has no lease yet.
+
+    Attributes:
+        verb: The verb, for refusals.
+        make: Makes the message for a lease.
+        within_s: Longest time for the answer.
+    """
 
     verb: str
     make: Callable[[Lease], Message]
@@ -34,7 +40,7 @@ class Order(NamedTuple):
 
 
 class Orders:
-    """Commands as messages. Of any thread."""
+    """Make orders of commands and services. Any thread may use it."""
 
     def __init__(self, driver: Driver, clock: Clock, patience: Patience) -> None:
         self._driver = driver
@@ -50,7 +56,13 @@ class Orders:
     def perform(
         self, service: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None
     ) -> Order | Refused:
-        """``action``: a command that is written first; when it is refused, so is the service."""
+        """Return the order for a service.
+
+        Args:
+            service: Its name.
+            arguments: Its arguments.
+            action: A command to write first. If it is refused, the service does not run.
+        """
         arguments = {name: as_python(value) for name, value in arguments.items()}
         refusal = self._driver.check_service(service, arguments)
         if refusal is None and action is not None:
@@ -77,9 +89,11 @@ class Commanding:
         self._rollouts = rollouts
 
     async def ask(self, order: Order) -> Message | None:
-        """A lease that is no longer good (the robot was held since, the wire restarted, somebody
-        else has it) may be taken anew by an explicit new command; a robot that is disarmed or
-        locked out refuses it all the same."""
+        """Send a command, and return the gate's answer.
+
+        If the lease has become stale (the robot was held, the wire restarted, another program has it),
+        this new command of the user acquires it again. A disarmed or locked robot still refuses.
+        """
         writer = self._writer
         async with writer.turn:
             refusal = await self._rollouts.refuse(order.verb)
@@ -103,7 +117,7 @@ class Commanding:
             return unreachable(order.verb, failure)
 
     def ask_here(self, order: Order) -> Message | None:
-        """In the thread that calls. None: nothing was done, and the loop has to ``ask``."""
+        """As ``ask``, in the calling thread. None: nothing was done, and the loop has to ``ask``."""
         lease = self._writer.lease
         if lease is None or self._rollouts.running:
             return None
@@ -112,7 +126,7 @@ class Commanding:
         except AskTimeout as timeout:
             return portal().call(self._processes.late, order.verb, timeout)
         except Unreachable as failure:
-            self._processes.require()  # cleaned up meanwhile
+            self._processes.require()  # It raises if the robot was cleaned up meanwhile.
             return unreachable(order.verb, failure)
         return None if _is_stale(answer) else answer
 

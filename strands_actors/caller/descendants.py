@@ -1,5 +1,5 @@
-"""Processes of a tree that its root does not keep itself: a stop process, a program that a driver
-started. They are found in the system's list of processes. Linux alone tells."""
+"""Find the processes of a tree that the root does not supervise: a stop process, a program that a driver
+has started. They are found in the system's list of processes, on Linux only."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import msgspec
 from strands_actors.supervisors.root.messages import ProcessInfo, TreeReport
 
 _NOT_OURS = ("caller", "twin")
-"""What these start is a user's."""
+"""Roles that do not count: the caller's children belong to the user, and so do the twin's."""
 _PREFIX = "strands-"
 
 
@@ -26,15 +26,15 @@ class Entry(NamedTuple):
 
 
 def complete(report: TreeReport, table: Mapping[int, Entry] | None = None) -> TreeReport:
-    """Return the report with every descendant of its processes that it does not list.
+    """Add to a report every descendant of its processes that it does not list.
 
     Args:
-        report: What the root says of its tree.
-        table: The system's list of processes, by id. None: it is read now.
+        report: The root's report of its tree.
+        table: The system's list of processes, by id. None reads it now.
 
     Returns:
-        The same report. An added process has the role ``<who started it>/<its name>``: a stop process
-        of the standby is ``standby/stop``, a second one ``standby/stop/2``.
+        The longer report. The role of an added process is ``<role of its ancestor>/<its name>``: a stop
+        process of the standby is ``standby/stop``, a second one ``standby/stop/2``.
     """
     table = dict(_read_table()) if table is None else table
     roles = {process.pid: process.role for process in report.processes}
@@ -50,15 +50,15 @@ def complete(report: TreeReport, table: Mapping[int, Entry] | None = None) -> Tr
 
 
 def _listed_ancestor(pid: int, table: Mapping[int, Entry], roles: Mapping[int, str]) -> str:
-    """Return the role of the nearest ancestor that has one; empty: it descends from none."""
-    at: int | None = pid
-    while at is not None and at not in roles:
-        at = table[at].parent if at in table else None
-    return "" if at is None else roles[at]
+    """Return the role of the nearest ancestor in ``roles``; empty if there is no such ancestor."""
+    ancestor: int | None = pid
+    while ancestor is not None and ancestor not in roles:
+        ancestor = table[ancestor].parent if ancestor in table else None
+    return "" if ancestor is None else roles[ancestor]
 
 
 def _read_table() -> Iterator[tuple[int, Entry]]:
-    """Every process that has not ended. Source: proc(5), /proc/pid/stat."""
+    """Yield every process that has not ended. Source: proc(5), /proc/pid/stat."""
     try:
         entries = os.listdir("/proc")
     except OSError:
@@ -67,7 +67,7 @@ def _read_table() -> Iterator[tuple[int, Entry]]:
         if entry.isdigit():
             try:
                 before, _, after = Path("/proc", entry, "stat").read_bytes().rpartition(b")")
-            except OSError:  # it has just ended
+            except OSError:  # The process has just ended.
                 continue
             state, parent, *_ = after.split()
             if state not in (b"Z", b"X"):

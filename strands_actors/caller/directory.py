@@ -1,10 +1,10 @@
-"""The robots of this user that run now, and a way to speak to them from another process.
+"""List the robots of this user that run now, and ask, stop or resume them from another process.
 
     async with join() as directory:
         for note in directory.notes:
             print(await directory.tree(note))
 
-It holds no lease and keeps nothing alive: it asks, stops, resumes, and leaves.
+It acquires no lease and keeps no process alive.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ from .run_directory import Note, notes
 UNREACHABLE = "unreachable"
 
 JOIN_S = 0.5
-"""How long after joining a process that does not appear counts as unreachable."""
+"""After so many seconds from ``join`` a process that does not appear counts as unreachable."""
 ANSWER_S = 0.5
 RESUME_ROOM_S = 2.0
-"""Beside what energising may take."""
+"""Margin of a resume, in addition to the longest time for arming."""
 
 
 class Directory:
-    """The robots that ran when it was joined."""
+    """The robots that ran at the time of ``join``."""
 
     def __init__(self, node: Node, found: Sequence[Note]) -> None:
         self.notes = found
@@ -54,7 +54,8 @@ class Directory:
         self._joined_at = trio.current_time()
 
     async def tree(self, note: Note) -> TreeReport:
-        """Return what the root says of its tree; state ``unreachable`` when it does not answer."""
+        """Return the processes and actors of a robot. The state is ``unreachable`` if the root does not
+        answer."""
         try:
             answer = await self._ask(addresses.of(note.robot).root, Root, Describe(), ANSWER_S)
         except (AskTimeout, Unreachable):
@@ -64,7 +65,7 @@ class Directory:
         return TreeReport(note.robot, UNREACHABLE, 0, (ProcessInfo("root", note.pid, 0),), ())
 
     async def status(self, note: Note) -> Status | None:
-        """Return what the gate says; None when it does not answer."""
+        """Return the gate's status; None if the gate does not answer."""
         try:
             answer = await self._ask(addresses.of(note.robot).gate, Gate, GetStatus(), ANSWER_S)
         except (AskTimeout, Unreachable):
@@ -72,13 +73,21 @@ class Directory:
         return answer if isinstance(answer, Status) else None
 
     async def stop(self, note: Note, reason: Reason, by: str, lock: bool = False) -> StopResult:
-        """Make a robot safe: by its gate, or when that does not answer by the root's own path."""
+        """Make a robot safe. The gate is asked first. If it does not answer or refuses, the root fences the
+        wire and uses its own stop channel.
+
+        Args:
+            note: The robot.
+            reason: The reason of the stop.
+            by: The name of the sender, for the audit.
+            lock: Lock the robot as an e-stop does.
+        """
         at, deadlines = addresses.of(note.robot), StopDeadlines.of(note.safe_s, note.late_s)
         try:
             answer = await self._ask(at.gate, Gate, Stop(reason, by, lock), deadlines.gate_s)
         except (AskTimeout, Unreachable):
             answer = None
-        if not isinstance(answer, StopReport):  # a refusal, too, has stopped nothing
+        if not isinstance(answer, StopReport):  # A refusal has stopped nothing either.
             try:
                 answer = await self._ask(at.guardian, Guardian, Fence(reason, by, lock), deadlines.root_s)
             except (AskTimeout, Unreachable) as failure:
@@ -86,7 +95,7 @@ class Directory:
         return stop_result.of_answer(str(reason), answer, note.motors)
 
     async def resume(self, note: Note, by: str) -> Resumed | Refused:
-        """Lift a lockout and energise at the measured position."""
+        """Lift a lock, and energise at the measured position."""
         try:
             answer = await self._ask(addresses.of(note.robot).gate, Gate, Resume(by), note.arm_s + RESUME_ROOM_S)
         except (AskTimeout, Unreachable) as failure:
@@ -96,8 +105,7 @@ class Directory:
     async def _ask(
         self, address: str, protocol: type[Actor], message: Message, deadline_s: float
     ) -> Message | None:
-        """Ask as soon as the address is there: the links come up shortly after the session is
-        open."""
+        """Ask as soon as the address exists. The links come up shortly after the session is open."""
         ref = self._node.ref(address, protocol)
         while True:
             try:
@@ -110,11 +118,11 @@ class Directory:
 
 @contextlib.asynccontextmanager
 async def join() -> AsyncIterator[Directory]:
-    """A node joined to every robot of this user, as long as the block runs."""
-    found = list(notes())
-    if not found:  # no session for nobody
-        yield Directory(Node("nobody", MonotonicClock()), found)
+    """Connect to every robot of this user, as long as the block runs."""
+    running = list(notes())
+    if not running:  # Without robots no session is opened.
+        yield Directory(Node("nobody", MonotonicClock()), running)
         return
-    endpoints = [endpoint for note in found for endpoint in note.endpoints]
+    endpoints = [endpoint for note in running for endpoint in note.endpoints]
     async with open_node(f"visitor.{os.getpid()}", connect=endpoints) as (node, _):
-        yield Directory(node, found)
+        yield Directory(node, running)

@@ -1,4 +1,10 @@
-"""The envelopes of the drivers page, and an answer that can be used at once or awaited."""
+"""Make envelopes, the results of verbs. They can be used at once or awaited.
+
+An envelope has one of two forms:
+
+    {"status": "success", "content": [{"json": {...}}]}
+    {"status": "error", "content": [{"text": "..."}, {"json": {...}}]}
+"""
 
 from __future__ import annotations
 
@@ -23,12 +29,15 @@ from strands_actors.supervisors.stop_result import Confirmed, NothingRan, StopRe
 _log = logging.getLogger("strands_actors")
 
 UNREACHABLE = "unreachable"
-"""The state of a robot that does not answer, or was not connected."""
+"""The state of a robot that does not answer, or is not connected."""
 
 
 class Answer(dict[str, Any], Coroutine[Any, Any, "Answer"]):
-    """``{"status", "content"}``. Awaiting it gives itself, so ``stop()`` and ``await stop()`` both
-    work; to asyncio it is a coroutine, so ``asyncio.run(robot.stop())`` does, too."""
+    """An envelope, a dict of ``status`` ("success" or "error") and ``content``.
+
+    It can also be awaited, and the result is the envelope itself. So ``stop()``, ``await stop()`` and
+    ``asyncio.run(robot.stop())`` all work.
+    """
 
     def __await__(self) -> Generator[Any, None, Answer]:
         yield from ()
@@ -41,21 +50,23 @@ class Answer(dict[str, Any], Coroutine[Any, Any, "Answer"]):
         raise typ
 
     def close(self) -> None:
-        """Nothing is under way."""
+        """No-op: the answer is complete."""
 
 
 class PendingAnswer(Mapping[str, Any], Coroutine[Any, Any, Answer]):
-    """What ``stop()`` and ``get_status()`` return inside a running event loop: already under way,
-    whether awaited or not, and not cancelled with who awaits it. A coroutine to asyncio: for
-    ``await``, ``create_task``, ``gather`` and ``wait_for``, which do not block the loop. To read it
-    as a dict waits, which is what a cell of a notebook wants."""
+    """The result of ``stop()`` and ``get_status()`` inside a running event loop.
+
+    The call has already started, and runs to its end even if it is never awaited or the awaiting task
+    is cancelled. ``await``, ``create_task``, ``gather`` and ``wait_for`` accept it, and do not block the
+    loop. If it is read as a dict, as in a cell of a notebook, the reader waits for the answer.
+    """
 
     def __init__(self, future: Future[Answer]) -> None:
         self._future = future
         self._driven: Coroutine[Any, Any, Answer] | None = None
 
     def __hash__(self) -> int:
-        return id(self)  # gather keeps coroutines in a dict
+        return id(self)  # ``gather`` keeps coroutines in a dict.
 
     def __await__(self) -> Generator[Any, Any, Answer]:
         return _when_done(self._future).__await__()
@@ -67,7 +78,7 @@ class PendingAnswer(Mapping[str, Any], Coroutine[Any, Any, Answer]):
         return self._drive().throw(typ)
 
     def close(self) -> None:
-        """Wait no more. What is under way goes on."""
+        """Stop waiting. The call itself continues."""
         if self._driven is not None:
             self._driven.close()
 
@@ -86,8 +97,8 @@ class PendingAnswer(Mapping[str, Any], Coroutine[Any, Any, Answer]):
         return len(self._future.result())
 
     def __bool__(self) -> bool:
-        """True, without waiting: no answer is empty, and asyncio asks when it shows a task (Python
-        3.12)."""
+        """Return True without waiting, since no answer is empty. asyncio calls this when it prints a task
+        (Python 3.12)."""
         return True
 
     def __repr__(self) -> str:
@@ -95,14 +106,14 @@ class PendingAnswer(Mapping[str, Any], Coroutine[Any, Any, Answer]):
 
 
 async def _when_done(future: Future[Answer]) -> Answer:
-    import asyncio  # who awaits this has it
+    import asyncio  # Already imported: an asyncio loop awaits this.
 
     return await asyncio.shield(asyncio.wrap_future(future))
 
 
 def in_asyncio() -> bool:
-    """Return whether an asyncio loop runs in this thread. Not by an import: who runs one has it,
-    and it costs 8 ms."""
+    """Return True if an asyncio loop runs in this thread. It does not import asyncio, which costs 8 ms: a
+    program with such a loop has imported it."""
     asyncio = sys.modules.get("asyncio")
     return asyncio is not None and asyncio._get_running_loop() is not None
 
@@ -112,7 +123,7 @@ def success(json: dict[str, Any]) -> Answer:
 
 
 def picture(png: bytes, json: dict[str, Any]) -> Answer:
-    """Return a picture as agents take it."""
+    """Return an envelope with a picture in the form that agents expect."""
     image = {"format": "png", "source": {"bytes": png}}
     return Answer(status="success", content=[{"image": image}, {"json": json}])
 
@@ -135,12 +146,12 @@ _LATE = frozenset(
         Code.PUBLISH,
     }
 )
-"""Codes of refusals after a deadline that was missed."""
+"""Codes of refusals after a missed deadline."""
 _TOLD = ("verb", "code", "reason", "remedy", "offered", "limit", "because")
 
 
 def refused(refusal: Refused) -> Answer:
-    """A missed deadline names a computer that is too busy."""
+    """Return the error envelope of a refusal. After a missed deadline, its text names a busy computer."""
     if refusal.code in _LATE or refusal.because == Reason.EXPIRED:
         refusal = msgspec.structs.replace(refusal, reason=busy.explained(refusal.reason))
     details = {key: str(value) for key in _TOLD if (value := getattr(refusal, key))}
@@ -148,21 +159,27 @@ def refused(refusal: Refused) -> Answer:
 
 
 def with_remedy(answer: Answer, remedies: Mapping[str, str]) -> Answer:
-    """Return a refusal with the remedy of somebody else's verbs.
+    """Return a refusal with another remedy, for an interface that has other verbs.
 
     Args:
-        answer: Any envelope; one that is no refusal is returned as it is.
-        remedies: What to do, by code of the refusal.
+        answer: Any envelope. An envelope that is not a refusal is returned unchanged.
+        remedies: Remedy by code of the refusal.
     """
-    told = answer["content"][-1].get("json", {}).get("refused", {})
-    remedy = remedies.get(told.get("code", ""))
-    if remedy is None or "reason" not in told:
+    fields = answer["content"][-1].get("json", {}).get("refused", {})
+    remedy = remedies.get(fields.get("code", ""))
+    if remedy is None or "reason" not in fields:
         return answer
-    return refused(Refused(**{**told, "remedy": remedy}))
+    return refused(Refused(**{**fields, "remedy": remedy}))
 
 
 def stop_result(verb: str, result: StopResult, done: dict[str, Any] | None = None) -> Answer:
-    """A stop is a success only when every motor confirmed it. ``done``: what else the verb answers."""
+    """Return the envelope of a stop. It is a success only if every motor confirmed the safe state.
+
+    Args:
+        verb: The verb, for the text of an error.
+        result: The result of the stop.
+        done: Further keys of the verb.
+    """
     more = done or {}
     match result:
         case Confirmed(proof):
@@ -186,7 +203,7 @@ def stop_result(verb: str, result: StopResult, done: dict[str, Any] | None = Non
 
 
 def warn_unless_safe(robot: str, answer: Answer) -> None:
-    """Log a cleanup that nobody reads the answer of, unless it is a success."""
+    """Log the error of a cleanup, if the program does not see the cleanup's answer."""
     if answer["status"] != "success":
         _log.warning("%s: %s", robot, answer["content"][0]["text"])
 
@@ -236,9 +253,17 @@ def status(
     facts: Mapping[str, Any],
     standby_report: str | None = None,
 ) -> dict[str, Any]:
-    """The same keys whether the robot answers or not. ``problem``: why it does not. ``facts``: what
-    its wire said of itself when it last answered; they come on top. ``standby_report``: of an
-    earlier tree's standby."""
+    """Return the keys of ``get_status``. They are the same if the robot does not answer.
+
+    Args:
+        tool_name: Name of the handle.
+        robot: Name of the robot.
+        driver: Its driver.
+        problem: Why it does not answer.
+        told: The answer of the gate; None if it did not come.
+        facts: The wire's facts from its last answer (``Wire.open``). They replace equal keys.
+        standby_report: The report of the standby of an earlier tree.
+    """
     observation = None if told is None else told.observation
     return {
         "tool_name": tool_name,
@@ -270,17 +295,17 @@ def status(
 
 
 def positions(driver: Driver, observation: Observation) -> dict[str, float | None]:
-    """By public key; what was never read is null."""
+    """Return the positions by public key; null for an axis that was never read."""
     return {key: _known(value) for key, value in driver.observed(observation).items()}
 
 
 def velocities(driver: Driver, observation: Observation) -> dict[str, float | None]:
-    """By axis; empty where the robot measures none."""
+    """Return the velocities by axis; empty if the robot does not report them."""
     return {axis: _known(value) for axis, value in zip(driver.axes, observation.velocity, strict=False)}
 
 
 def sensors(observation: Observation) -> dict[str, list[float | None]]:
-    """By name, in axis order; what is not known is null."""
+    """Return the sensors by name; null for an unknown value."""
     return {name: [_known(value) for value in row] for name, row in observation.sensors.items()}
 
 
@@ -289,7 +314,7 @@ def _known(value: float) -> float | None:
 
 
 def tree(report: TreeReport) -> dict[str, Any]:
-    """As ``strands-actors tree --json`` prints one robot."""
+    """Return one robot as ``strands-actors tree --json`` prints it."""
     return {
         "robot": report.robot,
         "state": report.state,

@@ -1,5 +1,7 @@
-"""``Robot(...)``: a handle on one robot, real or simulated. Its verbs and envelopes are those of the
-drivers page."""
+"""The function ``Robot(...)``, which makes the handle of one robot, real or simulated.
+
+The methods of the handle and their envelopes are those of strands-robots' drivers page.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,7 @@ if TYPE_CHECKING:
     from strands_actors.surfaces.mesh.config import MeshConfig
 
 
-def Robot(  # a factory named as on the drivers page
+def Robot(  # a function; its name is that of strands-robots
     name: str,
     mode: str = "sim",
     *,
@@ -47,30 +49,61 @@ def Robot(  # a factory named as on the drivers page
     approve_within_s: float = APPROVE_S,
     **options: Any,
 ) -> RealRobot:
-    """Return a handle on one robot; nothing is started yet.
+    """Return the handle of one robot. Nothing is started yet.
 
-    ``mode``: ``"sim"``, a simulation, which starts at its first use; ``"real"``, a robot, connected
-    by ``connect_eagerly()``; ``"auto"``, real when a port or a transport is given, what
-    ``STRANDS_ROBOT_MODE`` says, or real when exactly one serial adapter of the robot's kind is
-    plugged in, else a simulation. ``port`` says where a
-    real robot is; ``transport="twin"`` puts its twin behind its real wire instead, and ``sim=``
-    makes that twin a simulation you have. ``at``: the robot is run by another host, which listens
-    there (``"tls/arm.example:7447"``); ``mesh=`` has the certificate, ``tool_name`` its name there,
-    and ``lifetime`` (seconds) is how long a setpoint of a rollout lives on a slow network.
-    ``peer_id`` is another word for ``tool_name``.
-    ``driver``: ``"auto"``, ``"strands"`` or ``"lerobot"``. ``cameras``: by name, settings in
-    LeRobot's words; a twin or a simulation has ``{"wrist": {}, "front": {}}``. ``data_config`` is
-    kept for who builds a policy. ``approve`` is asked, for at most ``approve_within_s``, before an
-    agent (or who else is not this program) uses a verb or an action key that is guarded: by the
-    driver, or by ``guarded``. ``require_drill``: no motion without a stop drill that is younger
-    (``"30d"``). ``mesh``: where other hosts reach it; False: nowhere. ``policy_limits``: what the
-    process of a named policy may use (``memory_mb``, ``cpu_s``, ``processors``, ``user``). Of a
-    simulation: ``urdf_path``, an MJCF or URDF file that is simulated under this name; ``position``
-    (metres) and ``orientation`` (quaternion w, x, y, z) of its base, and the ``keyframe`` of its
-    model in which it begins and holds; ``gated=False`` lets a target be past the range of its joint;
-    ``backend``, ``"mujoco"``, ``"newton"`` or ``"isaac"``. ``arm=False``:
-    connecting energises nothing, and until ``resume()`` the robot may be moved by hand and read.
-    ``options`` are the driver's own. Raise ``ValueError`` or ``TypeError`` with what would be accepted.
+    A simulation starts at its first use. A real robot is connected by ``connect_eagerly()``, by a
+    ``with`` block, or by its first command.
+
+    Args:
+        name: Name of the robot. ``list_robots()`` has all names.
+        mode: ``"sim"``: a simulation. ``"real"``: a robot on its wire. ``"auto"``: real if a port or a
+            transport is given; otherwise the value of ``STRANDS_ROBOT_MODE``; otherwise real if exactly
+            one serial adapter of the robot's kind is plugged in, else a simulation.
+        driver: ``"auto"``, ``"strands"`` or ``"lerobot"``.
+        port: Where the real robot is: a serial device, or an address.
+        transport: ``"twin"``: start the robot's twin behind its real wire, in place of a port. A driver
+            may offer others.
+        sim: A simulation of the same robot that serves as the twin (with ``transport="twin"``).
+        tool_name: Name of the handle on this computer and on the mesh, 1 to 64 of A-Z a-z 0-9 _ -.
+            None: the name of the robot.
+        peer_id: Another word for ``tool_name``.
+        cameras: Camera settings by camera name, in LeRobot's words. With a twin or a simulation
+            ``{"wrist": {}, "front": {}}`` gives drawn pictures.
+        data_config: Kept unchanged for code that builds a policy.
+        mesh: The address at which other hosts reach the robot (``MeshConfig``). False: other hosts
+            cannot reach it. None: ``MeshConfig`` from the environment.
+        require_drill: Refuse motion unless a stop drill was passed within this time, such as ``"30d"``.
+        at: The address of another host that runs the robot, such as ``"tls/arm.example:7447"``. Then
+            ``mesh`` has the certificate, and ``tool_name`` is the robot's name there.
+        lifetime: Least lifetime of a policy's setpoint in seconds, for a slow network.
+        policy_limits: Limits of the process of a named policy: ``memory_mb``, ``cpu_s``,
+            ``processors``, ``user``.
+        backend: Physics of a simulation: ``"mujoco"``, ``"newton"`` or ``"isaac"``.
+        urdf_path: An MJCF or URDF file to simulate under this name.
+        position: Position of the simulated base, in metres.
+        orientation: Orientation of the simulated base, a quaternion w, x, y, z.
+        keyframe: The keyframe of the model in which the simulation begins and holds.
+        gated: False lets a target of a simulation exceed the range of its joint.
+        arm: False: a connect energises nothing. The robot can be read and moved by hand until
+            ``resume()``.
+        approve: Function that gives the approval of an operator. It is called before an agent, or
+            another program, uses a guarded verb or action key. It returns True to approve.
+        guarded: Verbs and action keys that are guarded, in addition to those of the driver.
+        approve_within_s: Longest time in seconds that ``approve`` may take. After it the request is
+            refused.
+        options: Options of the driver.
+
+    Returns:
+        A ``SimRobot`` for a simulation, otherwise a ``RealRobot``.
+
+    Raises:
+        ValueError: A name, a value or a keyword is wrong. The text has the accepted ones.
+        TypeError: A value has the wrong type, or the mode would ignore the keyword.
+        ImportError: The package of the ``backend`` is not installed.
+
+    Example:
+        with Robot("so101", mode="real", port="/dev/ttyACM0") as arm:
+            arm.move_to({"shoulder_pan": 10.0}, seconds=2.0)
     """
     wanted = plan(
         name,

@@ -1,8 +1,8 @@
-"""A child that was forked from the program that has a robot: what its handle can still do.
+"""The verbs of a handle in a process that was forked from the robot's program.
 
-The tree belongs to the parent, and so do its sessions: their threads were not forked. The child
-knows nothing of the robot. It can have it stopped by the command line, which reaches the robot by
-the run directory as any other program of this user does.
+The tree and its sessions belong to the parent, since threads are not forked. So the child has no
+readings of the robot. It can only stop the robot by the command line, which finds the robot in the run
+directory, as any other program of this user does.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ from strands_actors.supervisors.gate.messages import StopReport
 from strands_actors.supervisors.stop_result import StopResult
 
 START_S = 10.0
-"""For the command line to start, on a busy computer."""
+"""Longest time for the command line to start, on a busy computer."""
 _COMMAND = "import sys; from strands_actors.surfaces.cli import run; sys.exit(run(sys.argv[1:]))"
 
 
 def why_unknown(parent: int, robot: str) -> str:
-    """Return why a verb of the child cannot be done, and who can."""
+    """Return why the child cannot run a verb, and where to run it."""
     there = f"process {parent}, from which this one was forked, has the robot"
     return f"{there}. call it there, or run `strands-actors stop {robot}` to stop it"
 
 
 def unknown(verb: str, parent: int, robot: str, driver: Driver) -> stop_result.Unreachable:
-    """Return the result of a verb that ends motion, where the child can do nothing."""
+    """Return the result of a verb that ends motion, which the child cannot run."""
     what, _, remedy = why_unknown(parent, robot).partition(". ")
     return stop_result.silent(verb, what, driver, remedy, Code.FORKED)
 
 
 def command_line(*words: str, within_s: float) -> dict[str, Any]:
-    """Return what the command line answers, as JSON; ``{"error": ...}`` when it does not."""
+    """Return the JSON that the command line prints; ``{"error": ...}`` if it does not answer."""
     try:
         done = subprocess.run(
             [*PYTHON, "-c", _COMMAND, *words, "--json"],
@@ -49,19 +49,19 @@ def command_line(*words: str, within_s: float) -> dict[str, Any]:
             env=environment(),
             check=False,
         )
-        told: dict[str, Any] = json.loads(done.stdout)
+        answer: dict[str, Any] = json.loads(done.stdout)
     except (OSError, ValueError, subprocess.TimeoutExpired) as failure:
         return {"error": f"the command line does not answer ({failure})"}
-    return told
+    return answer
 
 
 def stop(robot: str, driver: Driver) -> StopResult:
-    """Have the robot stopped by the command line."""
+    """Stop the robot by the command line."""
     deadlines = StopDeadlines.of(driver.timing.safe_s)
-    told = command_line("stop", robot, within_s=deadlines.gate_s + deadlines.root_s)
-    rows = told.get("robots", [])
+    answer = command_line("stop", robot, within_s=deadlines.gate_s + deadlines.root_s)
+    rows = answer.get("robots", [])
     if len(rows) != 1:
-        return stop_result.silent("stop", told.get("error") or "the command line names no robot", driver)
+        return stop_result.silent("stop", answer.get("error") or "the command line names no robot", driver)
     (row,) = rows
     if row["done"] is not True and not row.get("motors"):
         return stop_result.silent("stop", row.get("detail") or "it is not confirmed", driver)

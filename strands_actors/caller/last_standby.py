@@ -1,6 +1,6 @@
-"""The standby of an earlier tree of a robot: it is waited for, and what it did is told.
+"""Wait for the standby of an earlier tree of a robot, and log its report.
 
-As long as it lives it may write to the robot, so no other tree is started.
+As long as that standby runs, it may write to the robot. So no other tree is started before its end.
 """
 
 from __future__ import annotations
@@ -23,22 +23,32 @@ from .run_directory import run_dir
 
 WAIT_S = 3.0
 FROZEN_S = 0.3
-"""One that the system has stopped for so long is ended: it would keep the robot for ever."""
+"""A standby that the system has stopped (SIGSTOP) for so long is killed. It would block the robot for
+ever."""
 LOOK_S = 0.01
 
 _log = logging.getLogger("strands_actors")
 
 
 async def until_over(robot: str, place: str) -> str | None:
-    """Return what standbys of this robot, or of this place (``port_claim.place``; empty: a twin's),
-    did since a robot was last started. None: nothing. Raise ``NotConnected`` when one is still at
-    work."""
+    """Wait for the standbys of earlier trees, and return their reports since the last start of a robot.
+
+    Args:
+        robot: Name of the robot. Standbys of this name count.
+        place: Its place (``port_claim.place``), or empty for a twin. Standbys of this place count, too.
+
+    Returns:
+        The reports as text; None if there are no reports.
+
+    Raises:
+        NotConnected: A standby still runs after ``WAIT_S``.
+    """
     for path in _lives(robot, place):
         await _until_ended(path)
-    told = [text for path in _reports(robot, place) if (text := _take(path))]
-    for text in told:
+    texts = [text for path in _reports(robot, place) if (text := _take(path))]
+    for text in texts:
         _log.warning("%s", text)
-    return "; ".join(told) or None
+    return "; ".join(texts) or None
 
 
 def _lives(robot: str, place: str) -> Iterator[Path]:
@@ -46,23 +56,24 @@ def _lives(robot: str, place: str) -> Iterator[Path]:
         found, name = holder(path), path.name.removesuffix(LOCK)
         if found is None:
             continue
-        # Whoever asks holds the place (``port_claim.py``): no root has it, so it is an earlier tree's.
+        # The caller holds the lock of the place (``port_claim.py``). So no root has it, and a standby of
+        # this place belongs to an earlier tree.
         if name == robot or (place and found.place == place):
             yield path
 
 
 async def _until_ended(path: Path) -> None:
     began_s = trio.current_time()
-    while (found := holder(path)) is not None:
+    while (standby := holder(path)) is not None:
         waited_s = trio.current_time() - began_s
-        if waited_s > FROZEN_S and found.pid and is_stopped(found.pid):
+        if waited_s > FROZEN_S and standby.pid and is_stopped(standby.pid):
             with contextlib.suppress(ProcessLookupError):
-                os.kill(found.pid, signal.SIGKILL)
+                os.kill(standby.pid, signal.SIGKILL)
         if waited_s > WAIT_S:
             report = read(path.with_name(path.name.removesuffix(LOCK) + REPORT))
             doing = f"{report.text}." if report is not None else "root or wire of that tree still run."
             raise NotConnected(
-                f"the standby of an earlier tree has not ended (process {found.pid}): {doing} "
+                f"the standby of an earlier tree has not ended (process {standby.pid}): {doing} "
                 "Try again when it has; it gives up after a minute"
             )
         await trio.sleep(LOOK_S)
@@ -76,7 +87,7 @@ def _reports(robot: str, place: str) -> Iterator[Path]:
 
 
 def _take(path: Path) -> str:
-    """Return the report, which is told once."""
+    """Return the text of a report, and remove the file, so that it is logged once."""
     report = read(path)
     path.unlink(missing_ok=True)
     if report is None:

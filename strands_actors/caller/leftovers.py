@@ -1,11 +1,11 @@
 """Remove the files that ended programs and robots left in the run directory.
 
-A process that is killed removes nothing: its sockets, their locks and the robot's files stay. Whoever
-looks next at the directory removes them.
+A killed process removes nothing: its sockets, their locks and the robot's files stay. The next process
+that reads the directory removes them.
 
-Each file is removed under the lock that says whose it is. A shared lock is enough: while it is held
-nobody gets the exclusive one, and who waits for that looks afterwards whether the path still leads to the
-file that it has locked (``Held.is_at``).
+Each file is removed under the lock of its owner. A shared lock is enough. While it is held, no process
+can get the exclusive one. A process that waits for the exclusive lock checks afterwards that the path
+still leads to the file that it has locked (``Held.is_at``).
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from pathlib import Path
 from strands_actors.supervisors.standby.report import LOCK
 
 SOCKET_LOCK = ".sock.lock"
-"""zenoh's own, beside each socket: held exclusively while it listens."""
+"""Suffix of zenoh's lock file of a socket. zenoh holds it exclusively while it listens."""
 NAME_LOCK = ".lock"
 PORT_LOCK = ".port"
 CALLER = "caller-"
 
 
 def remove_leftovers(directory: Path) -> None:
-    """Remove what nobody uses any more. Raise ``OSError`` when the directory cannot be read."""
+    """Remove the files that no process uses. Raise ``OSError`` if the directory cannot be read."""
     names = sorted(path.name for path in directory.iterdir())
     for name in names:
         if name.startswith(CALLER) and name.endswith(SOCKET_LOCK):
@@ -45,7 +45,7 @@ def _remove_robot(directory: Path, robot: str, names: list[str]) -> None:
             return
         _unlink(directory / f"{robot}.json")
         for name in names:
-            # The robot "so101" owns "so101.wire.sock", and not "so101.left.wire.sock".
+            # The robot "so101" owns "so101.wire.sock", but not "so101.left.wire.sock".
             is_its_socket = name.endswith(SOCKET_LOCK) and name.count(".") == robot.count(".") + 3
             if is_its_socket and name.startswith(f"{robot}."):
                 _remove_socket(directory / name)
@@ -67,8 +67,8 @@ def _remove_socket(lock: Path) -> None:
 def _unused(path: Path) -> Iterator[bool]:
     """Hold the shared lock of a file for a block, if no process has the exclusive one.
 
-    Returns:
-        Whether the lock is held; False as well when the file is not there, or cannot be opened.
+    Yields:
+        True if the lock is held. False also if the file does not exist or cannot be opened.
     """
     try:
         fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
@@ -87,5 +87,6 @@ def _unused(path: Path) -> Iterator[bool]:
 
 
 def _unlink(path: Path) -> None:
-    with contextlib.suppress(OSError):  # another process was quicker, or it is not ours
+    # Another process may have removed it already, or it belongs to another user.
+    with contextlib.suppress(OSError):
         path.unlink()

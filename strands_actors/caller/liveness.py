@@ -1,13 +1,15 @@
-"""Does the caller still answer? Its lease is beaten accordingly.
+"""Decide whether the caller's program still answers. The heartbeats of its lease depend on it.
 
-A heartbeat that came from a thread alone would prove nothing: such a thread outlives a main thread
-that has crashed, and runs happily beside one that spins. So a heartbeat says two things. The
-process lives: its main thread has not ended. And the thread that last commanded the robot answers:
-it waits (sleeps, reads, sits in a prompt) or has called us since the last beat. A target that was
-latched lives only as long as both are true: who only computes, without a call, for as long as the
-lease lasts, no longer looks after its robot, which then holds still; the next command simply takes
-it up again. A rollout looks after itself: its setpoints expire, and heavy work beside it does not
-end it.
+A heartbeat from a background thread alone would prove nothing: the thread survives a crash of the main
+thread, and runs on while the main thread spins. So a heartbeat carries two facts:
+
+    the process is alive    its main thread has not ended
+    the program answers     the thread that last commanded the robot waits (sleep, read, prompt), or has
+                            called a verb since the last heartbeat
+
+A latched target stays in force only while both are true. If the commanding thread only computes for the
+duration of the lease, without a call, the robot holds; the next command moves it again. A rollout needs
+only the first fact: its setpoints expire by themselves, and heavy work in the program must not end it.
 """
 
 from __future__ import annotations
@@ -20,13 +22,15 @@ from strands_actors.kernel.clock import NS
 from strands_actors.kernel.health.processor import standing
 
 BUSY_SHARE = 0.5
-"""Of the time between two beats spent computing; a thread that polls with short sleeps stays
-below."""
+"""A thread that computes for this share of the time between two heartbeats counts as busy. A thread that
+polls with short sleeps stays below it."""
 
 
 class Liveness:
-    """Call ``enter`` and ``leave`` around each verb, or say ``with``; ``look`` at each
-    heartbeat."""
+    """Whether the program is alive and answers.
+
+    Call ``enter`` and ``leave`` around each verb (or use ``with``), and ``look`` at each heartbeat.
+    """
 
     def __init__(self) -> None:
         self._thread = threading.current_thread()
@@ -38,7 +42,7 @@ class Liveness:
         self._called_ns = self._at_ns
 
     def enter(self) -> None:
-        """The present thread calls a verb."""
+        """Note that the present thread calls a verb."""
         self._thread = threading.current_thread()
         self._calls += 1
         self._inside += 1
@@ -54,8 +58,12 @@ class Liveness:
         self.leave()
 
     def look(self) -> tuple[bool, float]:
-        """(the process lives, seconds since the commanding thread answered; -1.0: not since the
-        last look)."""
+        """Return the two facts of a heartbeat.
+
+        Returns:
+            True if the process is alive; and the seconds since the commanding thread last answered, -1.0
+            if it has not answered since the last call.
+        """
         if not threading.main_thread().is_alive():
             return False, -1.0
         thread = self._thread if self._thread.is_alive() else threading.main_thread()
@@ -65,18 +73,22 @@ class Liveness:
         called = self._calls != self._seen_calls
         self._busy_ns, self._at_ns, self._seen_calls = busy_ns, now_ns, self._calls
         if computed_ns < BUSY_SHARE * passed_ns:
-            return True, computed_ns / NS  # it may have begun to spin, but no longer ago than that
+            # It may have begun to spin since the last call, but not longer ago than its computing time.
+            return True, computed_ns / NS
         if self._inside > 0:
             return True, 0.0
         return True, (now_ns - self._called_ns) / NS if called else -1.0
 
 
 def _computed_ns(thread: threading.Thread) -> int:
-    """Return how long a thread has computed, or could not: it waited for a processor, or we did,
-    who may have had the interpreter's lock meanwhile. 0 where the system does not tell (macOS).
-    Without the waits, a thread that spins on a busy machine would look as if it slept."""
-    # in a forked process, native_id of the main thread is still that of before the fork (CPython
-    # 3.11)
+    """Return the time in which a thread computed, or wanted to and could not.
+
+    It includes the time in which the thread waited for a processor, and in which the present thread did,
+    since that may have kept the interpreter's lock. Without these waits a spinning thread on a busy
+    computer would seem to sleep. It is 0 on systems that do not report this (macOS).
+    """
+    # In a forked process, ``native_id`` of the main thread is still the id from before the fork (CPython
+    # 3.11).
     number = None if thread is threading.main_thread() else thread.native_id
     theirs, ours = standing(os.getpid(), number), standing(os.getpid(), threading.get_native_id())
     if theirs is None or ours is None:

@@ -1,11 +1,12 @@
-"""Plan a motion in a time: joints that reach their targets after so many seconds, or speeds that are
-held for so many.
+"""Plan motions with a duration: joints that reach targets, or speeds that are held.
 
-Pure: no clock, no I/O. A plan is refused before anything moves when the robot could not follow it.
-What it allows is asked of the robot's own gates, at its end, and at the first, the fastest and the last step.
+Pure: no clock, no I/O. If the robot could not follow a plan, the plan is refused before anything moves.
+The robot's own gates decide that. They check the end of the motion, and its first, fastest and last
+step.
 
-A joint goes from where it is measured along a minimum-jerk path. The path is counted in control
-periods, not in seconds of a clock: a busy computer lengthens a motion, it never makes a step larger.
+A joint moves from its measured position along a minimum-jerk path. The path is counted in control
+periods, not in seconds of a clock. So a busy computer lengthens a motion, and never makes a step
+larger.
 """
 
 from __future__ import annotations
@@ -29,31 +30,38 @@ from strands_actors.supervisors.gate.actions import plain, refuse_shape
 PEAK = 1.875
 """Top speed of a minimum-jerk path, as a multiple of its mean speed."""
 LONGEST_S = 600.0
-"""Longest motion that may be asked for. A longer one is more likely milliseconds than a wish."""
+"""Longest duration of a motion. A greater number was probably meant as milliseconds."""
 LONGEST_HELD_S = 30.0
-"""Longest time for which a speed is held: a base that is forgotten must not drive for minutes."""
+"""Longest time for which a speed is held. A forgotten base must not drive for minutes."""
 CHUNK = 32
-"""Actions that are handed out at once."""
+"""Number of actions in a chunk of ``Steps``."""
 MOVE_TO = "move_to"
-"""The verb of a motion in a time."""
+"""The verb of a motion to targets."""
 STRETCH = 1.1
-"""By so much a path is lengthened, again and again, until the robot's gates let it pass."""
+"""Factor by which a path is lengthened, repeatedly, until the robot's gates accept it."""
 
 TOO_FAST = frozenset({Code.TOO_FAST, Code.RUNS_AHEAD})
-"""Codes of refusals that more time mends."""
+"""Codes of refusals for which a longer motion is the remedy."""
 
 
 class Motion(NamedTuple):
-    """A planned motion. ``action`` gives the command of a step, 1 to ``n_steps``."""
+    """A planned motion.
+
+    Attributes:
+        verb: The verb that asked for it.
+        period_s: The control period.
+        n_steps: Number of its steps.
+        action: Returns the command of a step, 1 to ``n_steps``.
+    """
 
     verb: str
     period_s: float
     n_steps: int
     action: Callable[[int], dict[str, float]]
     keeps: bool = False
-    """Whether its last step stands afterwards, as a single command does."""
+    """True if its last setpoint stays in force afterwards, as a single command does."""
     begins_apart: bool = False
-    """Whether an earlier target is still far from where the robot is. It has to be held first."""
+    """True if an earlier target is far from the measured position. The robot has to hold first."""
 
     @property
     def seconds(self) -> float:
@@ -61,7 +69,7 @@ class Motion(NamedTuple):
 
 
 class Steps:
-    """A motion as a policy: it hands out its actions in their order, and the last one after them."""
+    """A motion as a policy. It returns the actions in their order, then repeats the last one."""
 
     def __init__(self, motion: Motion) -> None:
         self._motion = motion
@@ -74,7 +82,7 @@ class Steps:
 
 
 class Seen(NamedTuple):
-    """What is known of the robot when a motion is planned."""
+    """The state of the robot when a motion is planned."""
 
     observation: Observation
     target: tuple[float, ...]
@@ -82,7 +90,7 @@ class Seen(NamedTuple):
 
 
 def refuse_seconds(verb: str, name: str, seconds: object, longest_s: float) -> Refused | None:
-    """Refuse what is not a time that a motion may take."""
+    """Return a refusal unless ``seconds`` is a number above 0 and at most ``longest_s``."""
     value = finite(seconds)
     if value is not None and 0 < value <= longest_s:
         return None
@@ -91,7 +99,7 @@ def refuse_seconds(verb: str, name: str, seconds: object, longest_s: float) -> R
 
 
 def refuse_targets(driver: Driver, targets: object) -> Refused | None:
-    """Refuse what ``move_to`` cannot take of this robot, whatever its state is."""
+    """Return a refusal of targets that ``move_to`` cannot accept, in any state of this robot."""
     if driver.axes and not any(is_place(driver, at) for at in range(len(driver.axes))):
         why = f"{driver.robot} has no joints that go to a target"
         return Refused(Code.NO_POSITIONS, why, "use send_action(), or move(..., duration_s=)", verb=MOVE_TO)
@@ -129,15 +137,16 @@ def plan_move(
     """Plan a minimum-jerk motion of the named joints, from where they are measured to ``targets``.
 
     Args:
-        driver: The robot's.
-        targets: By joint, in the driver's units.
-        seconds: How long the motion takes.
+        driver: The driver of the robot.
+        targets: Target by joint, in the driver's units.
+        seconds: Duration of the motion.
         seen: The robot's state.
         period_s: The control period.
-        may_take_longer: Take the time that the slowest joint needs. False: refuse.
+        may_take_longer: If ``seconds`` is too short for a joint, True takes the time that this joint
+            needs, and False refuses.
 
     Returns:
-        The motion, or a refusal that names what the robot would accept: the least seconds, a range.
+        The motion, or a refusal that names the shortest accepted time or the accepted range.
     """
     state = state_of(seen, period_s)
     parsed = driver.parse(plain(targets), state)
@@ -182,7 +191,7 @@ def plan_move(
 def plan_hold(
     driver: Driver, verb: str, action: Mapping[str, Any], seconds: float, seen: Seen, period_s: float
 ) -> Motion | Refused:
-    """Plan to send ``action`` again and again for so long, and a zero of every speed in it last."""
+    """Plan to send ``action`` repeatedly for ``seconds``, and then zero for each of its speeds."""
     state = state_of(seen, period_s)
     refusal = refuse_action(driver, plain(action), state)
     if isinstance(refusal, Refused):
@@ -194,8 +203,8 @@ def plan_hold(
 
 
 def minimum_jerk(share: float) -> float:
-    """Return how much of the way is done after a share of the time: at rest, and without
-    acceleration, at both ends."""
+    """Return the share of the way after a share of the time. At both ends speed and acceleration are
+    zero."""
     return share**3 * (10 - 15 * share + 6 * share**2)
 
 
@@ -204,7 +213,7 @@ def _between(start: float, end: float, share: float) -> float:
 
 
 def is_place(driver: Driver, at: int) -> bool:
-    """Return whether an axis goes to a target. A driver without a table has no other axes."""
+    """Return True if an axis is commanded by position. Without a table, all axes of a driver are."""
     return not driver.table or driver.table[at].mode is AxisMode.POSITION
 
 
@@ -215,23 +224,26 @@ def _speed(driver: Driver, at: int) -> float:
 def _least_steps(
     driver: Driver, starts: Mapping[int, float], ends: Mapping[int, float], period_s: float
 ) -> tuple[int, int]:
-    """Return which axis needs most time at its own top speed, and in how many periods it gets there."""
+    """Return the axis that needs most time at its top speed, and the number of periods that it needs."""
     needed = {at: PEAK * abs(end - starts[at]) / _speed(driver, at) for at, end in ends.items()}
     slowest = max(needed, key=lambda at: needed[at])
     return slowest, max(1, math.ceil(needed[slowest] / period_s - 1e-9))
 
 
 def _refuse_end(driver: Driver, end: Candidate, state: GateState) -> Refused | None:
-    """Ask the robot's gates about the end of a path, as seen from where the robot is: a range lets a
-    joint that is past its end stay there, and one that is not does not go there."""
-    found = (gate(end, state) for gate in driver.gates)
-    return next((refusal for refusal in found if refusal is not None and refusal.code not in TOO_FAST), None)
+    """Check the end of a path with the robot's gates, from the present state of the robot.
+
+    The state matters: a joint that is past the end of its range may stay there, but no other joint may
+    go there. Refusals for speed are ignored, since the end is not one step away.
+    """
+    refusals = (gate(end, state) for gate in driver.gates)
+    return next((refusal for refusal in refusals if refusal is not None and refusal.code not in TOO_FAST), None)
 
 
 def _refuse_steps(
     driver: Driver, starts: Mapping[int, float], ends: Mapping[int, float], state: GateState, steps: int
 ) -> Refused | None:
-    """Ask the robot's gates about the first, the fastest and the last step of a path."""
+    """Check the first, the fastest and the last step of a path with the robot's gates."""
     for step in dict.fromkeys((1, steps // 2 + 1, steps)):
         before, then = (
             {driver.axes[at]: _between(starts[at], end, at_step / steps) for at, end in ends.items()}
@@ -259,7 +271,7 @@ def arrived(driver: Driver, action: Mapping[str, float], state: GateState) -> Ga
 
 
 def refuse_action(driver: Driver, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
-    """Return what the robot's gates let pass of ``action``, or why they do not."""
+    """Return ``action`` as the robot's gates accept it, or their refusal."""
     parsed = driver.parse(action, state)
     if isinstance(parsed, Refused):
         return parsed
@@ -285,7 +297,7 @@ def _refuse_time(
 
 
 def state_of(seen: Seen, period_s: float) -> GateState:
-    """Return what a gate would look at, had every reading that there is been taken just now."""
+    """Return the input of a gate, with every existing reading dated to now."""
     stamps: Sequence[int] = seen.observation.stamp_ns
     fresh = tuple(seen.now_ns if stamp else 0 for stamp in stamps)
     observation = replace(seen.observation, t_ns=seen.now_ns, stamp_ns=fresh)

@@ -1,9 +1,8 @@
-"""Verbs for motion in a time, on a tree: ``move_to``, ``move_along`` a path, and speeds that are held
-for some seconds.
+"""Motions with a duration: ``move_to``, ``move_along`` a path, and ``hold`` speeds for some seconds.
 
-All are rollouts of this process: setpoints at the control rate, each with its lifetime, under the
-caller's lease. A stop, a hold, a dead or frozen caller ends them as it ends any stream. Where a robot
-plans such a motion by itself (``Driver.timed``) it is told once, as a command.
+Each is a rollout of this process: a stream of setpoints at the control rate, each with its lifetime,
+under the caller's lease. A stop, a hold, or a dead or frozen caller ends it, as any stream. If the
+robot plans such a motion by itself (``Driver.timed``), one command is sent instead.
 """
 
 from __future__ import annotations
@@ -24,15 +23,15 @@ from .paths import MOVE_ALONG, Path, check_along, plan_along, read_path
 from .tree import RobotTree
 
 LOOK_S = 0.05
-"""Between two looks at a robot that carries out a motion by itself."""
+"""Period of the check of a robot that carries out a motion by itself."""
 CHECKED = 50
-"""Steps of a path that the gates check before this process sends heartbeats again."""
+"""Number of steps of a path that are checked at once. Between them this process sends heartbeats."""
 DEFAULT_S = 2.0
-"""How long ``move_to`` takes when it is not told."""
+"""Default duration of ``move_to``."""
 
 
 async def move_to(tree: RobotTree, targets: Mapping[str, Any], seconds: float, wait: bool) -> Answer:
-    """Move the named joints to their targets in so many seconds. ``wait``: return when they are there."""
+    """Move the named joints to their targets. The arguments are those of ``RealRobot.move_to``."""
     driver, seconds = tree.driver, as_python(seconds)
     refusal = refuse_targets(driver, targets) or refuse_seconds("move_to", "seconds", seconds, LONGEST_S)
     if refusal is not None:
@@ -50,7 +49,15 @@ async def move_to(tree: RobotTree, targets: Mapping[str, Any], seconds: float, w
 
 
 async def hold(tree: RobotTree, verb: str, action: Mapping[str, Any], seconds: float, wait: bool) -> Answer:
-    """Send a command again and again for so many seconds, then zero."""
+    """Send a command repeatedly for some seconds, then a zero of its speeds.
+
+    Args:
+        tree: The robot.
+        verb: The verb that asks for it, for refusals.
+        action: The command.
+        seconds: How long to send it, at most ``LONGEST_HELD_S``.
+        wait: True returns at the end, False at once.
+    """
     driver, seconds = tree.driver, as_python(seconds)
     refusal = refuse_seconds(verb, "duration_s", seconds, LONGEST_HELD_S)
     if refusal is not None:
@@ -59,13 +66,12 @@ async def hold(tree: RobotTree, verb: str, action: Mapping[str, Any], seconds: f
     motion = await tree.rollouts.move(verb, lambda seen: plan_hold(driver, verb, action, seconds, seen, period_s))
     if isinstance(motion, Refused):
         return answers.refused(motion)
-    told = {"robot": tree.robot, "commanded": motion.action(1), "unit": driver.unit, "duration_s": seconds}
-    return await _ended(tree, verb, told, (), wait)
+    reply = {"robot": tree.robot, "commanded": motion.action(1), "unit": driver.unit, "duration_s": seconds}
+    return await _ended(tree, verb, reply, (), wait)
 
 
 async def move_along(tree: RobotTree, rows: Sequence[Mapping[str, Any]], hz: float, wait: bool) -> Answer:
-    """Move to the first row and along all of them, at ``hz`` rows a second. ``wait``: return when the
-    last is reached."""
+    """Move to the first row, then along all rows. The arguments are those of ``RealRobot.move_along``."""
     driver, period_s = tree.driver, 1.0 / tree.driver.timing.control_hz
     path = read_path(driver, rows, as_python(hz))
     if isinstance(path, Refused):
@@ -78,8 +84,10 @@ async def move_along(tree: RobotTree, rows: Sequence[Mapping[str, Any]], hz: flo
 
 
 async def _refuse_along(tree: RobotTree, path: Path, period_s: float) -> Refused | None:
-    """Return the first refusal of the robot's gates; None where they refuse nothing, or where the
-    robot is not read: then the motion itself is refused."""
+    """Return the first refusal of the robot's gates for a step of the path; None if there is no refusal.
+
+    Without a reading of the robot it returns None as well: the motion itself is refused later.
+    """
     status = await tree.status()
     if status is None or status.observation is None:
         return None
@@ -96,62 +104,62 @@ async def _refuse_along(tree: RobotTree, path: Path, period_s: float) -> Refused
 
 
 async def _to_its_end(tree: RobotTree, motion: Motion | Refused, wait: bool, **more: Any) -> Answer:
-    """Answer for a motion that has begun and ends at a target."""
+    """Return the answer for a motion to a target, which has begun or was refused."""
     if isinstance(motion, Refused):
         return answers.refused(motion)
     last = motion.action(motion.n_steps)
     unit, seconds = tree.driver.unit, round(motion.seconds, 3)
-    told = {"robot": tree.robot, **more, "commanded": last, "unit": unit, "seconds": seconds}
-    return await _ended(tree, motion.verb, told, tuple(last), wait)
+    reply = {"robot": tree.robot, **more, "commanded": last, "unit": unit, "seconds": seconds}
+    return await _ended(tree, motion.verb, reply, tuple(last), wait)
 
 
-async def _ended(tree: RobotTree, verb: str, told: dict[str, Any], joints: tuple[str, ...], wait: bool) -> Answer:
-    """Wait for the end of a motion, if that is asked for. A caller that gives up waiting ends it."""
+async def _ended(tree: RobotTree, verb: str, reply: dict[str, Any], joints: tuple[str, ...], wait: bool) -> Answer:
+    """Wait for the end of a motion, if ``wait`` is true. A cancelled wait ends the motion."""
     if not wait:
-        return answers.success({**told, "running": True})
+        return answers.success({**reply, "running": True})
     try:
         ended = await tree.rollouts.wait()
     except trio.Cancelled:
         with trio.CancelScope(shield=True):
             await tree.rollouts.stop_task()
         raise
-    told |= {"took_s": round(ended.elapsed_s, 3)}
+    reply |= {"took_s": round(ended.elapsed_s, 3)}
     if ended.exit_reason != "n_steps":
         why = f"{verb}: it did not come to its end: {ended.exit_reason}"
-        return answers.error(f"{why}: {ended.exit_detail}" if ended.exit_detail else why, told)
-    return answers.success({**told, **await _position(tree, joints)})
+        return answers.error(f"{why}: {ended.exit_detail}" if ended.exit_detail else why, reply)
+    return answers.success({**reply, **await _position(tree, joints)})
 
 
 async def _told_once(
     tree: RobotTree, targets: Mapping[str, Any], action: Mapping[str, Any], seconds: float, wait: bool
 ) -> Answer:
-    """Give a robot that plans motions by itself one command, and watch it for as long as that takes."""
+    """Send one command to a robot that plans motions by itself, and watch the robot until it is over."""
     accepted = await tree.send_action(action)
     if isinstance(accepted, Refused):
         return answers.refused(accepted.about("move_to"))
     driver = tree.driver
-    told = {"robot": tree.robot, **driver.accepted(action, accepted.values, accepted.sensors), "seconds": seconds}
+    reply = {"robot": tree.robot, **driver.accepted(action, accepted.values, accepted.sensors), "seconds": seconds}
     if not wait:
-        return answers.success({**told, "running": True})
+        return answers.success({**reply, "running": True})
     try:
         until_s = trio.current_time() + seconds
         while (left_s := until_s - trio.current_time()) > 0:
             await trio.sleep(min(LOOK_S, left_s))
             status = await tree.status()
             if status is None:
-                return answers.error("move_to: the wire does not answer, so how it ends is not known", told)
+                return answers.error("move_to: the wire does not answer, so how it ends is not known", reply)
             if status.mode not in (Mode.ARMED, Mode.HOLDING):
-                return answers.error(f"move_to: the robot is {status.mode} ({status.cause})", told)
+                return answers.error(f"move_to: the robot is {status.mode} ({status.cause})", reply)
     except trio.Cancelled:
         with trio.CancelScope(shield=True):
             await tree.release()
         raise
     joints = tuple(str(key).removesuffix(".pos") for key in targets)
-    return answers.success({**told, **await _position(tree, joints)})
+    return answers.success({**reply, **await _position(tree, joints)})
 
 
 async def _position(tree: RobotTree, joints: tuple[str, ...]) -> dict[str, Any]:
-    """Return where the joints are measured, if that can be read."""
+    """Return the measured positions of the joints, if the robot can be read."""
     seen = await tree.observe()
     if isinstance(seen, Refused) or not joints:
         return {}
@@ -160,7 +168,7 @@ async def _position(tree: RobotTree, joints: tuple[str, ...]) -> dict[str, Any]:
 
 
 async def end_motion(tree: RobotTree) -> Answer:
-    """End what a verb of this module began, for a caller that waits no longer."""
+    """End a motion of this module, for a caller that no longer waits."""
     status, result = await tree.rollouts.stop_task()
     if status.exit_reason == "stopped":
         return answers.stop_result("stop_task", result)

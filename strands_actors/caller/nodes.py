@@ -1,4 +1,4 @@
-"""A node of this process on zenoh, for whoever starts robots, watches them or gives them orders."""
+"""Open a zenoh node of this process, for programs that start, watch or command robots."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from .background import open_background
 
 
 class Entrance(NamedTuple):
-    """Where a node listens for the trees that it starts, and what they have to know to come in: it
-    goes to them over their links alone."""
+    """The address at which a node listens for the trees that it starts, and the secret that admits them. The
+    secret is sent to them over inherited links only."""
 
     endpoint: str
     secret: str
@@ -33,8 +33,18 @@ async def open_node(
     secret: str = "",
     private: Sequence[str] = (),
 ) -> AsyncIterator[tuple[Node, trio.Nursery]]:
-    """As long as the block runs; what runs in the nursery ends with it. Threads may ask by it,
-    too. ``secret``: see ``known_by``. ``private``: addresses, see ``ask_privately``."""
+    """Open a node for a block. Yield it, and a nursery that ends with the block. Threads may use the node,
+    too.
+
+    Args:
+        name: Name of the node.
+        listen: Addresses to listen at.
+        connect: Addresses to connect to.
+        settings: zenoh's settings.
+        tokens: As in ``ZenohMesh.attach``.
+        secret: As in ``zenoh_session.known_by``; empty for no secret.
+        private: Addresses of actors, for ``ZenohMesh.ask_privately``.
+    """
     node = Node(name, MonotonicClock())
     mesh = await ZenohMesh.open(listen, connect, settings, secret)
     try:
@@ -51,4 +61,4 @@ async def open_node(
             try:
                 await trio.to_thread.run_sync(mesh.close)
             except RuntimeError:
-                mesh.close()  # at the end of a script no thread can be started any more
+                mesh.close()  # At the end of a script no thread can be started any more.

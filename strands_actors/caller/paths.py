@@ -1,8 +1,8 @@
-"""Plan a motion along a given path: rows of targets at a rate, as a dataset or a planner has them.
+"""Plan a motion along a path, which is rows of targets at a rate, from a dataset or a planner.
 
-Pure: no clock, no I/O. The robot goes to the first row as ``move_to`` does, then along the rows at
-its own control rate, in a straight line from one to the next. The robot's gates check each step
-before anything moves. A speed is sent as its row has it, and zero after the last.
+Pure: no clock, no I/O. The robot goes to the first row as ``move_to`` does. Then it goes along the rows
+at its control rate, in a straight line between two rows. The robot's gates check each step before
+anything moves. A speed is sent as its row has it, and zero after the last row.
 """
 
 from __future__ import annotations
@@ -34,19 +34,19 @@ from .motions import (
 MOVE_ALONG = "move_along"
 """The verb of a motion along a path."""
 APPROACH_S = 2.0
-"""How long the robot takes to the first row, where it needs no longer."""
+"""Time for the way to the first row, unless a joint needs longer."""
 MOST_HZ = 1000.0
 ROUNDING = 1e-9
 
 
 class Path(NamedTuple):
-    """Targets of the same joints, one row after the other.
+    """Rows of targets. All rows have the same joints.
 
     Attributes:
-        joints: Names of all that a row has.
-        places: Those of them that go to a target. The others are speeds.
-        rows: In the driver's units.
-        hz: Rows a second.
+        joints: Names of the joints of a row.
+        places: Those joints that go to a position. The others are speeds.
+        rows: Targets in the driver's units, in the order of ``joints``.
+        hz: Rows per second.
     """
 
     joints: tuple[str, ...]
@@ -56,7 +56,7 @@ class Path(NamedTuple):
 
     @property
     def last(self) -> int:
-        """Return the number of the last row."""
+        """Return the index of the last row."""
         return len(self.rows) - 1
 
     @property
@@ -64,18 +64,18 @@ class Path(NamedTuple):
         return len(self.places) < len(self.joints)
 
     def steps(self, period_s: float) -> int:
-        """Return how many control periods the rows take. A place is reached at the moment of its row. A
-        speed is sent for the time of its row, and one more step stops it."""
+        """Return how many control periods the rows take. A position is reached at the time of its row. A
+        speed is sent for the duration of its row, and one more step stops it."""
         rows = self.last + self.has_speeds
         return max(1, math.ceil(rows / self.hz / period_s - ROUNDING)) + self.has_speeds
 
     def at(self, row: int) -> dict[str, float]:
-        """Return the targets of one row."""
+        """Return the targets of one row by joint."""
         return dict(zip(self.joints, self.rows[row], strict=True))
 
 
 def read_path(driver: Driver, rows: object, hz: object) -> Path | Refused:
-    """Return the rows of a caller as a path, or a refusal that does not depend on the robot's state."""
+    """Return the user's rows as a path, or a refusal. The robot's state is not checked here."""
     rate = finite(hz)
     if rate is None or not 0 < rate <= MOST_HZ:
         limit = f"above 0, at most {MOST_HZ:g}"
@@ -83,7 +83,7 @@ def read_path(driver: Driver, rows: object, hz: object) -> Path | Refused:
     if not isinstance(rows, Sequence) or not rows or not all(isinstance(row, Mapping) and row for row in rows):
         return _refused("it is no list of rows", "give a list of joints with numbers: [{'joint': 0.0}, ...]")
     joints = tuple(str(name).removesuffix(".pos") for name in rows[0])
-    found: list[tuple[float, ...]] = []
+    targets: list[tuple[float, ...]] = []
     for number, row in enumerate(rows):
         named = {str(name).removesuffix(".pos"): finite(value) for name, value in row.items()}
         if named.keys() != set(joints):
@@ -92,48 +92,49 @@ def read_path(driver: Driver, rows: object, hz: object) -> Path | Refused:
         if None in values:
             joint = joints[values.index(None)]
             return _refused(f"row {number} has no number for {joint}", "give a finite number")
-        found.append(tuple(value for value in values if value is not None))
-    if (len(found) - 1) / rate > LONGEST_S:
+        targets.append(tuple(value for value in values if value is not None))
+    if (len(targets) - 1) / rate > LONGEST_S:
         limit = f"at most {LONGEST_S:g}"
-        return _refused(f"it takes {(len(found) - 1) / rate:.4g} s", f"give a path of {limit} s", "", limit)
+        return _refused(f"it takes {(len(targets) - 1) / rate:.4g} s", f"give a path of {limit} s", "", limit)
     if unknown := [joint for joint in joints if joint not in driver.axes]:
         why = f"{driver.robot} has no joint {shown(unknown[0])}"
         remedy = f"use some of {', '.join(driver.axes)}"
         return Refused(Code.UNKNOWN_JOINT, why, remedy, shown(unknown[0]), verb=MOVE_ALONG)
     places = frozenset(joint for joint in joints if is_place(driver, driver.axes.index(joint)))
     refusal = refuse_targets(driver, dict.fromkeys(places, 0.0)) if places else None
-    return Path(joints, places, found, rate) if refusal is None else refusal.about(MOVE_ALONG)
+    return Path(joints, places, targets, rate) if refusal is None else refusal.about(MOVE_ALONG)
 
 
 def check_along(driver: Driver, motion: Motion, path: Path, seen: Seen) -> Iterator[Refused | None]:
-    """Check each step along the rows with the robot's gates, as if the robot followed at once. The way to
-    the first row was checked when it was planned.
+    """Check each step along the rows with the robot's gates, as if the robot followed without delay.
+
+    The way to the first row was checked when it was planned.
 
     Returns:
-        For each step its refusal, or None.
+        The refusal of each step, or None.
     """
     here = state_of(seen, motion.period_s)
     steps_before = motion.n_steps - path.steps(motion.period_s)
     before = path.at(0)
     for step in range(steps_before + 1, motion.n_steps + 1):
         then = motion.action(step)
-        found = arrived(driver, before, here)
-        if not isinstance(found, Refused):
-            asked = refuse_action(driver, then, found)
-            found = asked if isinstance(asked, Refused) else found
-        if isinstance(found, Refused):
+        result = arrived(driver, before, here)
+        if not isinstance(result, Refused):
+            asked = refuse_action(driver, then, result)
+            result = asked if isinstance(asked, Refused) else result
+        if isinstance(result, Refused):
             at_s = (step - steps_before) * motion.period_s
-            yield replace(found, reason=f"at {at_s:.2f} s: {found.reason}", verb=MOVE_ALONG)
+            yield replace(result, reason=f"at {at_s:.2f} s: {result.reason}", verb=MOVE_ALONG)
         else:
             yield None
         before = then
 
 
 def plan_along(driver: Driver, path: Path, seen: Seen, period_s: float) -> Motion | Refused:
-    """Plan the way to the first row and along all of them.
+    """Plan the way to the first row, then along all rows.
 
     Returns:
-        The motion, or why the robot cannot go to the first row.
+        The motion, or a refusal if the robot cannot go to the first row.
     """
     first = path.at(0)
     approach: Motion | Refused | None = None
@@ -164,8 +165,16 @@ def plan_along(driver: Driver, path: Path, seen: Seen, period_s: float) -> Motio
 
 
 def _between_rows(path: Path, along: float, period_s: float) -> dict[str, float]:
-    """Return the command of the period that ends ``along`` so many rows: a place on the line between two
-    rows, a speed of the row in which the period began."""
+    """Return the command of one control period.
+
+    A position is on the line between two rows, at the end of the period. A speed is that of the row in
+    which the period begins.
+
+    Args:
+        path: The path.
+        along: Rows that have passed at the end of the period, with the fraction of the next.
+        period_s: The control period.
+    """
     row = min(int(along + ROUNDING), path.last)
     share = min(1.0, along - row)
     here, then = path.at(row), path.at(min(row + 1, path.last))

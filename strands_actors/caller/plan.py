@@ -1,5 +1,4 @@
-"""From what is wanted of ``Robot(...)`` to a plan of what to start, or to a refusal that says what
-would be accepted."""
+"""Turn the checked arguments of ``Robot(...)`` into a plan of the processes to start."""
 
 from __future__ import annotations
 
@@ -20,37 +19,54 @@ from .twin_process import SIM, TwinProcess
 from .wanted import Wanted, adapters, is_serial, read
 
 TWIN = "twin"
-"""The transport that starts a process; others are ways of a driver's own to its robot."""
+"""The transport that starts the robot's twin. Other transports belong to a driver."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What to start, checked. ``twin_process``: the twin's process behind the transport."""
+    """The checked arguments of ``Robot(...)``, with everything that a start needs.
+
+    Attributes:
+        robot: Name of the robot.
+        tool_name: Name of the handle.
+        driver_class: The driver.
+        port: Port or address; empty for a twin, a simulation, or a robot of another host.
+        transport: ``twin``, ``sim``, or a transport of the driver; None for a port.
+        options: Options of the driver.
+        twin_process: The process of the twin; None for hardware.
+        owns_twin_process: True if ``cleanup`` ends the twin. False for a simulation of the user.
+        data_config: Kept unchanged for code that builds a policy.
+        mesh: Addresses and certificates of the mesh.
+    """
 
     robot: str
     tool_name: str
     driver_class: type[Driver]
     port: str
     transport: str | None
-    options: dict[str, Any] = field(repr=False)  # may hold a password
+    options: dict[str, Any] = field(repr=False)  # It may contain a password.
     twin_process: TwinProcess | None = None
     owns_twin_process: bool = True
     data_config: Any = None
     mesh: MeshConfig = MeshConfig()  # noqa: RUF009  # frozen
     drill_age_s: float | None = None
-    """No motion without a stop drill that is younger."""
+    """Greatest age of the last stop drill. Without a younger drill, motion is refused. None: no limit."""
     at: str = ""
-    """Where the robot is, when it is another host's; ``mesh`` says how to get there."""
+    """The address of another host that runs the robot; empty if this host does. ``mesh`` has it, too."""
     lifetime_s: float | None = None
-    """Of a setpoint of a rollout, at least."""
+    """Least lifetime of a setpoint of a rollout."""
     cameras: tuple[CameraSettings, ...] = ()
     policy_limits: PolicyLimits = PolicyLimits()  # noqa: RUF009  # frozen
-    """Of each process of a named policy."""
+    """Limits of each process of a named policy."""
 
 
 def plan(name: str, mode: str = "sim", **keywords: Any) -> Plan:
-    """Raise ``ValueError`` for names, values and unknown keywords, ``TypeError`` for what a
-    simulation would ignore."""
+    """Return the plan for the arguments of ``Robot(...)``.
+
+    Raises:
+        ValueError: A name, a value or a keyword is wrong. The text has the accepted ones.
+        TypeError: A value has the wrong type, or the chosen mode would ignore the keyword.
+    """
     wanted, driver_class = read(name, mode, **keywords)
     if wanted.mode == "sim" and (issubclass(driver_class, Driver) or wanted.scene.model(wanted.robot) is not None):
         return _simulated(wanted, driver_class)
@@ -66,7 +82,7 @@ def plan(name: str, mode: str = "sim", **keywords: Any) -> Plan:
 
 
 def _check_scene(wanted: Wanted) -> None:
-    """Raise ``TypeError`` when something is said of a simulation that is none."""
+    """Raise ``TypeError`` if a keyword of simulations is given for another mode."""
     if ignored := wanted.scene.given():
         raise TypeError(
             f"Robot: {', '.join(f'{key}=' for key in ignored)} are of a simulation, and mode is {wanted.mode!r}. "
@@ -75,8 +91,11 @@ def _check_scene(wanted: Wanted) -> None:
 
 
 async def completed(wanted: Plan) -> Plan:
-    """Return the plan with what only the robot can tell. Raise ``WireDown``. A twin is new and has
-    nothing to tell; a robot of another host was asked there."""
+    """Return the plan with the options that only the robot knows. Raise ``WireDown``.
+
+    A twin is new, and the host of a distant robot asks that robot itself. In both cases the plan is
+    returned unchanged.
+    """
     if wanted.twin_process is not None or wanted.at:
         return wanted
     options = await wanted.driver_class.complete(wanted.robot, wanted.port, wanted.options)
@@ -142,7 +161,7 @@ def _cameras(wanted: Wanted, driver_class: type[Driver], resolved: dict[str, Any
 
 
 def _draws(cameras: Iterable[CameraSettings]) -> bool:
-    """Return whether one of them shows the scene."""
+    """Return True if one of the cameras shows the scene."""
     return any(camera.type == SCENE for camera in cameras)
 
 
@@ -156,7 +175,8 @@ def _real(wanted: Wanted, driver_class: type[Driver]) -> Plan:
     owns_twin_process = True
     if wanted.transport == TWIN:
         owns_twin_process = wanted.sim is None
-        resolved = _resolve(wanted, driver_class, wanted.options)  # a twin is new: nobody has calibrated it
+        # Without ``tool_name`` no calibration is read, since a new twin has no calibration.
+        resolved = _resolve(wanted, driver_class, wanted.options)
         cameras = _cameras(wanted, driver_class, resolved)
         draws = _draws(cameras)
         twin_process = (
@@ -165,7 +185,7 @@ def _real(wanted: Wanted, driver_class: type[Driver]) -> Plan:
             else _twin_process_of(wanted)
         )
     else:
-        way = {} if wanted.transport is None else {"transport": wanted.transport}  # one of the driver's own
+        way = {} if wanted.transport is None else {"transport": wanted.transport}
         resolved = _resolve(wanted, driver_class, {**wanted.options, **way, "tool_name": tool_name})
         _check_port(wanted, driver_class, resolved)
         cameras = _cameras(wanted, driver_class, resolved)
@@ -188,7 +208,7 @@ def _real(wanted: Wanted, driver_class: type[Driver]) -> Plan:
 
 
 def _elsewhere(wanted: Wanted, driver_class: type[Driver]) -> Plan:
-    """Of another host: what is about its hardware was said there."""
+    """Return the plan for a robot of another host, which has the arguments for the hardware."""
     assert wanted.at is not None
     _leave_to_host(wanted)
     return Plan(
@@ -207,7 +227,8 @@ def _elsewhere(wanted: Wanted, driver_class: type[Driver]) -> Plan:
 
 
 def _plain(wanted: Wanted, driver_class: type[Any]) -> Plan:
-    """Of a driver class of the drivers page, which knows nothing of trees."""
+    """Return the plan for a plain driver class (of strands-robots' drivers page or of LeRobot), which has
+    no tree."""
     name = driver_class.__name__
     if wanted.mode == "sim":
         raise ValueError(f"Robot: {name} has no simulation of {wanted.name}. use mode='real'")
@@ -244,7 +265,7 @@ def _plain(wanted: Wanted, driver_class: type[Any]) -> Plan:
 
 
 def _leave_to_host(wanted: Wanted) -> None:
-    """Raise ``TypeError`` when something is given that the robot's own host has said."""
+    """Raise ``TypeError`` for a keyword that belongs to the host of the robot."""
     own = ("port", "transport", "sim", "cameras", "require_drill")
     given = wanted.given() | ({} if wanted.cameras is None else {"cameras": wanted.cameras})
     ignored = [key for key in given if key in own]
@@ -278,15 +299,16 @@ def _check_hardware(wanted: Wanted, driver_class: type[Any]) -> None:
 
 
 def _resolve(wanted: Wanted, driver_class: type[Driver], options: dict[str, Any]) -> dict[str, Any]:
-    """Return the options as the driver reads them. A refusal also has the keyword that was given."""
+    """Return the options as the driver reads them. If a keyword has two names, a refusal has the one that
+    the user gave, too."""
     try:
         return driver_class.resolve(wanted.robot, options)
     except (TypeError, ValueError) as refusal:
         if not wanted.spelled:
             raise
         names = ", ".join(f"{given} is another name of {own}" for own, given in wanted.spelled.items())
-        kind = ValueError if isinstance(refusal, ValueError) else TypeError
-        raise kind(f"{refusal} ({names})") from None
+        error_class = ValueError if isinstance(refusal, ValueError) else TypeError
+        raise error_class(f"{refusal} ({names})") from None
 
 
 def _check_port(wanted: Wanted, driver_class: type[Driver], resolved: dict[str, Any]) -> None:
@@ -312,9 +334,9 @@ def _missing_port(robot: str, driver_class: type[Any]) -> str:
         return f"Robot: {robot} needs 'port', its address: Robot({robot!r}, mode='real', port={like!r})"
     from serial.tools import list_ports
 
-    found = ", ".join(sorted(port.device for port in list_ports.comports())) or "none"
+    devices = ", ".join(sorted(port.device for port in list_ports.comports())) or "none"
     doubt = "" if adapters(driver_class) else ", none looks like a servo bus"
     return (
         f"Robot: {robot} needs 'port': Robot({robot!r}, mode='real', port='/dev/ttyACM0'). "
-        f"serial devices here: {found}{doubt} (a path is not an identity: check which robot is behind it)"
+        f"serial devices here: {devices}{doubt} (a path is not an identity: check which robot is behind it)"
     )

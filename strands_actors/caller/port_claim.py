@@ -1,8 +1,8 @@
-"""A port, or an address, is one tree's: its root holds the lock of a file in the run directory for
-as long as it lives.
+"""Lock a port or an address for one tree. Its root holds the lock of a file in the run directory as long as
+it runs.
 
-A serial port has a lock of the system's, too. An address has none: two programs that took one robot
-there were both obeyed, and after a stop by the one the other's setpoints went on.
+A serial port has a lock of the operating system, too, but an address has no lock. Without this one, a robot
+at an address obeyed two programs, and after a stop by one program the setpoints of the other continued.
 """
 
 from __future__ import annotations
@@ -28,24 +28,24 @@ from .run_directory import Held, Note, notes, run_dir, try_lock
 
 SUFFIX = ".port"
 LEAVING_S = 3.0
-"""For the root of a program that has ended: it makes its robot safe first."""
+"""How long to wait for the root of a program that has ended. The root makes its robot safe first."""
 PATIENCE_S = 0.3
-"""For one that just ends, whose program goes on."""
+"""How long to wait for a root if its program continues: the root may be ending."""
 LOOK_S = 0.01
 _SHOWN = 60
 _HOLDER_BYTES = 4096
 
 
 class Holder(msgspec.Struct, frozen=True):
-    """Who has it. ``pid``: of the program."""
+    """The holder of a port."""
 
     robot: str
-    pid: int
+    pid: int  # of the program
 
 
 async def claim_port(plan: Plan, robot: str) -> Held:
-    """Return the lock of the plan's port, for the root to inherit. Raise ``NotConnected`` when
-    another tree has it."""
+    """Lock the plan's port, for the root to inherit the lock. Raise ``NotConnected`` if another tree has
+    it."""
     path = run_dir() / f"{hashlib.sha256(place(plan).encode()).hexdigest()[:16]}{SUFFIX}"
     held = Held(path)
     try:
@@ -68,13 +68,16 @@ async def claim_port(plan: Plan, robot: str) -> Held:
 
 
 def place(plan: Plan) -> str:
-    """Return what may have one tree at a time. A device, whoever drives it; at an address that
-    which a driver speaks to: an arm and its gripper may share one. Where no port is given, what the
-    driver finds by its other options, on the network that it is on."""
+    """Return the text that identifies a place. A place may have one tree at a time.
+
+    A serial device is a place for all drivers. An address is a place for each driver, since an arm and its
+    gripper may share an address. Without a port, the place is the robot with its options and its network
+    (``ROS_DOMAIN_ID``), since the driver finds the robot by them.
+    """
     port, kind = place_of_port(plan.port), place_of(plan.driver_class)
     if os.path.isabs(port):
         return port
-    if kind == PLAIN:  # of many classes
+    if kind == PLAIN:  # This driver serves many robot classes.
         kind = f"{kind} {plan.robot}"
     if port:
         apart = [f" {plan.options.get(key)}" for key in plan.driver_class.TOLD_APART_BY]
@@ -85,8 +88,8 @@ def place(plan: Plan) -> str:
 
 
 def _goes_on(holder: Holder | None, robot: str) -> bool:
-    """Return whether its program runs. ``robot``: our name, so who has that is a former root of
-    ours, which ends."""
+    """Return True if the holder's program runs. A holder of our own name in this process is our former
+    root, which is ending, so it does not count."""
     if holder is None or (holder.robot == robot and holder.pid == os.getpid()):
         return False
     return exists(holder.pid)
@@ -117,7 +120,7 @@ def _notes() -> list[Note]:
 
 
 def _holder(path: Path) -> Holder | None:
-    """None when it is just being written."""
+    """Return the holder of a port; None while the file is being written."""
     try:
         with path.open("rb") as file:
             return msgspec.json.decode(file.read(_HOLDER_BYTES), type=Holder)

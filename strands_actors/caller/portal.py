@@ -1,8 +1,8 @@
-"""The caller's one thread: a trio loop with a node and a mesh, shared by every robot of the
-process.
+"""The background thread of the caller: a trio loop with a node and a mesh. All robots of the process share
+it.
 
-It is a daemon thread: when the script ends, by whatever cause, nothing here keeps the process (or a
-lease) alive, and the trees see their caller's end and make the robots safe.
+It is a daemon thread. When the script ends for any reason, the thread keeps neither the process nor a
+lease alive. The trees notice the end of their caller and make the robots safe.
 """
 
 from __future__ import annotations
@@ -31,20 +31,20 @@ from .run_directory import run_dir
 T = TypeVar("T")
 
 LEAVE_S = 2.0
-"""How long the end of a script waits for the loop at most. The loop ends within 10 ms on an idle
-machine. A thread of it that still calls zenoh while Python ends would abort the process
+"""Longest wait for the loop at the end of a script. On an idle computer the loop ends within 10 ms. A thread
+of the loop that calls zenoh while Python ends would abort the process
 (``kernel/channels/zenoh_exit.py``)."""
 SWITCH_S = 0.0001
-"""How long a thread that computes may keep the interpreter's lock from the loop, which lets go of
-it at each of its system calls and wants it back. With Python's own 5 ms a setpoint beside a policy
-that computes was 23 ms off its time (p99), a stop 12 ms late; with this 3 and 3. Two threads that
-both compute pay for it: 5 to 10 % (measured)."""
+"""How long a computing thread may keep the interpreter's lock while the loop waits for it. The loop releases
+the lock at each system call and needs it again afterwards. With Python's default of 5 ms, while a policy
+computed, setpoints were 23 ms off their time (p99) and a stop was 12 ms late; with this value 3 ms and
+3 ms. Two threads that both compute lose 5 to 10 % by it (measured)."""
 
 _callers = itertools.count(1)
 
 
 class Portal:
-    """Runs async functions in the loop, from any thread."""
+    """Run async functions in the loop, from any thread."""
 
     def __init__(self) -> None:
         sys.setswitchinterval(min(sys.getswitchinterval(), SWITCH_S))
@@ -70,8 +70,8 @@ class Portal:
                 await trio.sleep_forever()
 
     def submit(self, function: Callable[..., Awaitable[T]], *args: Any) -> Future[T]:
-        """Start ``function(*args)`` in the loop; its result as a future of any thread. To cancel
-        the future is to cancel what runs."""
+        """Start ``function(*args)`` in the loop, and return its future. Any thread may call it. If the future
+        is cancelled, so is the function."""
         future: Future[T] = Future()
         scope = trio.CancelScope()
 
@@ -80,14 +80,14 @@ class Portal:
                 with scope:
                     try:
                         result = await function(*args)
-                    except Exception as error:  # the caller's to handle, not the loop's
+                    except Exception as error:  # The caller of the function handles it, not the loop.
                         if future.set_running_or_notify_cancel():
                             future.set_exception(error)
                     else:
                         if future.set_running_or_notify_cancel():
                             future.set_result(result)
             finally:
-                future.cancel()  # the loop ends: nobody waits for it for ever
+                future.cancel()  # If the loop ends first, no thread must wait for ever.
 
         def cancel(done: Future[T]) -> None:
             if done.cancelled():
@@ -97,7 +97,7 @@ class Portal:
         def start() -> None:
             try:
                 self.nursery.start_soon(run)
-            except RuntimeError:  # the loop ends: its nursery is closed
+            except RuntimeError:  # The loop is ending, and its nursery is closed.
                 future.cancel()
 
         future.add_done_callback(cancel)
@@ -108,7 +108,7 @@ class Portal:
         return future
 
     def leave(self) -> None:
-        """End the loop, from another thread. One that is busy is left behind."""
+        """End the loop, from another thread. If the loop is busy, do not wait for its end."""
         with contextlib.suppress(trio.RunFinishedError):
             self._token.run_sync_soon(self._scope.cancel)
         self._thread.join(LEAVE_S)
@@ -120,10 +120,10 @@ class Portal:
 
 @contextlib.asynccontextmanager
 async def open_caller() -> AsyncIterator[tuple[Node, trio.Nursery, Entrance]]:
-    """A node with a mesh for a process that starts robots. Raise ``OSError`` when too few files
-    may be opened for it and a robot."""
+    """Open a node with a mesh, for a process that starts robots. Raise ``OSError`` if the system allows too
+    few open files."""
     require(FOR_LOOP + FOR_ROBOT)
-    number = next(_callers)  # a program may have several, in one loop or in many
+    number = next(_callers)  # A program may have several nodes, in one loop or in several.
     path = f"{run_dir()}/caller-{os.getpid()}-{number}.sock"
     entrance = Entrance(unix_endpoint(path), secrets.token_hex(16))
     listens = open_node(f"caller.{os.getpid()}.{number}", [entrance.endpoint], secret=entrance.secret)
@@ -146,14 +146,17 @@ class Forked(OSError):
 
 
 def forked_from() -> int:
-    """Return the process that has the portal, in a child that was forked from it; else 0."""
+    """Return the process id of the parent with the portal, in a forked child; otherwise 0."""
     return _portal_pid if _portal is not None and _portal_pid != os.getpid() else 0
 
 
 def portal() -> Portal:
-    """This process's portal, started at first use. Raise ``Forked`` in a child of a process that has
-    one: the threads of its sessions were not forked, and another session would wait for them for
-    ever."""
+    """Return the portal of this process. The first call starts it.
+
+    Raises:
+        Forked: A parent of this process has a portal. The threads of its sessions were not forked, and
+            another session would wait for them for ever.
+    """
     global _portal, _portal_pid
     parent = forked_from()
     if parent:
@@ -167,8 +170,11 @@ def portal() -> Portal:
 
 
 def _leave_quickly(shared: Portal, pid: int) -> None:
-    """At the end of the script. The robots wait for our end: the interpreter's last collections,
-    which would walk everything that was ever imported, are spared (38 ms to 9 ms measured)."""
+    """End the loop at the end of the script, and remove its socket.
+
+    The robots wait for the end of this process. So the interpreter's last garbage collections, which walk
+    all imported objects, are skipped (measured: 9 ms instead of 38 ms).
+    """
     gc.freeze()
     if os.getpid() == pid:
         shared.leave()

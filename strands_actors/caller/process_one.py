@@ -1,6 +1,8 @@
-"""A script that is process 1, as the command of a container is. When it ends the kernel kills every
-other process of the container at once: root, wire and standby too, who would make the robot safe
-after it. Nothing in the tree can help that; it can be said."""
+"""Warn a script that is process 1, as the command of a container is.
+
+When process 1 ends, the kernel kills every other process of the container at once. These are also root,
+wire and standby, which would otherwise make the robot safe. The tree cannot prevent that, so it warns.
+"""
 
 from __future__ import annotations
 
@@ -12,19 +14,20 @@ from pathlib import Path
 _log = logging.getLogger("strands_actors")
 
 COMMAND = Path("/proc/1/comm")
-"""What process 1 is called."""
+"""File with the name of process 1."""
 REMEDY = (
     "have a shell stay behind it: "
     """sh -c '"$@" & p=$!; trap "kill $p" TERM INT; wait $p; c=$?; wait $p; sleep 5; exit $c' sh python script.py"""
 )
 LEAVING_AT_ONCE = frozenset({"tini", "docker-init", "dumb-init", "catatonit"})
-"""Inits that end when their child does: with ``docker run --init`` the tree has the moment until
-they do."""
+"""Init programs that end as soon as their child has ended, as with ``docker run --init``. The tree has only
+the moment in between."""
 
 
 @cache
 def warn_once() -> None:
-    """Call when a tree of real hardware is started. A twin ends with its script anyway."""
+    """Log a warning if this process is process 1. Call it when a tree of real hardware is started; a twin
+    ends with its script anyway."""
     if getpid() == 1:
         _log.warning(
             "this script is process 1: when it ends, the kernel kills the tree with it, and nobody makes the robot "
@@ -34,8 +37,8 @@ def warn_once() -> None:
 
 
 def found() -> tuple[str, str] | None:
-    """Return what process 1 is, and why a tree may not outlive its script; empty: it may. None
-    where the system does not tell."""
+    """Return the name of process 1, and why a tree may not outlive its script (empty if it does). None if the
+    system does not have this file."""
     try:
         name = COMMAND.read_text().strip()
     except OSError:

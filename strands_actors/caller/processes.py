@@ -1,6 +1,6 @@
-"""What a caller needs of the processes of one robot, on its own host or on another: to start or
-reach them, to ask them, to end. What is written to the robot, and by what right, is not decided
-here."""
+"""The interface to the processes of one robot, on this host or on another: start or reach them, ask them,
+end them. Commands and leases are not decided here.
+"""
 
 from __future__ import annotations
 
@@ -27,44 +27,54 @@ from strands_actors.surfaces.cameras.handle import Cameras
 from .plan import Plan
 
 CONNECT_S = 30.0
-"""For a machine that is busy with much else; a tree that ends is noticed at once. Longer where the
-driver announces that its SDK is silent for longer (``Timing.silent_s``)."""
+"""Longest time for a connect, on a busy computer. A tree that ends is noticed at once. It is longer if the
+driver declares that its SDK is silent for longer (``Timing.silent_s``)."""
 LOOK_S = 0.02
-"""Between two looks for a tree that starts. It has half a second to compute, which the looks should
-leave it."""
+"""Period of the check of a tree that starts. The start needs half a second of computing time, which the
+checks should not take."""
 
 
 CLEANED_UP = "this robot was cleaned up. make a new one"
 
 
 class NotConnected(Exception):
-    """There is no tree, or it does not answer."""
+    """There is no tree, or it does not answer. The text has the reason."""
 
 
 def unreachable(verb: str, failure: Exception) -> Refused:
+    """Return the refusal of a verb after a message was not delivered or not answered."""
     why = busy.explained(str(failure)) if isinstance(failure, AskTimeout) else str(failure)
     return Refused(Code.UNREACHABLE, why, "resume() when the robot is back", verb=verb)
 
 
 class Patience(NamedTuple):
-    """How long an answer may take, in seconds. ``command_s``: a command that has not reached the
-    wire by then never will."""
+    """Timeouts of answers, in seconds.
+
+    Attributes:
+        ask_s: Of a command or a question.
+        status_s: Of the status.
+        stop_s: Of a stop, from the gate. It is longer if the driver's safe state takes longer.
+        command_s: Lifetime of a latched command on its way. After it the command is not written.
+    """
 
     ask_s: float = 0.5
     status_s: float = 0.1
-    stop_s: float = 2.0  # of the gate; it may take longer, as the driver says
+    stop_s: float = 2.0
     command_s: float = 0.25
 
 
 class Processes(ABC):
-    """All methods belong to the trio loop of ``nursery``. ``gate``: once it was started."""
+    """The processes of one robot. Only the trio loop of ``nursery`` may call it.
+
+    ``gate`` and ``tasks`` exist after ``start``.
+    """
 
     PATIENCE: ClassVar[Patience] = Patience()
     elsewhere = False
-    """The robot is another host's: it is not started, and not ended, from here."""
+    """True if another host runs the robot. It is then neither started nor ended from here."""
     gate: ActorRef
     tasks: ActorRef | None = None
-    """Who starts named policies in processes of their own; None: nobody does."""
+    """The actor that starts named policies in separate processes; None if there is no such actor."""
 
     def __init__(self, node: Node, nursery: trio.Nursery, plan: Plan, driver: Driver) -> None:
         self.driver = driver
@@ -75,15 +85,15 @@ class Processes(ABC):
         self.nursery = nursery
         self.plan = plan
         self.robot = plan.tool_name
-        """The name it was given; from the first start on the one it could get."""
+        """The requested name; after the first start the name that was free."""
         self.holder = f"{plan.tool_name} in process {os.getpid()}"
-        """What others read when they ask who has the robot."""
+        """The name of this caller, as other programs see it in the lease."""
         self.facts: dict[str, Any] = {}
-        """What the wire said of itself when it last answered."""
+        """The facts of the wire (``Wire.open``) from its last answer."""
         self.closed = False
         self.cameras = Cameras(plan.cameras, plan.driver_class)
         self.standby_report: str | None = None
-        """What the standby of an earlier tree of this robot had to do."""
+        """The report of the standby of an earlier tree of this robot."""
 
     @property
     @abstractmethod
@@ -91,58 +101,77 @@ class Processes(ABC):
 
     @abstractmethod
     async def start(self, beside: Callable[[], Awaitable[None]]) -> None:
-        """``beside`` runs until the end. Raise ``NotConnected``, or ``OSError`` when the system
-        does not let us."""
+        """Start the processes, or reach them on another host.
+
+        Args:
+            beside: A task that runs until the processes end.
+
+        Raises:
+            NotConnected: They cannot be started or reached.
+            OSError: The system refuses.
+        """
 
     @abstractmethod
     async def end(self, lease: Lease | None) -> StopResult:
-        """Make safe and end. ``lease``: ours, if we have it."""
+        """Make the robot safe, and end the processes. ``lease`` is that of this caller; None if it has no
+        lease."""
 
     @abstractmethod
     async def make_safe(self, reason: Reason, by: str, lock: bool) -> StopResult:
-        """What follows a stop that the gate has not answered."""
+        """Stop the robot after the gate did not answer a stop in time."""
 
     @abstractmethod
     async def late(self, verb: str, timeout: AskTimeout) -> Refused:
-        """What was not answered in time must not be done late. What the caller is told."""
+        """Prevent a request that was not answered in time from taking effect late. Return its refusal."""
 
     @abstractmethod
     async def revive(self, lift: bool, beside: Callable[[], Awaitable[None]]) -> Refused | None:
-        """Start again what has died. ``lift=False``: for who is no operator. Raise as ``start``."""
+        """Restart processes that have ended. Raise as ``start``.
+
+        Args:
+            lift: False for a caller that is not an operator.
+            beside: As in ``start``.
+        """
 
     @abstractmethod
     async def describe(self) -> TreeReport | None:
-        """Processes and actors of the tree; None when the root does not answer."""
+        """Return processes and actors of the tree; None if the root does not answer."""
 
     @abstractmethod
     async def require_mesh(self) -> None:
-        """A robot that was to be reached from elsewhere and is not has not been started:
-        ``NotConnected``."""
+        """Raise ``NotConnected`` if other hosts should reach the robot and cannot."""
 
     @property
     @abstractmethod
     def alive(self) -> bool:
-        """Return whether it can answer at all, as far as is known here."""
+        """Return False if the processes certainly cannot answer any more."""
 
     def require(self) -> None:
-        """Raise ``NotConnected`` when there is nobody to ask."""
+        """Raise ``NotConnected`` if no processes were started, or they were cleaned up."""
         self.require_open()
         if not self.started:
             raise NotConnected("not connected. call connect_eagerly() first")
 
     def require_open(self) -> None:
-        """Raise ``NotConnected`` when it is closed for good."""
+        """Raise ``NotConnected`` after ``close``."""
         if self.closed:
             raise NotConnected(CLEANED_UP)
 
     def close(self) -> None:
-        """For good. Threads that wait for the gate are told so."""
+        """Refuse all further calls. Threads that wait for the gate get an error."""
         self.closed = True
         if self.started and self.node.mesh is not None:
             self.node.mesh.forget(self.gate.address, "this robot was cleaned up")
 
     async def wait_linked(self, patience_s: float = 0.0) -> Status:
-        """``patience_s``: how long to wait for a link that was lost. Raise ``NotConnected``."""
+        """Wait until the wire's link is up, and return the status.
+
+        Args:
+            patience_s: How long to wait for a link that was lost.
+
+        Raises:
+            NotConnected: The root has ended, the link is lost, or the time is over.
+        """
         began = trio.current_time()
         within_s = max(CONNECT_S, self.driver.timing.silent_s)
         deadline = began + within_s
@@ -170,8 +199,11 @@ class Processes(ABC):
         raise NotConnected(status.connect_error or busy.explained(f"the robot is {status.mode}"))
 
     async def ask_status(self, verb: str) -> Status | Refused:
-        """For a verb that depends on it: wait as long as for a command, and say when nothing was
-        answered. A robot that is slow to answer is not one that is not connected."""
+        """Return the status for a verb that depends on it, or a refusal.
+
+        It waits as long as for a command. A slow answer is refused as slow, since it does not show that
+        the robot is not connected.
+        """
         try:
             answer = await self.gate.ask(GetStatus(), self.patience.ask_s)
         except AskTimeout:
@@ -182,7 +214,7 @@ class Processes(ABC):
         return read_answer(answer, Status, verb)
 
     async def status(self) -> Status | None:
-        """None when the wire does not answer."""
+        """Return the gate's status; None if the wire process does not answer."""
         if not self.started:
             return None
         try:

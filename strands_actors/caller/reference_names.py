@@ -1,8 +1,8 @@
-"""Names of strands-robots 0.5 that a script may use on a handle or import from the package.
+"""Names of strands-robots 0.5 that a script may use on a handle, or import from the package.
 
-``ALIASES`` are names of verbs that exist here under another name and take the same arguments.
-``INSTEAD`` are names without such a verb: the ``AttributeError`` then says what to use.
-``PACKAGE`` are names of the package itself: the ``ImportError`` says the same.
+``ALIASES``  names of verbs that exist here under another name, with the same arguments
+``INSTEAD``  names without such a verb; the ``AttributeError`` has the replacement
+``PACKAGE``  names of the package itself; the ``ImportError`` has the replacement
 """
 
 from __future__ import annotations
@@ -59,11 +59,11 @@ INSTEAD: Mapping[str, str] = {
     ),
     **dict.fromkeys(("foxglove_url", "foxglove_link"), "record to MCAP: `strands-actors record`"),
     "publish_ros_observation": "subscribe to strands/<robot>/state on the mesh",
-    # Of hardware only: a simulation has the first three.
+    # For hardware only. A simulation has the first three.
     **dict.fromkeys(("start_recording", "stop_recording", "get_recording_status", "save_episode"), _RECORD),
     **dict.fromkeys(("replay_episode", "replay"), "use replay_episode(robot, DATASET, episode) of strands_actors"),
     **dict.fromkeys(("stream_dataset", "verify_dataset_episodes"), "use `strands-actors dataset show`"),
-    # Of a simulation.
+    # For a simulation.
     **dict.fromkeys(("start_policy", "run_multi_policy"), "call run_policy(policy, wait=False) of each robot"),
     **dict.fromkeys(("stop_policy",), "call stop_task()"),
     **dict.fromkeys(("policy_result", "list_policies_running"), "call get_task_status()"),
@@ -137,20 +137,21 @@ PACKAGE: Mapping[str, str] = {
 
 
 def hint(name: str) -> str:
-    """Return what to use in place of an attribute of strands-robots; empty: it has none of that
-    name."""
+    """Return the replacement of an attribute of strands-robots, as the end of a message; empty if
+    strands-robots has no such attribute."""
     return f". strands-robots has it: here, {INSTEAD[name]}" if name in INSTEAD else ""
 
 
 def package_hint(name: str) -> str | None:
-    """Return why a name of the package strands_robots cannot be imported here; None: it has none."""
+    """Return why a name of the package strands_robots cannot be imported here; None if strands_robots has no
+    such name."""
     if name not in PACKAGE:
         return None
     return f"strands_actors has no {name!r}, which strands_robots has. {PACKAGE[name]}"
 
 
 class Mesh:
-    """What a script of strands-robots asks ``robot.mesh``, by the functions of this package."""
+    """``robot.mesh`` of strands-robots, by the functions of this package."""
 
     def __init__(self, own_name: Callable[[], str]) -> None:
         self._own_name = own_name
@@ -174,7 +175,8 @@ class Mesh:
     def tell(self, target: str, instruction: str, **options: Any) -> dict[str, Any]:
         from strands_actors.surfaces.mesh import tell
 
-        return tell(target, instruction, **{"policy_provider": "mock", **options})  # theirs, by default
+        # The default of strands-robots is ``mock``.
+        return tell(target, instruction, **{"policy_provider": "mock", **options})
 
     def broadcast(self, cmd: Mapping[str, Any] | str) -> list[dict[str, Any]]:
         from strands_actors.surfaces.mesh import broadcast

@@ -1,5 +1,7 @@
-"""The factories of the public interface. Their signatures for editors and type checkers, by robot and
-mode, are in ``robot.pyi``."""
+"""The functions and classes that a user makes a robot with.
+
+``robot.pyi`` has their signatures for each robot and mode, for editors and type checkers.
+"""
 
 from __future__ import annotations
 

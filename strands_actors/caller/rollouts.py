@@ -1,7 +1,8 @@
-"""One robot's rollouts, as the caller has them: a policy of this process, or a named one in a
-process of its own.
+"""Start, watch and end the rollouts of one robot, on the caller's side.
 
-One at a time. It writes under the caller's lease; its status is the same wherever it runs.
+A rollout is a policy object in this process, a motion in this process, or a named policy in a separate
+process. One rollout runs at a time, and it writes under the caller's lease. Its status has the same
+form wherever it runs.
 """
 
 from __future__ import annotations
@@ -40,18 +41,23 @@ from .processes import Processes
 from .writer import Writer
 
 START_S = 2.0
-"""For a policy's process to be started."""
+"""Longest time for the start of a policy's process."""
 
 
 class TaskEnd(NamedTuple):
-    """A task that was ended. ``result``: what became of the robot."""
+    """A task that has ended.
+
+    Attributes:
+        status: Its last status.
+        result: The result of the hold.
+    """
 
     status: TaskStatus
     result: StopResult
 
 
 class Rollouts:
-    """All methods belong to the trio loop of the tree."""
+    """The rollouts of one robot. Only the trio loop of the tree may call it, except ``running``."""
 
     def __init__(self, processes: Processes, writer: Writer, driver: Driver) -> None:
         self._processes = processes
@@ -60,17 +66,26 @@ class Rollouts:
         self._task = TaskStatus()
         self._has_process = False
         self.failure: Exception | None = None
-        """What the last policy of this process raised."""
+        """The exception that the last policy of this process raised; None if it raised nothing."""
         self._over = trio.Event()
         self._scope: trio.CancelScope | None = None
-        """Of a policy of this process."""
+        """The scope of the policy of this process."""
         self.no_operator: Refused | None = None
-        """Why an operator has no say in the present teleoperation; None: it has."""
+        """The refusal of ``operate`` during the present teleoperation; None if ``operate`` is allowed."""
 
     async def run_policy(
         self, policy: Any, instruction: str, duration_s: float, n_steps: int, hz: float | None
     ) -> TaskStatus | Refused:
-        """Run ``policy`` in this process. Returns at once."""
+        """Run ``policy`` in this process, and return at once.
+
+        Args:
+            policy: The policy object.
+            instruction: Text for it.
+            duration_s: Longest time in seconds.
+            n_steps: Number of actions after which it ends; 0 for no limit. ``duration_s`` then has no
+                effect.
+            hz: Actions per second; None for the driver's control rate.
+        """
         async with self._writer.turn:
             refusal = await self._may_start("run_policy")
             if refusal is not None:
@@ -120,8 +135,17 @@ class Rollouts:
         hz: float | None,
         is_actor: bool = False,
     ) -> TaskStatus | Refused:
-        """Run a named policy in a process of its own; for a robot of another host in this one.
-        ``is_actor``: as in ``StartTask``. Returns at once."""
+        """Run a named policy in a separate process, and return at once. For a robot of another host it
+        runs in this process.
+
+        Args:
+            provider: ``module:factory`` of the policy.
+            options: Its keyword arguments.
+            instruction: Text for it.
+            duration_s: Longest time in seconds.
+            hz: Actions per second; None for the driver's control rate.
+            is_actor: As in ``StartTask``.
+        """
         async with self._writer.turn:
             refusal = await self._may_start(START_TASK)
             if refusal is not None:
@@ -139,16 +163,26 @@ class Rollouts:
         return read_answer(answer, TaskStatus, START_TASK)
 
     async def _never_started(self, tasks: ActorRef, failure: AskTimeout | Unreachable) -> Refused:
-        """What was not answered in time must not be done late. The stop ends the lease that it
-        would write under, so that whatever began, or still begins, gets none."""
+        """Undo a start that was not answered in time, and return the refusal.
+
+        The policy must not start late. After the stop the gate gives no lease under the caller's present
+        one. So a policy that has started, or still starts, cannot write.
+        """
         tasks.tell(StopTask())
         why = busy.explained(str(failure))
         refused = stop_result.timed_out(why, await self._hold(), "nothing of it will begin", "try again")
         return refused.about(START_TASK)
 
     async def move(self, verb: str, plan: Callable[[Seen], Motion | Refused]) -> Motion | Refused:
-        """Begin the motion that ``plan`` makes of where the robot is, as a rollout of this process.
-        Returns at once: it has begun, or nothing moves."""
+        """Begin a motion as a rollout of this process, and return at once.
+
+        Args:
+            verb: The verb that asks for it.
+            plan: Plans the motion from the present state of the robot.
+
+        Returns:
+            The motion, which has begun. A refusal if nothing moves.
+        """
         async with self._writer.turn:
             self._processes.require()
             status = await self._processes.ask_status(verb)
@@ -167,7 +201,8 @@ class Rollouts:
             motion = plan(Seen(seen, status.target, self._processes.node.clock.now_ns()))
             if isinstance(motion, Refused):
                 return motion
-            if motion.begins_apart:  # an earlier target is on its way: the robot goes on from where it is now
+            if motion.begins_apart:
+                # The robot still moves to an earlier target. It has to hold at its present position first.
                 await self._hold()
             refusal = await self._writer.acquire()
             if refusal is not None:
@@ -202,11 +237,11 @@ class Rollouts:
         lifetime_s = self._processes.plan.lifetime_s or driver.timing.stream_ttl_s
         ttl_s = max(lifetime_s, 2 * period_s)
         robot = self._processes.robot
-        longest_s = math.inf if n_steps else duration_s  # a caller that counts steps is there to stop them
+        longest_s = math.inf if n_steps else duration_s  # The number of steps limits the rollout.
         return Rollout(robot, driver.axes, instruction, period_s, ttl_s, longest_s, n_steps, over, driver.table)
 
     async def task(self) -> TaskStatus:
-        """Return the present task's status, or the last one's."""
+        """Return the status of the present task, or of the last one."""
         tasks = self._processes.tasks
         if tasks is not None and self._has_process and self._task.running:
             try:
@@ -218,12 +253,13 @@ class Rollouts:
         return self._task
 
     async def wait(self) -> TaskStatus:
-        """Return the status of the present policy of this process when it has ended."""
+        """Wait for the end of the policy of this process, and return its status."""
         await self._over.wait()
         return self._task
 
     def operate(self, told: Operate) -> Refused | None:
-        """Pass on what an operator does. None, or why there is nobody to tell."""
+        """Send the operator's input to the teleoperation. Return a refusal if it does not run, or accepts
+        no such input."""
         tasks = self._processes.tasks
         if tasks is None or not self._has_process or not self._task.running:
             return Refused(Code.NO_TELEOP, "no teleoperation runs", "call attach_teleop() first", verb="operate")
@@ -234,17 +270,19 @@ class Rollouts:
 
     @property
     def running(self) -> bool:
-        """Return whether one runs, as far as is known without asking. Of any thread."""
+        """Return True if a rollout runs by the last status. It asks no process, and any thread may call
+        it."""
         return self._task.running
 
     async def refuse(self, verb: str, why: str = "a task is running") -> Refused | None:
-        """Return what a command is told while a rollout writes; None when there is none."""
+        """Return the refusal of a command while a rollout runs; None if no rollout runs."""
         if (await self.task()).running:
             return Refused(Code.RUNNING, why, "call stop_task() first", verb=verb)
         return None
 
     async def stop_task(self) -> TaskEnd:
-        """End the rollout. Returns when the robot holds, whatever the policy does."""
+        """End the rollout, and return when the robot holds. A policy that does not answer cannot delay
+        this."""
         from strands_actors.supervisors.policy import Policy
 
         processes = self._processes
@@ -255,7 +293,8 @@ class Rollouts:
         if processes.tasks is not None and self._has_process:
             ref = processes.tasks
         answer: Message | None = None
-        with contextlib.suppress(AskTimeout, Unreachable):  # nobody says that it has ended: the gate ends it
+        # If the policy does not answer, the gate ends its lease (below).
+        with contextlib.suppress(AskTimeout, Unreachable):
             answer = await ref.ask(StopTask(), 2 * processes.patience.ask_s)
         if isinstance(answer, TaskStatus) and not answer.running:
             self._task = answer
@@ -265,7 +304,7 @@ class Rollouts:
         return TaskEnd(self._task, result)
 
     async def _safety(self) -> StopResult:
-        """Return what is known of the robot's safety."""
+        """Ask the gate for the result of the last stop or hold."""
         processes = self._processes
         try:
             answer = await processes.gate.ask(GetSafety(), processes.patience.stop_s)
@@ -274,7 +313,7 @@ class Rollouts:
         return stop_result.of_answer("stop_task", answer, self._driver.axes)
 
     async def _hold(self) -> StopResult:
-        """End what a policy of ours commanded, by the gate, else by the root."""
+        """End a policy's target, by the gate. If the gate does not answer or refuses, the root does it."""
         processes = self._processes
         try:
             answer = await processes.gate.ask(Stop(Reason.POLICY, processes.holder), processes.patience.stop_s)
@@ -282,23 +321,27 @@ class Rollouts:
             answer = None
         if isinstance(answer, StopReport):
             return stop_result.of_report(answer)
-        return await processes.make_safe(Reason.POLICY, processes.holder, False)  # a refusal is no stop
+        return await processes.make_safe(Reason.POLICY, processes.holder, False)
 
     async def end_overtaken(self) -> None:
-        """The lease is the caller's anew: a rollout from before has lost its own, whether it has
-        noticed or not."""
+        """End a rollout that has lost its lease, after the caller has acquired a new lease. The rollout may
+        not have noticed that yet."""
         if not (await self.task()).running:
             return
         tasks = self._processes.tasks
         if tasks is not None and self._has_process:
-            with contextlib.suppress(AskTimeout, Unreachable):  # then the next task() tells
+            # Without an answer the next ``task()`` reads the status.
+            with contextlib.suppress(AskTimeout, Unreachable):
                 await tasks.ask(StopTask(), 2 * self._processes.patience.ask_s)
         else:
             self.end("stop")
 
     def end(self, reason: str) -> None:
-        """The robot is stopped: a policy of this process ends, and the task counts as ended. A task of
-        a process of its own is told, which may not have seen the stop before it is resumed."""
+        """End the rollout after the robot was stopped.
+
+        A policy of this process is cancelled. A policy of another process gets a message, since it may
+        not notice the stop before the robot is resumed. Either way the task counts as ended.
+        """
         tasks = self._processes.tasks
         if self._has_process and self._task.running and tasks is not None:
             tasks.tell(StopTask())

@@ -1,10 +1,8 @@
-"""The directory where the robots of this user meet: sockets, and one note a robot on how to reach
-it.
+"""The run directory: the sockets of this user's robots, and a note for each robot on how to reach it.
 
-``$STRANDS_ACTORS_RUN``, else ``$XDG_RUNTIME_DIR/strands-actors``, else
-``/tmp/strands-actors-<uid>``; for the user alone. A robot's name is its own for as long as a
-process holds its lock exclusively. Who looks whether one does tries a shared lock: when it gets
-that, the robot has ended.
+It is ``$STRANDS_ACTORS_RUN``, or ``$XDG_RUNTIME_DIR/strands-actors``, or ``/tmp/strands-actors-<uid>``.
+Only the user may access it. A robot owns its name as long as a process holds the exclusive lock of the
+name's file. To see whether the robot has ended, try a shared lock: it succeeds if the robot has ended.
 """
 
 from __future__ import annotations
@@ -27,37 +25,40 @@ from strands_actors.kernel.channels.zenoh_session import unix_endpoint
 from .leftovers import remove_leftovers
 
 MAX_SOCKET_PATH = 100
-"""Bytes a unix socket's path may have (108 on Linux, less what zenoh appends)."""
+"""Longest path of a unix socket in bytes (108 on Linux, minus the suffix of zenoh)."""
 
 
 NOTE_BYTES = 16 * 1024
-"""More is no note."""
+"""Longest note in bytes. A longer file is not a note."""
 PATIENCE_S = 0.5
-"""Of a robot that starts, with others who look whether its name is free."""
+"""How long a robot that starts waits for processes that only test whether its name is free."""
 LOOK_S = 0.001
 
 
 class Note(msgspec.Struct):
-    """How to reach a robot's tree. ``problem``: why the note that lies there cannot be read; then
-    the sockets are those that it must have by its name."""
+    """How to reach a robot's tree.
+
+    If the note's file cannot be read, ``problem`` has the reason. The sockets are then those that follow
+    from the robot's name.
+    """
 
     robot: str
     kind: str
     pid: int
-    endpoints: list[str]  # of its actors
-    mesh: list[str] = []  # of its topics: what a subscriber connects to
+    endpoints: list[str]  # sockets of its actors
+    mesh: list[str] = []  # sockets of its topics, for subscribers
     problem: str = ""
-    unconfirmed: list[str] = []  # motors that its root could not confirm safe so far, and goes on trying
-    safe_s: float = 1.5  # what its driver says that a stop may take
-    late_s: float = 0.0  # and how much later something that was asked for before may take effect
-    arm_s: float = 10.0  # and that energising it may
-    motors: list[str] = []  # all that may be energised: its axes
-    port: str = ""  # where it is, as its script said; empty: a twin, or none was given
+    unconfirmed: list[str] = []  # motors that have not confirmed the safe state; its root keeps trying
+    safe_s: float = 1.5  # ``Timing.safe_s``, longest time of a stop
+    late_s: float = 0.0  # ``Driver.late_s``, by which an earlier request may take effect later
+    arm_s: float = 10.0  # ``Timing.arm_s``, longest time for arming
+    motors: list[str] = []  # its axes, which may be energised
+    port: str = ""  # its port, as the script gave it; empty for a twin or without a port
 
 
 def run_dir() -> Path:
-    """Return the directory, made if need be. Raise ``PermissionError`` when it is not ours
-    alone."""
+    """Return the directory, and create it if necessary. Raise ``PermissionError`` if other users can access
+    it."""
     named = os.environ.get("STRANDS_ACTORS_RUN")
     base = os.environ.get("XDG_RUNTIME_DIR")
     if not named and not base:
@@ -69,8 +70,11 @@ def run_dir() -> Path:
 
 
 def _shared_place(path: Path) -> Path:
-    """As ``run_dir``, where others may have put something under that name before us: a link to a
-    directory of ours would lead sockets and notes there, and elsewhere while a robot runs."""
+    """As ``run_dir``, for a folder in which other users may have created something of that name before.
+
+    A symbolic link of another user could lead sockets and notes to another directory of ours, and
+    elsewhere while a robot runs. So links are refused.
+    """
     with contextlib.suppress(FileExistsError):
         path.mkdir(mode=0o700)
     parent = path.parent.stat().st_mode
@@ -97,8 +101,8 @@ _ELSEWHERE = "Or set STRANDS_ACTORS_RUN to another place"
 
 
 def data_dir() -> Path:
-    """Return what is to survive a reboot: ``$STRANDS_ACTORS_DATA``, else
-    ``$XDG_DATA_HOME/strands-actors``, else ``~/.local/share/strands-actors``."""
+    """Return the directory of files that survive a reboot: ``$STRANDS_ACTORS_DATA``, or
+    ``$XDG_DATA_HOME/strands-actors``, or ``~/.local/share/strands-actors``."""
     named, base = os.environ.get("STRANDS_ACTORS_DATA"), os.environ.get("XDG_DATA_HOME")
     if named:
         return Path(named)
@@ -106,12 +110,12 @@ def data_dir() -> Path:
 
 
 def locks_dir() -> Path:
-    """Return where the locks of e-stops lie."""
+    """Return the directory of the locks of e-stops."""
     return data_dir() / "locks"
 
 
 def audit_file(robot: str) -> Path:
-    """Return where it is written who told a robot what (``supervisors/root/audit.py``)."""
+    """Return the file of a robot's audit: the commands and their senders (``supervisors/root/audit.py``)."""
     return data_dir() / "audit" / f"{robot}.jsonl"
 
 
@@ -120,9 +124,11 @@ def socket_path(directory: Path, robot: str, role: str) -> str:
 
 
 class Held:
-    """An open file whose lock is for a root to inherit, and for nobody else. A child that this
-    program forks (a worker of ``multiprocessing``) closes it: it would keep the lock of a robot that
-    has ended for as long as it lives."""
+    """An open file with a lock that only a root inherits.
+
+    Any other forked child (such as a worker of ``multiprocessing``) closes it. Otherwise the child would
+    keep the lock of a robot that has ended, as long as the child runs.
+    """
 
     def __init__(self, path: Path) -> None:
         with _forking:
@@ -130,15 +136,16 @@ class Held:
             _held.add(self)
 
     def is_at(self, path: Path) -> bool:
-        """Return whether ``path`` still leads to this file. A file that nobody had locked may have been
-        removed between its opening and its lock (``leftovers``)."""
+        """Return True if ``path`` still leads to this file. An unlocked file may be removed between its
+        opening and its lock (``leftovers``)."""
         try:
             return os.path.samestat(os.fstat(self.fd), path.stat())
         except FileNotFoundError:
             return False
 
     def close(self) -> None:
-        """Let go of our hold; a root's own lives as long as it does. Harmless when called again."""
+        """Close the file. A root that has inherited it keeps the lock as long as it runs. A second call
+        changes nothing."""
         with _forking:
             fd, self.fd = self.fd, -1
             _held.discard(self)
@@ -148,7 +155,8 @@ class Held:
 
 _held: weakref.WeakSet[Held] = weakref.WeakSet()
 _forking = threading.RLock()
-"""Nobody forks between the opening of a file and its place among those that a child closes."""
+"""Held during a fork, and while a file is opened and added to ``_held``. So a child closes every such
+file."""
 
 
 def _forget_in_child() -> None:
@@ -161,7 +169,11 @@ os.register_at_fork(before=_forking.acquire, after_in_parent=_forking.release, a
 
 
 class Name:
-    """A robot's name, held by a lock that the tree's root inherits."""
+    """The name of a robot, with a lock that the tree's root inherits.
+
+    Args:
+        wanted: The requested name. If another robot has it, a number is added.
+    """
 
     def __init__(self, wanted: str) -> None:
         directory = run_dir()
@@ -175,19 +187,19 @@ class Name:
                     break
                 self._lock.close()
             if taken:
-                (directory / f"{self.name}.json").unlink(missing_ok=True)  # of who had it before
+                # Remove the note of an ended robot of this name.
+                (directory / f"{self.name}.json").unlink(missing_ok=True)
                 return
             self._lock.close()
         raise RuntimeError(f"there are 999 robots called {wanted} already")
 
     @property
     def lock_fd(self) -> int:
-        """Return the descriptor, for a root to inherit."""
+        """Return the descriptor that a root inherits."""
         return self._lock.fd
 
     def socket(self, role: str) -> str:
-        """Return the path of a process's socket. Raise ``ValueError`` when it is too long for
-        one."""
+        """Return the path of the socket of a process. Raise ``ValueError`` if it is too long."""
         path = socket_path(run_dir(), self.name, role)
         if len(path.encode()) > MAX_SOCKET_PATH:
             raise ValueError(f"{path} is too long for a socket: set STRANDS_ACTORS_RUN to a shorter place")
@@ -195,11 +207,11 @@ class Name:
 
     @property
     def note(self) -> Path:
-        """Return where it is published."""
+        """Return the path of the robot's note."""
         return run_dir() / f"{self.name}.json"
 
     def beside(self, suffix: str) -> Path:
-        """Return the path of another file of this robot."""
+        """Return the path of another file of this robot, by its suffix."""
         return run_dir() / f"{self.name}{suffix}"
 
     def publish(self, note: Note) -> None:
@@ -209,12 +221,13 @@ class Name:
         draft.replace(target)
 
     def release(self) -> None:
-        """Close our hold; the root's own lives as long as it does."""
+        """Close the file. The root keeps the lock as long as it runs."""
         self._lock.close()
 
 
 def _take(lock_fd: int) -> bool:
-    """Take a name; False when another robot has it. Who only looks is waited for."""
+    """Lock a name. Return False if another robot has it. Wait for processes that only hold the shared lock,
+    since they let go in a moment."""
     until_s = time.monotonic() + PATIENCE_S
     while not try_lock(lock_fd, fcntl.LOCK_EX):
         if not try_lock(lock_fd, fcntl.LOCK_SH) or time.monotonic() > until_s:
@@ -225,7 +238,12 @@ def _take(lock_fd: int) -> bool:
 
 
 def try_lock(lock_fd: int, how: int) -> bool:
-    """Return whether it was to be had."""
+    """Try to get a lock without waiting. Return True if it was free.
+
+    Args:
+        lock_fd: Descriptor of the file.
+        how: ``fcntl.LOCK_EX`` or ``fcntl.LOCK_SH``.
+    """
     try:
         fcntl.flock(lock_fd, how | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -234,7 +252,7 @@ def try_lock(lock_fd: int, how: int) -> bool:
 
 
 def is_held(robot: str) -> bool:
-    """Return whether a process has that name."""
+    """Return True if a robot of this name runs."""
     try:
         fd = os.open(run_dir() / f"{robot}.lock", os.O_RDONLY | os.O_CLOEXEC)
     except FileNotFoundError:
@@ -246,8 +264,11 @@ def is_held(robot: str) -> bool:
 
 
 def notes() -> Iterator[Note]:
-    """Return the notes of all robots that run, and remove the files of those that have ended. Raise
-    ``OSError`` when the directory cannot be used, and for no note in it."""
+    """Yield the notes of all robots that run, and remove the files of robots that have ended.
+
+    Raises:
+        OSError: The directory cannot be used. A note that cannot be read raises nothing.
+    """
     directory = run_dir()
     remove_leftovers(directory)
     for name in sorted(path.stem for path in directory.glob("*.json")):
@@ -258,7 +279,7 @@ def notes() -> Iterator[Note]:
 
 
 def _read(directory: Path, name: str) -> Note | None:
-    """None when it has just been taken away."""
+    """Return the note of a robot; None if it has just been removed."""
     path = directory / f"{name}.json"
     try:
         if not path.is_file():
@@ -279,7 +300,6 @@ def _is_endpoint(endpoint: str) -> bool:
 
 
 def _by_name(directory: Path, name: str, why: str) -> Note:
-    """Of a robot that runs and whose note says nothing: its sockets have their names all the
-    same."""
+    """Return a note for a running robot with an unreadable note. Its sockets follow from its name."""
     root, wire, mesh = (unix_endpoint(socket_path(directory, name, role)) for role in ("root", "wire", "mesh"))
     return Note(name, "unknown", 0, [root, wire], [mesh], f"its note {directory / name}.json cannot be read: {why}")

@@ -1,5 +1,5 @@
-"""``start_recording`` and ``stop_recording`` of a simulation: strands-robots' words for one episode of a
-dataset, which ``record_dataset`` records."""
+"""``start_recording`` and ``stop_recording`` of a simulation, the verbs of strands-robots. They record one
+episode of a dataset by ``record_dataset``."""
 
 from __future__ import annotations
 
@@ -19,9 +19,10 @@ if TYPE_CHECKING:
     from strands_actors.surfaces.dataset import DatasetRecording
 
 CODECS: Mapping[str, str] = {"h264": "mpeg4", "libsvtav1": "av1"}
-"""Their names of a codec, and ours for the same use: H.264 has no encoder but under the GPL."""
+"""Names of codecs in strands-robots, and the codec that is used here. All encoders for H.264 are under the
+GPL."""
 UNTITLED = "untitled"
-"""The task of an episode that was given none."""
+"""Default task of an episode."""
 INFO = Path("meta/info.json")
 
 
@@ -31,7 +32,7 @@ class Named(Protocol):
 
 
 class SimRecording:
-    """The recording of one simulation; at most one at a time."""
+    """The recording of one simulation. At most one runs at a time."""
 
     def __init__(self) -> None:
         self._recording: DatasetRecording | None = None
@@ -48,7 +49,7 @@ class SimRecording:
         overwrite: bool,
         cameras: Sequence[str],
     ) -> Answer:
-        """Begin an episode of a running robot."""
+        """Begin an episode of a running robot. The arguments are those of ``SimRobot.start_recording``."""
         if self._recording is not None:
             return answers.error(f"start_recording: {self._about['root']} is being recorded. call stop_recording()")
         try:
@@ -75,7 +76,7 @@ class SimRecording:
         return answers.success({"recording": True, **self._about})
 
     def stop(self) -> Answer:
-        """End the episode, and save it. Without one: a success that says so."""
+        """End the episode, and save it. Without an episode it is a success with ``recording`` false."""
         recording, self._recording = self._recording, None
         if recording is None:
             return answers.success({"recording": False, "reason": "nothing was recorded"})
@@ -95,8 +96,14 @@ class SimRecording:
 
 
 def folder_of(repo_id: object) -> Path:
-    """Return where a dataset of this name is: a path as it is, ``owner/name`` in LeRobot's folder.
-    Raise ``ValueError`` for a name that leads elsewhere."""
+    """Return the folder of a dataset.
+
+    Args:
+        repo_id: A path, or ``owner/name`` for a folder in LeRobot's.
+
+    Raises:
+        ValueError: It is not text, or leads out of LeRobot's folder.
+    """
     if not isinstance(repo_id, str) or not repo_id.strip() or "\0" in repo_id:
         raise ValueError(f"repo_id is {shown(repo_id)}. give owner/name, or a path")
     if repo_id.startswith(("/", ".", "~")):
@@ -109,7 +116,7 @@ def folder_of(repo_id: object) -> Path:
 
 
 def remove_dataset(folder: Path) -> None:
-    """Remove a dataset, and nothing else. Raise ``ValueError`` for another folder with files."""
+    """Remove the folder of a dataset, if it exists. Raise ``ValueError`` for any other folder with files."""
     if not folder.exists():
         return
     if not (folder / INFO).is_file() and any(folder.iterdir()):

@@ -1,5 +1,4 @@
-"""What ``Robot(...)`` says of a simulation alone: its backend, a model of the user's own, where the
-robot stands and how."""
+"""The arguments of ``Robot(...)`` for simulations only: backend, model file, position, keyframe."""
 
 from __future__ import annotations
 
@@ -17,7 +16,7 @@ BACKENDS = ("mujoco", "newton", "isaac")
 EXPERIMENTAL = {
     "backend='isaac'": "nobody has seen it on Isaac Sim. It was tried with a stand-in for Isaac Sim's classes"
 }
-"""As ``Driver.EXPERIMENTAL``, of simulations."""
+"""As ``Driver.EXPERIMENTAL``, for simulations."""
 
 ISAAC = (
     "Isaac Sim is not here. It needs Python 3.11 and an RTX graphics card: "
@@ -25,15 +24,15 @@ ISAAC = (
 )
 
 NEWTON = ("newton", "mujoco_warp")
-"""What the extra brings."""
+"""Packages of the extra ``newton``."""
 
 HOME = "home"
-"""The one keyframe that robots of ours have: where they begin anyway."""
+"""The only keyframe of a built-in robot. It is the pose in which it begins anyway."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """The keywords, as they were given."""
+    """The keywords for simulations, as the user gave them."""
 
     backend: str = "mujoco"
     urdf_path: str | os.PathLike[str] | None = None
@@ -43,24 +42,24 @@ class Scene:
     gated: bool = True
 
     def given(self) -> dict[str, Any]:
-        """Return those that only a simulation has a use for."""
+        """Return the given keywords that only a simulation uses."""
         own = {name: getattr(self, name) for name in ("urdf_path", "position", "orientation", "keyframe")}
         own["backend"] = self.other_backend or None
         own["gated"] = None if self.gated else False
         return {name: value for name, value in own.items() if value is not None}
 
     def model(self, robot: str) -> str | None:
-        """Return the file that is simulated instead of a robot of ours."""
+        """Return the model file that is simulated in place of a built-in robot; None without such a file."""
         return os.fspath(self.urdf_path) if self.urdf_path is not None else model_of(robot)
 
     @property
     def other_backend(self) -> str:
-        """Empty for MuJoCo."""
+        """Return the backend; empty for MuJoCo."""
         return "" if self.backend == BACKENDS[0] else self.backend
 
     @property
     def place(self) -> dict[str, Any] | None:
-        """Raise ``ValueError``."""
+        """Return position and orientation of the base; None for those of the model. Raise ``ValueError``."""
         try:
             return placement(self.position, self.orientation)
         except ValueError as wrong:
@@ -68,7 +67,7 @@ class Scene:
 
 
 def check_backend(backend: object) -> None:
-    """Raise ``ValueError`` for a word that is none, ``ImportError`` for one that is not there."""
+    """Raise ``ValueError`` for an unknown backend, ``ImportError`` if its packages are missing."""
     if backend not in BACKENDS:
         raise ValueError(f"Robot: backend is {backend!r}. use one of {', '.join(map(repr, BACKENDS))}")
     if backend == "isaac" and importlib.util.find_spec("isaacsim") is None:
@@ -80,26 +79,26 @@ def check_backend(backend: object) -> None:
 
 
 def read_own_model(robot: str, file: str, scene: Scene) -> tuple[type[Any], dict[str, Any], dict[str, Any]]:
-    """Return the driver class of a model, its options, and those of its twin. Raise
-    ``ValueError``."""
+    """Return the driver class for a model file, its options, and the options of its twin. Raise
+    ``ValueError`` for an unknown keyframe or a file that cannot be read."""
     driver_class = load(MODEL)
     options = driver_class.resolve(robot, {"model": file})
     twin: dict[str, Any] = {"model": os.path.abspath(os.path.expanduser(file))}
     if scene.keyframe is not None:
-        known: dict[str, list[float]] = options["keyframes"]
-        names = list(known)
-        wanted = scene.keyframe
-        if isinstance(wanted, int) and not isinstance(wanted, bool) and 0 <= wanted < len(names):
-            wanted = names[wanted]
-        if not isinstance(wanted, str) or wanted not in known:
+        keyframes: dict[str, list[float]] = options["keyframes"]
+        names = list(keyframes)
+        keyframe = scene.keyframe
+        if isinstance(keyframe, int) and not isinstance(keyframe, bool) and 0 <= keyframe < len(names):
+            keyframe = names[keyframe]
+        if not isinstance(keyframe, str) or keyframe not in keyframes:
             raise ValueError(
                 f"Robot: keyframe is {scene.keyframe!r}. {robot} has {', '.join(names) or 'none in its model'}"
             )
-        twin["home"] = known[wanted]
+        twin["home"] = keyframes[keyframe]
     return driver_class, options, twin
 
 
 def check_keyframe(robot: str, scene: Scene) -> None:
-    """Raise ``ValueError`` for a keyframe that a robot of ours does not have."""
+    """Raise ``ValueError`` for a keyframe that a built-in robot does not have."""
     if scene.keyframe not in (None, HOME, 0) or isinstance(scene.keyframe, bool):
         raise ValueError(f"Robot: keyframe is {scene.keyframe!r}. {robot} has {HOME!r}, where it begins")

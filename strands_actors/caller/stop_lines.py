@@ -1,4 +1,4 @@
-"""What became of a stop, in a line for people."""
+"""Describe the result of a stop in one line for people."""
 
 from __future__ import annotations
 
@@ -12,8 +12,14 @@ from . import directory
 
 
 async def stop_by_name(robot: str, by: str) -> str:
-    """Stop a robot of this user, and return what became of it. Nothing is raised: who pressed a button
-    has no other reader."""
+    """Stop a robot of this user, and return the result in one line.
+
+    It never raises, since this line is all that the user of a stop button sees.
+
+    Args:
+        robot: Name of the robot.
+        by: The name of the sender, for the audit.
+    """
     try:
         async with directory.join() as joined:
             for note in joined.notes:
@@ -25,7 +31,7 @@ async def stop_by_name(robot: str, by: str) -> str:
 
 
 def line_of(result: StopResult) -> str:
-    """Return whether every motor was read back safe, and what to do when not."""
+    """Return in one line whether every motor was read back safe, and what to do if not."""
     match result:
         case Unreachable():
             return f"NOT CONFIRMED: {result.text}"

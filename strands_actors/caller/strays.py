@@ -1,9 +1,9 @@
-"""Trees that nobody can ask: their note or their sockets are gone, as when somebody cleared the run
-directory.
+"""Find and end trees that cannot be asked, since their note or their sockets are gone, for example after a
+user cleared the run directory.
 
-A root, and whatever was forked from it, shows its directory and name in the list of processes. That
-is how it is found; and it is stopped by its end, after which its wire makes the robot safe by
-itself. Linux alone tells.
+A root and the processes that it forks show their run directory and name in the list of processes, so they
+can be found. To stop such a robot, kill its root: the wire then makes the robot safe by itself. This works
+on Linux only.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from .run_directory import is_held, notes, run_dir
 
 _MARK = "strands-actors:"
 GONE_S = 2.0
-"""Within which the wire of a root that was ended has made the robot safe, and has ended itself."""
+"""Longest time until the wire of a killed root has made the robot safe and has ended."""
 _LOOK_S = 0.005
 
 
@@ -37,30 +37,31 @@ def label_of(robot: str) -> str:
 
 
 def strays() -> list[Stray]:
-    """Of the robots that meet here: roots that no note tells of, and that do not just start.
-    Nobody, where that cannot be seen."""
+    """Return the roots of this run directory that have no note and are not just starting. The list is empty
+    on systems that do not show them."""
     try:
-        known = {note.robot: note.pid for note in notes()}
+        noted = {note.robot: note.pid for note in notes()}
         labelled = dict(_labelled(label_of(""), standbys=False))
         roots = [(pid, robot) for pid, robot in labelled.items() if labelled.get(_parent(pid)) != robot]
         return sorted(
             Stray(robot, pid)
             for pid, robot in roots
-            if known.get(robot, 0) != pid and (robot in known or not is_held(robot))
+            if noted.get(robot, 0) != pid and (robot in noted or not is_held(robot))
         )
-    except OSError:  # no directory of ours, no /proc: told elsewhere
+    except OSError:  # There is no run directory, or no /proc. Other checks report that.
         return []
 
 
 def end(stray: Stray) -> bool:
-    """Kill the root. Whether all that was forked from it has ended since: its wire made the robot
-    safe first."""
+    """Kill a root. Return True if all processes that it forked have ended, too. Its wire makes the robot
+    safe before it ends."""
     try:
         fd = os.pidfd_open(stray.root)
     except ProcessLookupError:
         return _is_gone(stray)
     try:
-        if stray.root in dict(_labelled(label_of(stray.robot))):  # and nobody else's number by now
+        # The system may have given the process id to another process meanwhile, so check the label again.
+        if stray.root in dict(_labelled(label_of(stray.robot))):
             signal.pidfd_send_signal(fd, signal.SIGKILL)
     finally:
         os.close(fd)
@@ -68,7 +69,8 @@ def end(stray: Stray) -> bool:
 
 
 def _is_gone(stray: Stray) -> bool:
-    """Of several trees of one name, which differ in nothing else, all are waited for."""
+    """Wait until no process of this name runs. Several trees of one name cannot be distinguished, so it
+    waits for all of them."""
     until_s = time.monotonic() + GONE_S
     while any(robot == stray.robot for _, robot in _labelled(label_of(stray.robot))):
         if time.monotonic() > until_s:
@@ -78,8 +80,13 @@ def _is_gone(stray: Stray) -> bool:
 
 
 def _labelled(prefix: str, standbys: bool = True) -> Iterator[tuple[int, str]]:
-    """(pid, robot) of this user's processes whose label begins so. ``standbys``: those too, which
-    make safe when their root is gone, and must not be ended then."""
+    """Yield (pid, robot) of this user's processes with a label that begins with ``prefix``.
+
+    Args:
+        prefix: Begin of the label.
+        standbys: Include standbys. They make the robot safe when their root is gone, so they must not be
+            killed.
+    """
     begin = prefix.encode()
     for entry in os.scandir("/proc"):
         if not entry.name.isdigit():
@@ -88,7 +95,7 @@ def _labelled(prefix: str, standbys: bool = True) -> Iterator[tuple[int, str]]:
             if entry.stat().st_uid != os.getuid():
                 continue
             words = Path(entry.path, "cmdline").read_bytes().split(b"\0")
-        except OSError:  # it has just ended
+        except OSError:  # The process has just ended.
             continue
         label = next((word for word in words if word.startswith(begin)), b"")
         if label and (standbys or not words[0].endswith(b" standby")):

@@ -1,7 +1,7 @@
-"""The caller's end of one robot's tree, on trio: connects it, writes to it, stops it, resumes it.
+"""The caller's side of one robot's tree, on trio: connect, command, stop and resume the robot.
 
-``Robot`` puts synchronous verbs on it, ``open_robot`` hands it to a trio program. What ends in
-``_here`` is for any thread of the program but the loop's, and asks the gate from there.
+``Robot`` and ``open_robot`` are built on it. The methods ``..._here`` are for the other threads of the
+program. They ask the gate directly from the calling thread.
 """
 
 from __future__ import annotations
@@ -52,13 +52,23 @@ from .writer import Writer
 _log = logging.getLogger("strands_actors")
 
 GUARDED_S, GUARDED_LOOK_S = 5.0, 0.05
-"""How long a tree that has just begun waits for each process that could stop its robot."""
+"""How long a new tree waits until each process that can stop the robot is ready, and the period of this
+check."""
 RETRY_S = 3.0
-"""The wire's longest pause between two attempts to open it, and one attempt."""
+"""Longest pause of the wire process between two attempts to open the wire, and the time of one attempt."""
 
 
 class RobotTree:
-    """One robot. All methods belong to the trio loop of ``nursery``."""
+    """The caller's side of one robot's tree. Only the trio loop of ``nursery`` may call it, except for the
+    methods ``..._here``.
+
+    Args:
+        node: The caller's node.
+        nursery: Tasks of the tree run in it.
+        entrance: The address at which ``node`` listens.
+        plan: The processes to start.
+        liveness: As in ``Writer``. The default counts the program as alive.
+    """
 
     def __init__(
         self,
@@ -68,7 +78,6 @@ class RobotTree:
         plan: Plan,
         liveness: Callable[[], tuple[bool, float]] = lambda: (True, 0.0),
     ) -> None:
-        """``entrance``: where ``node`` listens. ``liveness``: see ``Writer``."""
         self.plan = plan
         self.driver: Driver = build_driver(plan.driver_class, plan.robot, plan.port, plan.options)
         self.problem = ""
@@ -81,22 +90,23 @@ class RobotTree:
         self._stops = 0
         self._told_caveats = False
         self._starting = trio.Lock()
-        self._ending = trio.Lock()  # one at a time: a cleanup may come while what it ends is being started
+        # A cleanup may come while a failed start is being ended. Only one of them ends the tree.
+        self._ending = trio.Lock()
 
     @property
     def robot(self) -> str:
-        """Return its name among the robots that run: ``plan.tool_name``, numbered when that was
-        taken."""
+        """Return its name among the robots that run: ``plan.tool_name``, with a number if another robot has
+        that name."""
         return self._processes.robot
 
     @property
     def clock(self) -> Clock:
-        """Of the robot's host."""
+        """Return the clock of the node."""
         return self._processes.node.clock
 
     @property
     def facts(self) -> dict[str, Any]:
-        """Return what the wire said of itself when it last answered."""
+        """Return the facts of the wire (``Wire.open``) from its last answer."""
         return self._processes.facts
 
     @property
@@ -105,19 +115,25 @@ class RobotTree:
 
     @property
     def caveats(self) -> tuple[str, ...]:
-        """Return what its user should know; nothing of a twin, which is as its model."""
+        """Return the driver's warnings for the user. A twin has no warnings."""
         return () if self.plan.twin_process is not None else self.driver.caveats
 
     @property
     def standby_report(self) -> str | None:
-        """Return what the standby of an earlier tree of this robot had to do."""
+        """Return the report of the standby of an earlier tree of this robot."""
         return self._processes.standby_report
 
     # -- start and end
 
     async def connect(self, arm: bool = True) -> str | None:
-        """Start the tree if need be, wait for the link, arm and take the lease (unless ``arm`` is
-        false: then nothing is energised). None, or why not."""
+        """Start the tree if it does not run, wait for the link, arm, and acquire the lease.
+
+        Args:
+            arm: False ends after the link is up. Nothing is energised, and no lease is acquired.
+
+        Returns:
+            None, or the reason why it failed.
+        """
         try:
             self._processes.require_open()
             async with self._starting:
@@ -130,9 +146,10 @@ class RobotTree:
     async def _connect(self, arm: bool) -> str | None:
         stops, asked_ns = self._stops, self.clock.now_ns()
         processes = self._processes
-        processes.require_open()  # who waited for another connect may have been cleaned up meanwhile
+        # This call may have waited for another connect, and the robot may have been cleaned up meanwhile.
+        processes.require_open()
         if processes.started:
-            # What it says of the link may be from before its present pause between two attempts.
+            # The wire may be in a pause between two attempts, and its status of the link older than that.
             status = await processes.wait_linked(RETRY_S)
         else:
             try:
@@ -141,9 +158,11 @@ class RobotTree:
                 await processes.require_mesh()
                 processes.require_open()
             except (NotConnected, OSError):
-                await self._end()  # it would go on trying, and take the port from whoever has it next
+                # Otherwise the tree would keep trying, and take the port from the next program that uses it.
+                await self._end()
                 raise
-        if not self._told_caveats and not processes.elsewhere:  # its own script has told
+        # For a robot of another host, the script on that host logs the warnings.
+        if not self._told_caveats and not processes.elsewhere:
             self._told_caveats = True
             for caveat in self.caveats:
                 _log.warning("%s: %s", self.robot, caveat)
@@ -154,7 +173,7 @@ class RobotTree:
                 since = f", {status.locked_since}" if status.locked_since else ""
                 how = f"resume() lifts the lockout, as does `strands-actors resume {self.robot}`"
                 return f"e-stopped by {status.locked_by}{since}. {how}"
-            # It lifts no lock: one may have been put on since the status was read.
+            # It does not lift a lock, since an e-stop may have come after the status was read.
             answer = await self._energise_when_guarded(stops, asked_ns)
             if not isinstance(answer, Resumed):
                 return answer.about("").text if isinstance(answer, Refused) else "no answer"
@@ -164,8 +183,8 @@ class RobotTree:
         return None if refusal is None else refusal.about("").text
 
     async def cleanup(self) -> StopResult:
-        """Make safe, end the tree. What is being started goes on to its next wait at most, and sees
-        there that it is closed."""
+        """Make the robot safe and end the tree, for good. A start that is under way continues up to its
+        next wait, and fails there."""
         self._processes.close()
         self.rollouts.end("cleanup")
         result = await self._end()
@@ -182,9 +201,14 @@ class RobotTree:
     # -- writing
 
     async def release(self) -> StopResult | Refused:
-        """Give the lease up: others, on the mesh too, may then move the robot. A target that was
-        latched is held. The next command of ours takes the lease again, if nobody else has it. A
-        refusal has released nothing."""
+        """Release the lease, so that other programs (also on the mesh) may move the robot.
+
+        A latched target ends in a hold. The next command of this caller acquires the lease again, if it
+        is free.
+
+        Returns:
+            The result of the hold. A refusal has released nothing.
+        """
         self._processes.require()
         refusal = await self.rollouts.refuse("release")
         if refusal is not None:
@@ -193,25 +217,31 @@ class RobotTree:
             return await self._writer.release()
 
     async def send_action(self, action: Mapping[str, Any]) -> Accepted | Refused:
-        """Send one command: gated, then written, then kept for as long as the driver says."""
+        """Send one command. The gate checks it, the wire writes it, and it stays in force as long as the
+        driver declares (``Timing.oneshot_ttl_s``)."""
         return _accepted(await self._command(self._orders.move(action)))
 
     def send_action_here(self, action: Mapping[str, Any]) -> Accepted | Refused | None:
-        """Do the same in the thread that calls; None when the loop has to do it."""
+        """As ``send_action``, in the calling thread. None: the loop has to do it."""
         answer = self._command_here(self._orders.move(action))
         return None if answer is None else _accepted(answer)
 
     async def perform(
         self, service: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None = None
     ) -> Performed | Refused:
-        """Do one of the driver's own services (``Driver.SERVICES``), under this caller's lease.
-        ``action``: a command that is written first; when it is refused, so is the service."""
+        """Run a service of the driver (``Driver.SERVICES``), under this caller's lease.
+
+        Args:
+            service: Its name.
+            arguments: Its arguments.
+            action: A command to write first. If it is refused, the service does not run.
+        """
         return _performed(service, await self._command(self._orders.perform(service, arguments, action)))
 
     def perform_here(
         self, service: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None = None
     ) -> Performed | Refused | None:
-        """Do the same in the thread that calls; None when the loop has to do it."""
+        """As ``perform``, in the calling thread. None: the loop has to do it."""
         answer = self._command_here(self._orders.perform(service, arguments, action))
         return None if answer is None else _performed(service, answer)
 
@@ -226,8 +256,13 @@ class RobotTree:
     # -- stop and resume
 
     async def stop(self, reason: Reason = Reason.STOP, lock: bool = False) -> StopResult:
-        """Make safe. When the wire does not answer, the root fences it and writes by its own
-        path."""
+        """Make the robot safe. If the wire does not answer, the root fences it and uses its own stop
+        channel.
+
+        Args:
+            reason: The reason, which selects the safe state.
+            lock: Lock the robot as an e-stop does.
+        """
         stop = self._stopping(reason, lock)
         try:
             answer = await self._processes.gate.ask(stop, self._processes.patience.stop_s)
@@ -236,7 +271,7 @@ class RobotTree:
         return await self._stopped(stop, answer)
 
     def stop_here(self, reason: Reason = Reason.STOP, lock: bool = False) -> StopResult:
-        """Do the same in the thread that calls: the order leaves in it, whatever the loop does."""
+        """As ``stop``, in the calling thread. The request leaves at once, even if the loop is busy."""
         stop = self._stopping(reason, lock)
         try:
             answer = self._processes.gate.ask_here(stop, self._processes.patience.stop_s)
@@ -250,11 +285,17 @@ class RobotTree:
         return Stop(reason, self._processes.holder, lock)
 
     async def _stopped(self, stop: Stop, answer: Message | None) -> StopResult:
-        """``answer``: the gate's; None when there was none. A refusal has stopped nothing: the gate is
-        gone, has crashed, or has no room. Of a robot elsewhere it is told as it is: nobody is fenced
-        from here."""
-        told = isinstance(answer, StopReport) or (answer is not None and self._processes.elsewhere)
-        if told:
+        """Return the result of a stop, after a fence if the gate has not stopped the robot.
+
+        A refusal has stopped nothing: the gate is gone, has crashed, or its queue is full. For a robot of
+        another host a refusal is the result, since this host cannot fence its wire.
+
+        Args:
+            stop: The request.
+            answer: The gate's answer; None if it did not come in time.
+        """
+        is_final = isinstance(answer, StopReport) or (answer is not None and self._processes.elsewhere)
+        if is_final:
             result = stop_result.of_answer("stop", answer, self.driver.axes)
         else:
             result = await self._processes.make_safe(stop.reason, stop.by, stop.lock)
@@ -262,8 +303,12 @@ class RobotTree:
         return result
 
     async def resume(self, lift: bool = True) -> Resumed | Refused:
-        """Lift a lockout, or start again what has died; energise at the measured position. No
-        motion. ``lift=False`` only energises: for who is no operator."""
+        """Lift a lock, restart processes that have ended, and energise at the measured position. It starts
+        no motion.
+
+        Args:
+            lift: False only energises, for a caller that is not an operator.
+        """
         self._processes.require_open()
         asked_ns = self.clock.now_ns()
         async with self._starting:
@@ -271,19 +316,19 @@ class RobotTree:
             try:
                 answer = await self._resume(lift, asked_ns)
             finally:
-                if self._processes.closed:  # meanwhile: what was started again is ended
+                if self._processes.closed:  # A cleanup came meanwhile, so end the restarted tree.
                     await self._end()
             self._processes.require_open()
             return answer
 
     async def _resume(self, lift: bool, asked_ns: int) -> Resumed | Refused:
         stops = self._stops
-        known = self._processes.started
+        was_started = self._processes.started
         refused = await self._processes.revive(lift, self._writer.beat)
         if refused is not None:
             return refused
-        # As in ``_connect``: a wire that is new since the stop may be between two attempts.
-        await self._processes.wait_linked(RETRY_S if known else 0.0)
+        # As in ``_connect``, a wire that was started after the stop may be between two attempts.
+        await self._processes.wait_linked(RETRY_S if was_started else 0.0)
         answer = await self._energise(stops, asked_ns, lift)
         if isinstance(answer, Resumed):
             async with self._writer.turn:
@@ -294,8 +339,8 @@ class RobotTree:
         return read_answer(answer, Resumed, RESUME)
 
     async def _energise_when_guarded(self, stops: int, asked_ns: int) -> Message | None:
-        """As ``_energise`` without a lift. A tree that has just begun may still be starting a process
-        that could stop the robot: wait for it, on a busy machine for seconds."""
+        """As ``_energise`` without a lift, but wait for the processes that can stop the robot. A new tree may
+        still be starting them, on a busy machine for seconds."""
         end_s = trio.current_time() + GUARDED_S
         while True:
             answer = await self._energise(stops, asked_ns, lift=False)
@@ -305,14 +350,20 @@ class RobotTree:
             await trio.sleep(GUARDED_LOOK_S)
 
     async def _energise(self, stops: int, asked_ns: int, lift: bool) -> Message | None:
-        """Have the gate arm, unless it was told to stop since: by us (``stops``: how often it had been
-        before), or by anybody (``asked_ns``)."""
+        """Ask the gate to arm, unless a stop came after the user's request.
+
+        Args:
+            stops: ``self._stops`` at the time of the request. A greater number now means that this caller
+                has stopped the robot since.
+            asked_ns: Time of the request. The gate refuses if anyone has stopped the robot since.
+            lift: Lift a lock.
+        """
         self._processes.require_open()
         if self._stops != stops:
             return Refused(Code.STOPPED, "stopped meanwhile", "resume again when that is over", verb=RESUME)
-        within_s = self.driver.timing.arm_s + 2.0  # how long arming may take, and a little more
+        within_s = self.driver.timing.arm_s + 2.0  # the longest time for arming, and a margin
         try:
-            when_ns = 0 if self._processes.elsewhere else asked_ns  # another host has another clock
+            when_ns = 0 if self._processes.elsewhere else asked_ns  # Clocks of two hosts differ.
             return await self._processes.gate.ask(Resume(self._processes.holder, lift, when_ns), within_s)
         except Unreachable as gone:
             raise NotConnected(f"the wire ended while it was arming ({gone}); try again") from gone
@@ -327,7 +378,7 @@ class RobotTree:
             return unreachable("observe", failure)
 
     def observe_here(self) -> Observation | Refused:
-        """Do the same in the thread that calls."""
+        """As ``observe``, in the calling thread."""
         self._processes.require()
         try:
             return _observed(self._processes.gate.ask_here(GetObservation(), self._processes.patience.ask_s))
@@ -335,12 +386,12 @@ class RobotTree:
             return unreachable("observe", failure)
 
     async def status(self) -> Status | None:
-        """None when the wire does not answer."""
+        """Return the gate's status; None if the wire process does not answer."""
         return await self._processes.status()
 
     async def describe(self) -> TreeReport | None:
-        """Processes and actors of the tree. Its state is ``unreachable`` when it does not answer. None:
-        nothing was started."""
+        """Return processes and actors of the tree. The state is ``unreachable`` if the tree does not answer.
+        None: nothing was started."""
         report = await self._processes.describe()
         if report is None and self._processes.started:
             return TreeReport(self.robot, answers.UNREACHABLE, 0, (), ())
@@ -348,10 +399,11 @@ class RobotTree:
 
 
 def processes_of(node: Node, nursery: trio.Nursery, entrance: Entrance, plan: Plan, driver: Driver) -> Processes:
-    """Return those that a plan is about."""
+    """Return the processes of a plan, on this host or on another."""
     if not plan.at:
         return TreeProcesses(node, nursery, entrance, plan, driver)
-    from strands_actors.surfaces.mesh.remote_processes import RemoteProcesses  # for who has a robot elsewhere
+    # Only a program with a robot of another host needs this import.
+    from strands_actors.surfaces.mesh.remote_processes import RemoteProcesses
 
     return RemoteProcesses(nursery, plan, driver)
 

@@ -1,5 +1,5 @@
-"""The processes of one robot's tree, as their caller has them: the twin's, where there is one, and
-the root."""
+"""Start, ask and end the processes of one robot's tree on this host: the twin, if there is one, and the
+root."""
 
 from __future__ import annotations
 
@@ -43,22 +43,29 @@ from .strays import label_of
 from .twin_process import SIM, TwinProcessDown
 
 NOTE_S = 0.01
-"""Between two looks at the page on which wire and standby note what is still energised."""
+"""Period of the check of the shared page, on which wire and standby note that motors may be energised."""
 
 
 class TreeProcesses(Processes):
-    """Of this host. ``guardian``, ``root`` and ``tasks`` are actors of the tree, once it was
-    started."""
+    """The processes of one robot on this host. After ``start`` it has references to the actors
+    ``guardian``, ``root`` and ``tasks`` of the tree.
+
+    Args:
+        node: The caller's node.
+        nursery: Tasks run in it.
+        entrance: The address at which ``node`` listens.
+        plan: The processes to start.
+        driver: The driver of the robot.
+    """
 
     def __init__(self, node: Node, nursery: trio.Nursery, entrance: Entrance, plan: Plan, driver: Driver) -> None:
-        """``entrance``: where ``node`` listens."""
         super().__init__(node, nursery, plan, driver)
         self._entrance = entrance
         self._name: Name | None = None
         self._root_process: ChildProcess | None = None
         self._scope: trio.CancelScope | None = None
         self._owed = Owed()
-        """What the processes of the tree note of what may be energised."""
+        """The shared page on which the processes of the tree note that motors may be energised."""
 
     @property
     def started(self) -> bool:
@@ -71,8 +78,15 @@ class TreeProcesses(Processes):
     # -- start and end
 
     async def start(self, beside: Callable[[], Awaitable[None]]) -> None:
-        """``beside`` runs as long as the root does. Raise ``NotConnected`` when the twin does not
-        start."""
+        """Start the twin, then the root.
+
+        Args:
+            beside: A task that runs as long as the root.
+
+        Raises:
+            NotConnected: The twin does not start, or another tree has the port.
+            OSError: The system allows too few open files, or no process.
+        """
         require(FOR_ROBOT)
         self.require_open()
         plan = self.plan
@@ -96,19 +110,25 @@ class TreeProcesses(Processes):
         claim = None if plan.twin_process is not None else await claim_port(plan, self.robot)
         try:
             self.require_open()
-            found = await until_over(self.robot, where)
-            if found is not None:
-                self.standby_report = found
+            report = await until_over(self.robot, where)
+            if report is not None:
+                self.standby_report = report
             self.require_open()
             self._begin(port, where, () if claim is None else (claim.fd,), beside)
         finally:
             if claim is not None:
-                claim.close()  # the root has its own by now, for as long as it lives
+                claim.close()  # The root has inherited the lock, and keeps it as long as it lives.
 
     def _begin(self, port: str, where: str, hold: tuple[int, ...], beside: Callable[[], Awaitable[None]]) -> None:
-        """Start the root. Nothing in here waits: a cleanup comes before it, or finds what it has
-        started. ``where``: its place, where it is no twin's; ``hold``: what the root is to inherit
-        beside its name."""
+        """Start the root. Nothing in here waits, so a cleanup comes either before it, or after it and then
+        finds the root.
+
+        Args:
+            port: The port of the robot or of its twin.
+            where: The place of the robot (``port_claim.place``); empty for a twin.
+            hold: Descriptors that the root inherits in addition to the lock of its name.
+            beside: As in ``start``.
+        """
         plan, name = self.plan, self._name
         assert name is not None
         own = "" if plan.twin_process is not None else port
@@ -166,8 +186,8 @@ class TreeProcesses(Processes):
                 port=own,
             )
         )
-        # Whom this one talks to is imported while the root does so, too: a third of what a script
-        # would wait for.
+        # These imports run while the root imports the same modules. Before the start of the root they
+        # would add a third to the time that a script waits.
         from strands_actors.supervisors.gate.gate import Gate
         from strands_actors.supervisors.root.guardian import Guardian
         from strands_actors.supervisors.root.process import Root
@@ -179,25 +199,26 @@ class TreeProcesses(Processes):
         self.root: Ref = node.ref(at.root, Root)
         self.tasks: Ref = node.ref(at.tasks, Tasks)
         self._scope = trio.CancelScope()
-        # Made here, not in the task: a root that is fenced before the task has begun is a closed link
-        # there, not a socket that is gone, which would end the loop of every robot of this program.
+        # The link is made here and not in the task. If the root is fenced before the task begins, the task
+        # finds a closed link. A closed socket would end the loop of every robot of this program.
         link = process.link(node, channels.of_root(self.robot))
-        self._root_process = process  # last: other threads look here for whether there is somebody to ask
+        # This comes last: with it other threads decide whether they can ask the tree.
+        self._root_process = process
         self.nursery.start_soon(self._attend, process, link, self._scope, beside)
 
     def _begin_cameras(self, port: str) -> list[dict[str, Any]]:
-        """Return what the root is to keep for them."""
+        """Return the data with which the root starts the cameras' processes."""
         plan, twin = self.plan, self.plan.twin_process
         control = "" if twin is None else twin.control
         return self.cameras.begin(self.robot, plan.robot, label_of(self.robot), port, control, plan.options)
 
     def _drill(self, port: str) -> dict[str, Any]:
-        """For the gate: whether a stop drill is required, and was passed."""
+        """Return the gate's option for a required stop drill; {} if no drill is required."""
         plan = self.plan
         if plan.drill_age_s is None:
             return {}
-        at = TWIN if plan.transport == "twin" else port
-        return {"drill": clause(plan.driver_class, plan.robot, at, plan.options, plan.drill_age_s)}
+        place_name = TWIN if plan.transport == "twin" else port
+        return {"drill": clause(plan.driver_class, plan.robot, place_name, plan.options, plan.drill_age_s)}
 
     async def _attend(
         self,
@@ -225,8 +246,8 @@ class TreeProcesses(Processes):
         return result
 
     async def _end_root(self, process: ChildProcess) -> StopResult:
-        """Have the root make safe and end. One that does not answer is fenced at once: the wire then
-        makes itself safe."""
+        """Ask the root to make the robot safe and end. A root that does not answer is fenced at once; the
+        wire then stops the robot."""
         answer: Message | None = None
         why: object = "the root process does not answer, and was ended"
         if await self.describe() is not None:
@@ -246,8 +267,8 @@ class TreeProcesses(Processes):
         return await self._await_note("cleanup", why)
 
     async def _await_note(self, verb: str, why: object) -> StopResult:
-        """Return what became of a robot whose root has ended without a report. Wire and standby make it
-        safe, and note on the shared page when every motor has confirmed that."""
+        """Return the result of a stop after the root has ended without a report. Wire and standby make the
+        robot safe, and note on the shared page that every motor has confirmed it."""
         owed = self._owed
         with trio.move_on_after(self.deadlines.attempt_s):
             if owed.wire_pid:
@@ -260,23 +281,24 @@ class TreeProcesses(Processes):
         return stop_result.silent(verb, busy.explained(str(why)), self.driver, left, Code.UNCONFIRMED)
 
     def _part(self, process: ChildProcess) -> None:
-        """A root whose robot is not confirmed safe stays, and tries, without us."""
+        """Let the root continue without this caller. It goes on trying to make the robot safe."""
         process.part()
         self._root_process = None
 
     async def make_safe(self, reason: Reason, by: str, lock: bool) -> StopResult:
-        """By the root, which fences the wire and writes by its own path."""
+        """Ask the root to fence the wire and to stop the robot by its own stop channel. If the root does not
+        answer, fence the root."""
         try:
             answer = await self.guardian.ask(Fence(reason, by, lock), self.deadlines.root_s)
         except (AskTimeout, Unreachable) as failure:
-            # Neither the wire nor the root answers. Without its root the wire makes itself safe.
+            # Neither the wire nor the root answers. A wire without a root stops the robot by itself.
             await self._fence()
             why = f"neither wire nor root answers ({failure}); the root was ended"
             return await self._await_note("stop", why)
         return stop_result.of_answer("stop", answer, self.driver.axes)
 
     async def late(self, verb: str, timeout: AskTimeout) -> Refused:
-        """Fence and stop."""
+        """Fence the wire, stop the robot, and return the refusal of the verb."""
         why = busy.explained(str(timeout))
         result = await self.make_safe(Reason.WIRE, f"{verb} timed out", False)
         return stop_result.timed_out(why, result, "the robot was stopped", "resume()").about(verb)
@@ -284,7 +306,7 @@ class TreeProcesses(Processes):
     async def revive(self, lift: bool, beside: Callable[[], Awaitable[None]]) -> Refused | None:
         if await self._answers():
             return None
-        if not lift:  # whether it was locked is no longer known
+        if not lift:  # The robot may have been locked, and the tree can no longer tell.
             remedy = "an operator's resume() starts it again"
             return Refused(Code.NOT_CONNECTED, "the tree does not answer", remedy, verb=RESUME)
         if self.started:
@@ -293,18 +315,18 @@ class TreeProcesses(Processes):
         return None
 
     async def _fence(self) -> None:
-        """Kill the root, and wait for it. Without its root the wire makes itself safe."""
+        """Kill the root and wait for its end. A wire without a root stops the robot by itself."""
         if self._root_process is not None:
             await self._root_process.drop()
 
     async def _discard(self) -> None:
-        """Fence the root and forget it: the next one is started anew."""
+        """Fence the root and forget it, so that another one can be started."""
         await self._fence()
         if self._scope is not None:
             self._scope.cancel()
         self._root_process = None
 
-    # -- what they are
+    # -- the state of the tree
 
     async def require_mesh(self) -> None:
         try:
@@ -324,8 +346,8 @@ class TreeProcesses(Processes):
         return complete(answer) if isinstance(answer, TreeReport) else None
 
     async def _answers(self) -> bool:
-        """Return whether the root lives and still keeps a wire; once its restart budget is spent
-        only a new tree helps."""
+        """Return True if the root answers and still restarts its wire. If its restart budget is spent, a new
+        tree is needed."""
         process = self._root_process
         if process is None or not process.alive:
             return False

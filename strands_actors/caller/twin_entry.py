@@ -1,4 +1,4 @@
-"""Entry of a twin's process when a robot is opened with ``transport="twin"`` or simulated."""
+"""Entry of the twin's process, for ``transport="twin"`` and for simulations."""
 
 from __future__ import annotations
 
@@ -12,6 +12,6 @@ def main(args: dict[str, Any], sock: socket.socket) -> None:
     if args["backend"]:
         load("strands_actors.drivers.common.solver:choose")(args["backend"])
     serve = load(args["twin"])
-    wanted = ("control", "place", "options", "pictures", "on_wire")
-    given = {name: args[name] for name in wanted if args[name] not in (None, False)}
+    names = ("control", "place", "options", "pictures", "on_wire")
+    given = {name: args[name] for name in names if args[name] not in (None, False)}
     serve(args["robot"], port_file=args["port_file"], log=args["log"], fault=None, parent_fd=sock.fileno(), **given)

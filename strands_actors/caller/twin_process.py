@@ -1,4 +1,4 @@
-"""A twin's process, as the caller starts it: behind a wire, at its simulation control, or both."""
+"""Start and end the process of a twin. It serves a wire, a simulation control, or both."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ SIM = "sim"
 """The transport of a simulated robot: its twin's simulation control."""
 
 START_S = 60.0
-"""For a machine that is busy with much else; a twin that ends is noticed at once."""
+"""Longest time for a start, on a busy computer. A twin that ends is noticed at once."""
 COMPILES_S = 600.0
-"""Where Warp has to compile a solver first, or Isaac Sim to start."""
+"""The same if Warp has to compile a solver first, or Isaac Sim to start."""
 END_S = 1.0
 
 _CLEANED_UP = "the simulation was cleaned up. make a new one"
@@ -30,15 +30,22 @@ _numbers = itertools.count(1)
 
 
 class TwinProcessDown(Exception):
-    """There is no such process, and why."""
+    """The twin's process cannot be started. The text has the reason."""
 
 
 class TwinProcess:
-    """Not started when it is made. ``twin``: its ``module:function``; ``robot``: which one;
-    ``has_control``: whether it can be simulated, too; ``place``: where its base stands in that
-    simulation; ``options``: the twin's own; ``pictures``: cameras draw its scene, and with
-    ``on_wire`` nobody else has a use for its control; ``backend``: who computes the physics, where
-    it is not MuJoCo."""
+    """The process of a twin. ``start`` starts it.
+
+    Args:
+        twin: ``module:function`` that serves the twin.
+        robot: Name of the robot.
+        has_control: Serve a simulation control, too.
+        place: Position and orientation of the base in the simulation; None for that of the model.
+        options: Options of the twin.
+        pictures: Cameras draw its scene.
+        on_wire: Only the cameras use the simulation control; the robot is on the wire.
+        backend: The physics; empty for MuJoCo.
+    """
 
     def __init__(
         self,
@@ -63,17 +70,17 @@ class TwinProcess:
         self._starting = trio.Lock()
         self._closed = False
         self.port = ""
-        """Where the robot's wire is, once it runs."""
+        """Port or address of the robot's wire, after the start."""
         self.control = ""
-        """Path of its simulation control, if it has one, once it runs."""
+        """Path of its simulation control after the start; empty without one."""
 
     @property
     def pid(self) -> int:
-        """0 when it does not run."""
+        """Return the process id; 0 if it does not run."""
         return 0 if self._process is None else self._process.pid
 
     async def start(self) -> None:
-        """Return when it serves. Harmless when it runs already. Raise ``TwinProcessDown``."""
+        """Start the twin if it does not run, and return when it serves. Raise ``TwinProcessDown``."""
         async with self._starting:
             if self._closed:
                 raise TwinProcessDown(_CLEANED_UP)
@@ -103,14 +110,14 @@ class TwinProcess:
                         self.port = port_file.read_text().strip()
                         return
                     await trio.sleep(0.005)
-        if self._closed:  # meanwhile, which has ended the process
+        if self._closed:  # ``close`` came meanwhile, and has ended the process.
             raise TwinProcessDown(_CLEANED_UP)
         self._process = None
-        await process.drop()  # or the next start would take it for one that serves
+        await process.drop()  # Otherwise the next start would treat it as ready.
         raise TwinProcessDown("the twin did not start")
 
     async def close(self) -> None:
-        """End it, for good."""
+        """End the process. It cannot be started again."""
         self._closed = True
         process, self._process = self._process, None
         if process is not None:
@@ -124,7 +131,7 @@ class TwinProcess:
 
 
 def _socket_path() -> str:
-    """Raise ``TwinProcessDown`` when it is too long for a socket."""
+    """Return a new path. Raise ``TwinProcessDown`` if it is too long for a socket."""
     path = f"{run_dir()}/sim-{os.getpid()}-{next(_numbers)}.sock"
     if len(path.encode()) > MAX_SOCKET_PATH:
         raise TwinProcessDown(f"{path} is too long for a socket: set STRANDS_ACTORS_RUN to a shorter place")

@@ -1,8 +1,10 @@
-"""The public verbs on a tree, each answered by an envelope: what ``Robot``, ``open_robot``, agents
-and MCP share.
+"""The public verbs of a robot, as functions of its tree that return an envelope.
 
-They run by ``answered``, so that whatever keeps a verb from running at all is an error envelope
-too.
+``Robot``, ``open_robot``, agents and MCP share them. Run them by ``answered``: it turns a missing or
+silent tree into an error envelope.
+
+The functions ``..._here`` do the same in a thread of the program. They return None if they did nothing
+and the loop has to run the verb.
 """
 
 from __future__ import annotations
@@ -38,13 +40,13 @@ from .tree import RobotTree
 _log = logging.getLogger("strands_actors")
 
 Verb = Callable[..., Coroutine[Any, Any, Answer]]
-"""On a tree, with what else it takes; in the tree's loop."""
+"""A verb: a coroutine function of the tree's loop, of a tree and further arguments."""
 VerbHere = Callable[..., Answer | None]
-"""The same in a thread of the program; None when nothing was done and the loop has to do it."""
+"""A verb for a thread of the program. None: nothing was done, and the loop has to run it."""
 
 
 async def answered(name: str, verb: Verb, tree: RobotTree, *args: Any) -> Answer:
-    """Run a verb. A tree that is gone or silent is an error envelope."""
+    """Run a verb. Return an error envelope if the tree is missing or does not answer."""
     try:
         return await verb(tree, *args)
     except AskTimeout as failure:
@@ -54,7 +56,7 @@ async def answered(name: str, verb: Verb, tree: RobotTree, *args: Any) -> Answer
 
 
 def answered_here(name: str, here: VerbHere, tree: RobotTree, *args: Any) -> Answer | None:
-    """Do the same for a verb in the thread that calls."""
+    """As ``answered``, for a verb in the calling thread."""
     try:
         return here(tree, *args)
     except NotConnected as failure:
@@ -62,8 +64,15 @@ def answered_here(name: str, here: VerbHere, tree: RobotTree, *args: Any) -> Ans
 
 
 def refuse_name(robot_name: object, plan: Plan, running_as: str, verb: str = "move") -> Answer | None:
-    """Return a refusal when a command is meant for another robot. Its own are ``tool_name``, the
-    name it runs by, and the names of its kind where it was given no name of its own."""
+    """Return a refusal if a command is meant for another robot.
+
+    Args:
+        robot_name: The robot that it is meant for; None for this one. Accepted are ``tool_name``, the
+            name by which the robot runs, and, without a ``tool_name``, every name of its kind.
+        plan: The plan of this robot.
+        running_as: The name by which it runs.
+        verb: The verb that is refused.
+    """
     if robot_name is None or robot_name in (plan.tool_name, running_as):
         return None
     is_text = isinstance(robot_name, str) and robot_name
@@ -104,14 +113,14 @@ def _observed(tree: RobotTree, answer: Observation | Refused) -> Answer:
 
 
 class Observing:
-    """Of one handle: observations as the drivers page has them. ``{}`` when there is none, and a
-    line in the log that says why, once for each reason."""
+    """Turn the envelopes of ``observe`` into the plain result of ``get_observation``, for one handle. It
+    logs each reason for a missing reading once."""
 
     def __init__(self) -> None:
         self._told = ""
 
     def positions(self, answer: Answer) -> dict[str, float]:
-        """Return what ``get_observation`` answers, of the envelope of ``observe``."""
+        """Return the positions by joint; {} for an error."""
         if answer["status"] == "error":
             why: str = answer["content"][0]["text"]
             if why != self._told:
@@ -123,12 +132,13 @@ class Observing:
 
 
 async def get_state(tree: RobotTree) -> Answer:
-    """Return positions and velocities, and how old they are."""
+    """Return positions and velocities, with their age."""
     return await _measured(tree, "state", lambda seen: _state(tree.driver, seen))
 
 
 def _state(driver: Driver, seen: Observation) -> dict[str, Any]:
-    """``joints`` and ``joint_velocities`` are the words of strands-robots for the same numbers."""
+    """Return the keys of ``state``. ``joints`` and ``joint_velocities`` are the same values under their
+    names in strands-robots."""
     velocities = answers.velocities(driver, seen)
     return {
         "robot": driver.robot,
@@ -140,7 +150,7 @@ def _state(driver: Driver, seen: Observation) -> dict[str, Any]:
 
 
 async def get_sensors(tree: RobotTree) -> Answer:
-    """Return positions, sensors and faults, and how old they are."""
+    """Return positions, sensors and faults, with their age."""
     return await _measured(
         tree, "sensors", lambda seen: {"sensors": answers.sensors(seen), "faults": dict(seen.faults)}
     )
@@ -164,22 +174,27 @@ async def _measured(tree: RobotTree, name: str, more: Callable[[Observation], di
 
 
 async def release(tree: RobotTree) -> Answer:
-    """Give the lease up."""
+    """Release the lease."""
     result = await tree.release()
     if isinstance(result, Refused):
         return answers.refused(result)
-    known = {} if isinstance(result, stop_result.Unreachable) else {"released": True}
-    return answers.stop_result("release", result, known)
+    released = {} if isinstance(result, stop_result.Unreachable) else {"released": True}
+    return answers.stop_result("release", result, released)
 
 
 def is_service(plan: Plan | None, name: str) -> bool:
-    """Return whether the driver has a service of its own by this name."""
+    """Return True if the driver has a service of this name."""
     return plan is not None and name in plan.driver_class.services(plan.options)
 
 
 def require_service(handle: object, plan: Plan | None, name: str) -> None:
-    """Raise ``AttributeError`` when ``name`` is none of the driver's own services. ``plan``: None
-    while the handle is not made yet."""
+    """Raise ``AttributeError`` if the driver has no service of this name.
+
+    Args:
+        handle: The object of the attribute.
+        plan: Its plan; None while the handle is being made.
+        name: The attribute.
+    """
     if not is_service(plan, name):
         raise AttributeError(
             f"{type(handle).__name__} has no attribute {name!r}{_of_hardware(plan, name) or hint(name)}"
@@ -187,7 +202,8 @@ def require_service(handle: object, plan: Plan | None, name: str) -> None:
 
 
 def _of_hardware(plan: Plan | None, name: str) -> str:
-    """Return where a service of the real robot is, which its simulation does not have; else empty."""
+    """Return a hint for a service that the real robot has and its simulation lacks; empty for any other
+    name."""
     if plan is None or not plan.driver_class.SIMULATED:
         return ""
     if name not in load(plan.options["class"]).services(plan.options["options"]):
@@ -201,16 +217,16 @@ def _of_hardware(plan: Plan | None, name: str) -> str:
 def name_values(
     plan: Plan, name: str, values: Sequence[Any], arguments: Mapping[str, Any]
 ) -> dict[str, Any] | Refused:
-    """Return a service's arguments by name, where some were given by their place. Whatever else is
-    wrong with them is refused by the driver."""
+    """Return the arguments of a service by name, also those that were given by position. The driver
+    checks everything else about them."""
     if not values:
         return dict(arguments)
     service = plan.driver_class.services(plan.options).get(name)
     names = () if service is None else tuple(service.arguments)
     takes = ", ".join(names) or "no arguments"
     if len(values) > len(names):
-        what = f"{len(values)} values were given"
-        return Refused(Code.BAD_INPUT, what, f"it takes {takes}", str(len(values)), str(len(names)), verb=name)
+        why = f"{len(values)} values were given"
+        return Refused(Code.BAD_INPUT, why, f"it takes {takes}", str(len(values)), str(len(names)), verb=name)
     placed = dict(zip(names, values, strict=False))
     if twice := sorted(placed.keys() & arguments.keys()):
         return Refused(
@@ -222,7 +238,7 @@ def name_values(
 async def service(
     tree: RobotTree, name: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None = None
 ) -> Answer:
-    """Do one of the driver's own services."""
+    """Run a service of the driver. Some services are a command or a stop."""
     if (command := _command(tree, name, arguments, action)) is not None:
         return answers.refused(command) if isinstance(command, Refused) else await send_action(tree, command)
     if (reason := _order_to_stop(tree, name)) is not None:
@@ -244,28 +260,28 @@ def service_here(
 def _command(
     tree: RobotTree, name: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None
 ) -> dict[str, Any] | Refused | None:
-    """Return the action that a service is, or why it is none; None: it is no command."""
-    known = tree.driver.SERVICES.get(name)
-    if known is None or not known.acts:
+    """Return the action of a service that is a command, or a refusal; None if it is not a command."""
+    declared = tree.driver.SERVICES.get(name)
+    if declared is None or not declared.acts:
         return None
     refusal = tree.driver.check_service(name, arguments)
     if refusal is not None:
         return refusal.about(name)
-    return {**(action or {}), **action_of_service(known, arguments)}
+    return {**(action or {}), **action_of_service(declared, arguments)}
 
 
 def action_of_service(service: Service, arguments: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the action that a service with ``acts`` is."""
+    """Return the action of a service that is a command (``Service.acts``)."""
     given = {**service.arguments, **arguments}
     optional = {name for name, default in service.arguments.items() if default is None}
     return {name: value for name, value in given.items() if value is not None or name not in optional}
 
 
 def _order_to_stop(tree: RobotTree, name: str) -> Reason | None:
-    """Return the reason of a service that is an order to stop, else None. Unknown names are refused
-    later."""
-    known = tree.driver.SERVICES.get(name)
-    return None if known is None else known.stops
+    """Return the reason of a service that is a stop (``Service.stops``); None for any other. Unknown
+    names are refused later."""
+    declared = tree.driver.SERVICES.get(name)
+    return None if declared is None else declared.stops
 
 
 def _performed(answer: Performed | Refused) -> Answer:
@@ -286,18 +302,19 @@ async def get_status(tree: RobotTree) -> Answer:
 
 def describe(tree: RobotTree, status: Status | None) -> dict[str, Any]:
     problem = tree.problem or busy.explained("the wire does not answer")
-    told = answers.status(
+    described = answers.status(
         tree.plan.tool_name, tree.plan.robot, tree.driver, problem, status, tree.facts, tree.standby_report
     )
     if tree.cameras:
-        told["cameras"] = tree.cameras.status()
+        described["cameras"] = tree.cameras.status()
     if tree.caveats:
-        told["caveats"] = list(tree.caveats)
-    seen = busy.machine()  # whoever looks for a loose cable may find it here
+        described["caveats"] = list(tree.caveats)
+    # A busy computer looks like a loose cable, so the status shows the load.
+    seen = busy.machine()
     if seen.pressure is not None:
-        told["machine_busy_pct"] = round(100 * seen.pressure)
-    told["machine"] = seen.text
-    return told
+        described["machine_busy_pct"] = round(100 * seen.pressure)
+    described["machine"] = seen.text
+    return described
 
 
 async def resume(tree: RobotTree, lift: bool = True) -> Answer:
@@ -314,7 +331,7 @@ async def get_task_status(tree: RobotTree) -> Answer:
 
 
 DONE = ("duration", "n_steps", "stopped")
-"""Reasons for which a rollout ends that nothing went wrong with."""
+"""Exit reasons of a rollout that are no error."""
 
 
 async def stop_task(tree: RobotTree) -> Answer:
@@ -329,7 +346,7 @@ def _begun(status: TaskStatus | Refused) -> Answer:
     return answers.success(answers.task(status))
 
 
-# -- what begins a rollout: refused before a tree is asked, or a verb for it
+# -- begin a rollout: wrong arguments are refused here, before the tree is needed
 
 
 def run_policy(
@@ -341,7 +358,7 @@ def run_policy(
     hz: float | None,
     wait: bool,
 ) -> Verb | Answer:
-    """Return the verb. The arguments are as ``Robot.run_policy`` has them."""
+    """Return the verb, or a refusal. The arguments are those of ``RealRobot.run_policy``."""
     duration, n_steps, hz = map(as_python, (duration, n_steps, hz))
     try:
         _check_length(duration, n_steps, hz)
@@ -374,7 +391,7 @@ def start_task(
     duration: float,
     hz: float | None,
 ) -> Verb | Answer:
-    """Return the verb. The arguments are as ``Robot.start_task`` has them."""
+    """Return the verb, or a refusal. The arguments are those of ``RealRobot.start_task``."""
     duration, hz = map(as_python, (duration, hz))
     try:
         if why := driver.ROLLOUTS or driver.TASKS:
@@ -392,7 +409,7 @@ def start_task(
 
 
 def _check_length(duration: object, n_steps: object, hz: object) -> None:
-    """Raise ``ValueError`` when a rollout of this length and rate cannot be."""
+    """Raise ``ValueError`` for a length or a rate that no rollout can have."""
     if isinstance(duration, bool) or not isinstance(duration, int | float) or not 0 < duration < math.inf:
         raise ValueError(f"duration is {duration!r}. give seconds, finite and above 0")
     if n_steps is not None and (isinstance(n_steps, bool) or not isinstance(n_steps, int) or n_steps < 1):
@@ -402,14 +419,14 @@ def _check_length(duration: object, n_steps: object, hz: object) -> None:
 
 
 def _choose_policy(policy: Any, policy_object: Any) -> Any:
-    """Return the policy, under whichever of its two keywords it was given. Raise ``TypeError`` when
-    there is none."""
+    """Return the policy from one of its two keywords. Raise ``TypeError`` if both or neither is given."""
     if policy is not None and policy_object is not None:
         raise TypeError("policy and policy_object are both given. give one of them")
     chosen = policy if policy is not None else policy_object
     if chosen is None:
         raise TypeError("policy is None. give an object with get_actions_sync, get_actions or step, or a callable")
-    from strands_actors.supervisors.policy import as_infer  # with asyncio: 10 ms, for who runs a policy
+    # It imports asyncio, which costs 10 ms, so only a program that runs a policy imports it.
+    from strands_actors.supervisors.policy import as_infer
 
     as_infer(chosen)
     return chosen

@@ -1,5 +1,5 @@
-"""The verbs that a driver declares for agents, as methods of a robot's handle: one vocabulary for
-scripts and agents."""
+"""Make the verbs that a driver declares for agents methods of a robot's handle. So scripts and agents
+use the same verbs."""
 
 from __future__ import annotations
 
@@ -14,32 +14,38 @@ from strands_actors.surfaces.agents.calls import Call, read
 
 
 def find_verb(driver: Driver | None, name: str) -> ToolVerb | None:
-    """Return the verb of this name that is no service; None: there is none. Services are methods by
-    themselves."""
+    """Return the verb of this name; None if there is no such verb, or it is a service. The handle has the
+    services as methods already."""
     if driver is None:
         return None
     return next((verb for verb in driver.TOOL_VERBS if verb.name == name and verb.does != "service"), None)
 
 
 def is_command(driver: Driver, name: str) -> bool:
-    """Return whether a verb is a command, which connects a robot as ``send_action`` does."""
+    """Return True if a verb is a command. A command connects the robot, as ``send_action`` does."""
     verb = find_verb(driver, name)
     return verb is not None and verb.does == "action"
 
 
 def verb_names(driver: Driver) -> list[str]:
-    """Return the names of all verbs that are no services."""
+    """Return the names of all verbs that are not services."""
     return [verb.name for verb in driver.TOOL_VERBS if verb.does != "service"]
 
 
 def call_of(driver: Driver, command: str, values: Sequence[Any], inputs: Mapping[str, Any]) -> Call | Refused:
-    """Return what a script's call means. An input that is no Python name is given with ``_`` for its
-    dots: ``linear_x``. ``values``: inputs by their place."""
+    """Return the call of a verb from a script, or a refusal.
+
+    Args:
+        driver: The robot's driver.
+        command: Name of the verb.
+        values: Inputs by position.
+        inputs: Inputs by name. ``_`` stands for a dot: ``linear_x`` for ``linear.x``.
+    """
     verb = find_verb(driver, command)
     if verb is None:
-        known = ", ".join(verb_names(driver)) or "none"
+        names_of_verbs = ", ".join(verb_names(driver)) or "none"
         why = f"{driver.robot} has no such command"
-        return Refused(Code.UNKNOWN_COMMAND, why, f"it has {known}", command, known, verb=command)
+        return Refused(Code.UNKNOWN_COMMAND, why, f"it has {names_of_verbs}", command, names_of_verbs, verb=command)
     names = {name.replace(".", "_"): name for name in verb.inputs}
     takes = ", ".join(names) or "no input"
     if len(values) > len(names):

@@ -1,5 +1,4 @@
-"""What is wanted of ``Robot(...)``: its arguments, read and checked one by one, with the class of its
-driver and a mode that is no longer ``auto``."""
+"""Read and check the arguments of ``Robot(...)``, find the driver's class, and resolve ``mode="auto"``."""
 
 from __future__ import annotations
 
@@ -35,7 +34,8 @@ from .simulated import Scene, check_backend
 
 MODES = ("sim", "real", "auto")
 MODE_VARIABLE = "STRANDS_ROBOT_MODE"
-"""What ``mode="auto"`` means on this machine: ``sim`` or ``real``. No other mode reads it."""
+"""Environment variable with the meaning of ``mode="auto"`` on this computer: ``sim`` or ``real``. Other
+modes ignore it."""
 _log = logging.getLogger("strands_actors")
 _TOOL_NAME = re.compile(r"[A-Za-z0-9_-]{1,64}\Z")
 TOOL_NAMES = "1 to 64 of A-Z a-z 0-9 _ -"
@@ -47,13 +47,13 @@ def is_tool_name(name: str) -> bool:
 
 @dataclass(frozen=True)
 class Wanted:
-    """The arguments of ``Robot(...)``, as far as they are the factory's own."""
+    """The checked arguments of ``Robot(...)``, except ``approve``, ``guarded`` and ``arm``."""
 
     name: str
     robot: str
     mode: str
     tool_name: str
-    port: Any  # of a real robot text, or None
+    port: Any  # with mode "real" a text, or None
     transport: str | None
     sim: Any
     cameras: Any
@@ -66,10 +66,10 @@ class Wanted:
     scene: Scene
     options: dict[str, Any] = field(repr=False)
     spelled: Mapping[str, str] = field(default_factory=dict)
-    """Options that were given by another name: ours, and that one."""
+    """Options that were given by another name: the driver's name to that name."""
 
     def given(self) -> dict[str, Any]:
-        """Return what only hardware has a use for."""
+        """Return the given arguments that only a real robot uses."""
         own = {"port": self.port, "transport": self.transport, "sim": self.sim}
         own |= {"require_drill": self.drill_age_s, "at": self.at, "lifetime": self.lifetime_s}
         return {key: value for key, value in own.items() if value is not None} | self.options
@@ -100,8 +100,13 @@ def read(
     gated: bool = True,
     **options: Any,
 ) -> tuple[Wanted, type[Any]]:
-    """Return them with the driver's class. Raise ``ValueError`` for names, values and unknown keywords,
-    ``TypeError`` for a value of another kind."""
+    """Return the checked arguments, and the driver's class.
+
+    Raises:
+        ValueError: A name, a value or a keyword is wrong.
+        TypeError: A value has the wrong type.
+        ImportError: The package of the ``backend`` is not installed.
+    """
     chosen_mode = str(mode).strip().lower()
     if chosen_mode not in MODES:
         raise ValueError(f"Robot: mode is {mode!r}. use {', '.join(map(repr, MODES))} (upper or lower case)")
@@ -111,7 +116,7 @@ def read(
         raise TypeError(f"Robot: gated is {shown(gated)}. give True, or False to lift the ranges of joints")
     check_backend(backend)
     driver_class = _driver_class(name, robot, driver, scene.model(robot) is not None and chosen_mode != "real")
-    if peer_id is not None:  # strands-robots' word for the name on the mesh
+    if peer_id is not None:  # the word of strands-robots for the name on the mesh
         if tool_name not in (None, peer_id):
             raise ValueError("Robot: tool_name and peer_id are both given. they are the same: give one of them")
         tool_name = peer_id
@@ -122,7 +127,7 @@ def read(
     options, spelled = _spelled(driver_class, options)
     if mesh is False:
         mesh = MeshConfig()
-    if mesh is True:  # strands-robots' word for what every robot has
+    if mesh is True:  # strands-robots takes True for the mesh that every robot here has
         mesh = None
     if mesh is not None and not isinstance(mesh, MeshConfig):
         raise TypeError(
@@ -143,7 +148,7 @@ def read(
         port, chosen_mode = _look_around(driver_class, port, transport) if at is None else (port, "real")
     where = _port(driver_class, port) if chosen_mode == "real" else port
     if chosen_mode == "real" and transport == "serial" and is_serial(driver_class):
-        transport = None  # the page's word for a port
+        transport = None  # strands-robots writes transport="serial" for a port
     return (
         Wanted(
             name,
@@ -172,7 +177,7 @@ def _driver_class(name: str, robot: str, driver: str, has_model: bool) -> type[A
     known = list_driver_coverage()
     if has_model and ("strands" not in known.get(robot, ()) or get_native_driver_class(robot) is None):
         if driver not in ("auto", "strands"):
-            resolve_driver(name, driver)  # refuses another word
+            resolve_driver(name, driver)  # raises for an unknown word
         return load(MODEL)  # type: ignore[no-any-return]  # by its name
     if robot not in known:
         raise ValueError(_unknown(name, known))
@@ -215,21 +220,20 @@ def _check_keywords(driver_class: type[Any], options: Mapping[str, Any]) -> None
 
 
 def _spelled(driver_class: type[Any], options: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:
-    """Return the options under the driver's own names of them, and which had another."""
+    """Return the options by the driver's names, and the other names that were given for some."""
     others: Mapping[str, str] = getattr(driver_class, "SPELLINGS", {})
-    told: dict[str, Any] = {}
+    renamed: dict[str, Any] = {}
     for keyword, value in options.items():
         own = others.get(keyword, keyword)
-        if own in told:
+        if own in renamed:
             other = next(name for name in options if others.get(name, name) == own and name != keyword)
             raise ValueError(f"Robot: {other} and {keyword} are both given. they are the same: give one of them")
-        told[own] = value
-    return told, {others[keyword]: keyword for keyword in options if keyword in others}
+        renamed[own] = value
+    return renamed, {others[keyword]: keyword for keyword in options if keyword in others}
 
 
 def _port(driver_class: type[Any], port: Any) -> str | None:
-    """Return the port as text, or None where nothing is said: a blank is no place. Raise ``TypeError``,
-    ``ValueError``."""
+    """Return the port as text; None if it is None or blank. Raise ``TypeError`` or ``ValueError``."""
     if port is None:
         return None
     if not isinstance(port, str | os.PathLike) or not isinstance(text := os.fspath(port), str):
@@ -242,28 +246,30 @@ def _port(driver_class: type[Any], port: Any) -> str | None:
 
 
 def is_serial(driver_class: type[Any]) -> bool:
-    """Return whether its port is a serial one."""
+    """Return True if the driver's port is serial."""
     return issubclass(driver_class, Driver) and getattr(driver_class, "PORT_KIND", None) == "serial"
 
 
 def _look_around(
     driver_class: type[Any], port: str | os.PathLike[str] | None, transport: str | None
 ) -> tuple[str | os.PathLike[str] | None, str]:
-    """Port and mode of ``mode="auto"``: as the port or the environment says, else by what is
-    plugged in."""
+    """Return port and mode for ``mode="auto"``.
+
+    A given port or transport decides, then the environment, then the adapters that are plugged in.
+    """
     if port is not None or transport is not None:
         return port, "real"
-    wanted = _mode_of_environment()
-    if wanted == "sim":
+    mode = _mode_of_environment()
+    if mode == "sim":
         return None, "sim"
-    found = adapters(driver_class)
-    if wanted == "real":
-        return found[0] if len(found) == 1 else None, "real"
-    return (found[0], "real") if len(found) == 1 else (None, "sim")
+    devices = adapters(driver_class)
+    if mode == "real":
+        return devices[0] if len(devices) == 1 else None, "real"
+    return (devices[0], "real") if len(devices) == 1 else (None, "sim")
 
 
 def _mode_of_environment() -> str:
-    """``sim`` or ``real``, as ``STRANDS_ROBOT_MODE`` says; empty: it says nothing."""
+    """Return the value of ``STRANDS_ROBOT_MODE``, ``sim`` or ``real``; empty if it is not set."""
     word = os.environ.get(MODE_VARIABLE, "").strip().lower()
     if word in ("", "auto"):
         return ""
@@ -274,14 +280,14 @@ def _mode_of_environment() -> str:
 
 
 def adapters(driver_class: type[Any]) -> list[str]:
-    """Serial devices that may be this driver's bus, by the adapter they are."""
+    """Return the serial devices with a USB adapter of the driver's kind (``Driver.USB_IDS``)."""
     if getattr(driver_class, "PORT_KIND", None) != "serial":
         return []
     from serial.tools import list_ports
 
-    wanted = getattr(driver_class, "USB_IDS", ())
+    usb_ids = getattr(driver_class, "USB_IDS", ())
     return sorted(
         port.device
         for port in list_ports.comports()
-        if (getattr(port, "vid", None), getattr(port, "pid", None)) in wanted
+        if (getattr(port, "vid", None), getattr(port, "pid", None)) in usb_ids
     )

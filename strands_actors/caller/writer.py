@@ -1,5 +1,4 @@
-"""One caller's right to write to a robot: the lease, taken, kept alive and given up, and whose turn
-it is."""
+"""The caller's side of the lease: acquire it, send heartbeats, release it."""
 
 from __future__ import annotations
 
@@ -20,47 +19,51 @@ from .processes import Processes
 
 BEAT_S = 0.04
 STALE = (Code.STALE_EPOCH, Code.NO_LEASE, Code.LEASE)
-"""Refusals of a lease that was good once: an explicit new command may take it anew."""
+"""Refusals of a lease that was valid before. A new command of the user may acquire the lease again."""
 
 
 class Writer:
-    """All methods belong to the trio loop of the tree."""
+    """Acquire, keep and release the lease of one caller. Only the trio loop of the tree may call it.
+
+    Args:
+        processes: The robot's processes.
+        liveness: Returns whether the caller's program is alive, and how many seconds ago it last
+            answered (``Liveness.look``).
+    """
 
     def __init__(self, processes: Processes, liveness: Callable[[], tuple[bool, float]]) -> None:
-        """``liveness``: whether the caller's program lives, and how many seconds ago it last
-        answered."""
         self.lease: Lease | None = None
         self.turn = trio.Lock()
-        """One command of this caller at a time: the gate keeps the newest of those that wait, and
-        each may take the lease anew."""
+        """Lets one command of this caller run at a time. Otherwise the gate would drop all but the newest
+        of those that wait, and each could acquire the lease again."""
         self._processes = processes
         self._liveness = liveness
 
     async def acquire(self) -> Refused | None:
-        """Take the lease, or take it again. None, or why not."""
+        """Acquire the lease, or acquire it again. Return None, or the refusal."""
         processes = self._processes
-        wanted = Acquire(processes.holder, pid=os.getpid(), again=self.lease.id if self.lease else 0)
-        # In the middle of a hold it is answered when that is over.
+        request = Acquire(processes.holder, pid=os.getpid(), again=self.lease.id if self.lease else 0)
+        # During a hold the gate answers only at its end.
         within_s = processes.patience.ask_s + processes.driver.timing.safe_s
-        answer = await processes.gate.ask(wanted, within_s)
+        answer = await processes.gate.ask(request, within_s)
         if isinstance(answer, Lease):
             self.lease = answer
             return None
         return answer if isinstance(answer, Refused) else Refused(Code.LEASE, "no lease")
 
     async def release(self) -> StopResult:
-        """Give the lease up, if it is held. Return what became of what was commanded under it."""
+        """Release the lease, if it is held. Return the result of the hold that ends its target."""
         lease, self.lease = self.lease, None
         processes = self._processes
-        wanted = GetSafety() if lease is None else Release(lease.id)
+        request = GetSafety() if lease is None else Release(lease.id)
         try:
-            answer = await processes.gate.ask(wanted, processes.patience.stop_s)
+            answer = await processes.gate.ask(request, processes.patience.stop_s)
         except (AskTimeout, Unreachable) as failure:
             return stop_result.silent("release", busy.explained(str(failure)), processes.driver)
         return stop_result.of_answer("release", answer, processes.driver.axes)
 
     async def beat(self) -> None:
-        """For ever: while the caller's program lives, so does the lease."""
+        """Send heartbeats for ever, while the caller's program is alive. Without them the lease ends."""
         while True:
             await trio.sleep(BEAT_S)
             alive, answered_ago_s = self._liveness()

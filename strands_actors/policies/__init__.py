@@ -1,9 +1,9 @@
-"""Policies: what they are made from, and the ones that are known by name.
+"""Policies: the base class, and the policies that have a name.
 
-from strands_actors.policies import MockPolicy, Policy, create_policy, register_policy
+    from strands_actors.policies import MockPolicy, Policy, create_policy, register_policy
 
-A policy object goes to ``robot.run_policy``, which runs it in the script's process; a name to
-``robot.start_task(policy_provider=...)``, which runs it in a process of its own.
+``robot.run_policy(policy)`` runs a policy object in the process of the script.
+``robot.start_task(policy_provider=name)`` runs a policy by name, in a separate process.
 """
 
 from __future__ import annotations

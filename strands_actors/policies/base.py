@@ -1,5 +1,8 @@
-"""What a policy of one's own is made from, as the drivers page has it. Nobody has to: any object
-with ``get_actions``, ``get_actions_sync`` or ``step`` is a policy, and so is a callable."""
+"""The base class ``Policy``.
+
+It is that of strands-robots' drivers page. It is optional: any object with ``get_actions``,
+``get_actions_sync`` or ``step`` is a policy, and so is a callable.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +14,26 @@ Action = dict[str, Any]
 
 
 class Policy(ABC):
-    """``get_actions`` and ``provider_name`` are to be written; the rest has an answer."""
+    """Base class of a policy. A subclass must define ``get_actions`` and ``provider_name``.
+
+    Before each policy run the methods ``set_robot_state_keys``, ``set_control_frequency`` and ``reset``
+    are called. Then ``get_actions_sync`` is called for each chunk of actions.
+
+    Example:
+        class Hold(Policy):
+            @property
+            def provider_name(self):
+                return "hold"
+
+            async def get_actions(self, observation_dict, instruction, **more):
+                return [{key: observation_dict[key] for key in self.robot_state_keys}]
+
+        arm.run_policy(Hold(), duration=5.0)
+    """
 
     supports_rtc = False
-    """Whether each chunk is blended into the last one: then no more of it than
-    ``execution_horizon`` is executed."""
+    """True if each chunk is blended into the previous one (real-time chunking). Then only
+    ``execution_horizon`` actions of a chunk are executed."""
 
     reads_instruction: bool = True
     robot_state_keys: Sequence[str] = ()
@@ -23,40 +41,65 @@ class Policy(ABC):
     @property
     @abstractmethod
     def provider_name(self) -> str:
-        """Return the name it goes by."""
+        """Return the name of the policy."""
 
     @property
     def requires_images(self) -> bool:
-        """Return whether it wants pictures beside positions. Only ``lerobot_local`` is given
-        any."""
+        """Return True if it needs pictures in addition to positions. Only ``lerobot_local`` gets them."""
         return True
 
     @property
     def execution_horizon(self) -> int:
-        """Return how many actions of a chunk are executed, where chunks are blended."""
+        """Return how many actions of a chunk are executed, if chunks are blended."""
         return 1
 
     @abstractmethod
     async def get_actions(self, observation_dict: Mapping[str, Any], instruction: str, **more: Any) -> list[Action]:
-        """Return a chunk: actions by joint, one a control period."""
+        """Return the next chunk of actions.
+
+        Args:
+            observation_dict: Measured position by joint, in the driver's units.
+            instruction: The text that the run was started with.
+            more: Reserved.
+
+        Returns:
+            Actions in their order, one per control period. An action has a target by joint, in the
+            driver's units, as ``send_action`` takes it.
+        """
 
     def get_actions_sync(self, observation_dict: Mapping[str, Any], instruction: str, **more: Any) -> list[Action]:
-        """As ``get_actions``, from a thread without a loop."""
-        import asyncio  # 8 ms, for policies that want it
+        """As ``get_actions``, for a thread without an event loop."""
+        import asyncio  # Its import costs 8 ms, and most policies do not need it.
 
         return asyncio.run(self.get_actions(observation_dict, instruction, **more))
 
     def set_robot_state_keys(self, robot_state_keys: Sequence[str]) -> None:
-        """Be told the joints it drives, before each rollout."""
+        """Set the joints that the policy controls. It is called before each run.
+
+        Args:
+            robot_state_keys: Names of the joints, in the robot's order.
+        """
         self.robot_state_keys = list(robot_state_keys)
 
     def set_control_frequency(self, hz: float) -> None:  # noqa: B027  # most have no use for it
-        """Be told the rate at which its actions are executed, before each rollout."""
+        """Set the rate at which the actions are executed. It is called before each run.
+
+        Args:
+            hz: Actions per second.
+        """
 
     def reset(self, seed: int | None = None) -> None:  # noqa: B027  # most remember nothing
-        """Begin anew, before each rollout."""
+        """Forget everything from an earlier run. It is called before each run.
+
+        Args:
+            seed: Seed of random numbers; None for no seed.
+        """
 
     @classmethod
     def preflight(cls, observation_keys: set[str], **config: Any) -> None:
-        """Raise ``ValueError`` when it could not drive a robot with these observations."""
+        """Check that the policy can control a robot with these observations.
+
+        Raises:
+            ValueError: It cannot.
+        """
         return

@@ -1,4 +1,4 @@
-"""A policy by name, as an object of this process."""
+"""Create a policy by its name, as an object of this process."""
 
 from __future__ import annotations
 
@@ -14,25 +14,35 @@ OF_THIS_PROCESS = {
     "mock": "strands_actors.policies.mock:MockPolicy",
     "remote": "strands_actors.policies.remote:RemotePolicy",
 }
-"""Those of ours that need not know the robot when they are made."""
+"""Built-in policies that can be made without a robot."""
 
 
 def create_policy(provider: str, **options: Any) -> Any:
-    """Return a policy for ``run_policy``. ``provider``: a name (``mock``, ``remote``, one that was
-    registered) or the address of a server, ``ws://host:port``; ``options`` are its own. Raise
-    ``ValueError`` for another name, for options that it has not, and for a policy that has to know
-    its robot first."""
+    """Return a policy object for ``run_policy``.
+
+    Args:
+        provider: ``mock``, ``remote``, a name of ``register_policy``, or the address of a policy
+            server, ``ws://host:port``.
+        options: Keyword arguments of the policy.
+
+    Raises:
+        ValueError: The name or an option is unknown, or the policy must know its robot before it is
+            made (use ``start_task``).
+
+    Example:
+        arm.run_policy(create_policy("mock", amplitude=2.0), duration=5.0)
+    """
     if not isinstance(provider, str) or not provider:
         raise ValueError(f"create_policy: the provider is {provider!r}. give a name, or ws://host:port")
     if provider.lower().startswith("ws://"):
         provider, options = "remote", {"endpoint": provider, **options}
     factory = registered_class(provider)
     if factory is None:
-        found = find_provider(provider)
+        known_provider = find_provider(provider)
         if provider not in OF_THIS_PROCESS:
             raise ValueError(
                 f"create_policy: {provider} has to know its robot. "
-                f"use start_task(policy_provider={provider!r}, ...), which tells it" + _at(found.where)
+                f"use start_task(policy_provider={provider!r}, ...), which tells it" + _at(known_provider.where)
             )
         factory = load(OF_THIS_PROCESS[provider])
     _check_options(provider, factory, options)

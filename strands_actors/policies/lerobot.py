@@ -1,24 +1,24 @@
-"""The provider ``lerobot_local``: a checkpoint of lerobot, run in the policy's own process.
+"""The policy ``lerobot_local``: a checkpoint of lerobot, run in the policy's process.
 
-A checkpoint is a folder as lerobot >= 0.4 saves one: configuration, weights, and the two processors
-that normalise what goes in and out. It is given positions, the instruction, and pictures of the
-robot's cameras: ``observation.images.wrist`` is the camera ``wrist``. One that wants a camera that
-is not there, or a state of another size, is refused. Nothing is downloaded here.
+A checkpoint is a folder that lerobot >= 0.4 has saved: configuration, weights, and the two processors that
+normalise inputs and outputs. Its inputs are positions, the instruction, and pictures of the robot's
+cameras: ``observation.images.wrist`` is the camera ``wrist``. A checkpoint is refused if it needs a camera
+that the robot does not have, or a state of another size. Nothing is downloaded here.
 
-Pictures are read when an inference begins, and never waited for once the robot moves: one that is
-stale ends the rollout, and the robot holds.
+Pictures are read when an inference begins. Once the robot moves, the policy never waits for a picture: a
+stale picture ends the rollout, and the robot holds.
 
-With ``rtc=True`` a policy of flow matching (pi0, pi05, smolvla) blends each chunk into the last
-(lerobot's real-time chunking): it is given the rest of the chunk before, and how many actions of
-that will have been executed when the new ones are.
+With ``rtc=True`` a flow-matching policy (pi0, pi05, smolvla) blends each chunk into the previous one
+(lerobot's real-time chunking). Its input then has the rest of the previous chunk, and the number of those
+actions that will be executed before the new ones.
 
-What its numbers mean no checkpoint says: it depends on how its data were recorded (``use_degrees``
-of lerobot's arms, whose default differs by arm and version). So ``units`` has no default:
+A checkpoint does not state the units of its numbers. They depend on the recording of its data
+(``use_degrees`` of lerobot's arms; the default differs by arm and version). So ``units`` has no default:
 
-``degrees``      (or whatever the driver's own unit is) the numbers are the driver's own. They mean the same only
-                 under the calibration of the arm that recorded: it says where zero is.
-``normalized``   lerobot's other scale: -100..100 over each joint's calibrated range, the gripper 0..100. Needs the
-                 driver to have a calibration.
+``degrees``      (or the driver's own unit) The numbers are in the driver's units. They have the same meaning
+                 only under the calibration of the recording arm, which defines zero.
+``normalized``   The other scale of lerobot: -100..100 over the calibrated range of each joint, 0..100 for the
+                 gripper. The driver needs a calibration.
 """
 
 from __future__ import annotations
@@ -36,22 +36,37 @@ if TYPE_CHECKING:
 
 IMAGES = "observation.images."
 FIRST_PICTURE_S = 15.0
-"""For a camera that has just been started: before anything moves."""
+"""How long to wait for the first picture of a camera that was just started. Nothing moves before it."""
 LOOK_S = 0.02
 HORIZON = 10
-"""Actions of a chunk that are executed before the next one is blended in; lerobot's default."""
+"""Number of actions of a chunk that are executed before the next chunk is blended in (lerobot's default)."""
 STATE = "observation.state"
 FILES = ("config.json", "model.safetensors", "policy_preprocessor.json", "policy_postprocessor.json")
 
 
 class LerobotLocal:
-    """The checkpoint, loaded. Raise ``ValueError`` for one that cannot drive these axes; what
-    lerobot raises while it loads passes.
+    """Load a checkpoint and run it as a policy.
 
-    ``pretrained_name_or_path``: a folder. ``device``: where it runs, ``cpu``, ``cuda``, ``mps``.
-    ``rename_map``: as lerobot's, ``{"observation.images.wrist": "observation.images.camera1"}``:
-    what a camera is called in the checkpoint. ``rtc``: see above, with ``execution_horizon``
-    actions of each chunk. ``unit``, ``travel``, ``robot`` and ``cameras``: from the tree.
+    The tree gives ``axes``, ``unit``, ``travel``, ``robot`` and ``cameras``. The user gives the others as
+    options of ``start_task``.
+
+    Args:
+        axes: Names of the robot's axes, in order.
+        pretrained_name_or_path: Folder of the checkpoint.
+        units: Units of the checkpoint's numbers (see above).
+        device: ``cpu``, ``cuda`` or ``mps``.
+        unit: The driver's unit.
+        travel: Calibrated range of each axis.
+        robot: Name by which the robot runs.
+        cameras: Names of its cameras.
+        rename_map: As lerobot's, ``{"observation.images.wrist": "observation.images.camera1"}``: the name
+            of a camera in the checkpoint.
+        rtc: Use real-time chunking (see above).
+        execution_horizon: Number of actions of each chunk that are executed with ``rtc``.
+
+    Raises:
+        ValueError: The checkpoint cannot control these axes. Exceptions of lerobot while it loads are not
+            caught.
     """
 
     provider_name = "lerobot_local"
@@ -88,23 +103,23 @@ class LerobotLocal:
         self.execution_horizon = execution_horizon
         if rtc:
             _chunk_in_real_time(config, execution_horizon)
-        self._rest: Any = None  # of the last chunk, as the model gave it: what was handed out, and what follows
+        self._rest: Any = None  # the model's last chunk: the returned actions, and those after them
         self._handed_out = self._left = 0
         config.device = self._device = device
         self._prepare = prepare_observation_for_inference
-        # Strict: lerobot only logs weights that are missing or left over, and runs what it made up
-        # for them.
+        # Without ``strict`` lerobot only logs missing or unused weights, and runs with arbitrary values in
+        # place of the missing ones.
         self._policy = get_policy_class(config.type).from_pretrained(folder, config=config, strict=True)
         self._into, self._out_of = make_pre_post_processors(
             config, pretrained_path=folder, preprocessor_overrides={"device_processor": {"device": device}}
         )
-        # A policy that remembers observations has to see each; of any other, what it plans on one
-        # is a chunk.
+        # A policy that remembers observations must see every one, so its chunk is one action. For any other
+        # policy the chunk is its plan from one observation.
         remembers = getattr(config, "n_obs_steps", 1) != 1
         self._steps = 1 if remembers else int(getattr(config, "n_action_steps", 1))
 
     def reset(self, seed: int | None = None) -> None:
-        """Begin anew: nothing seen, nothing planned. Wait for the first pictures."""
+        """Forget observations and plans, and wait for the first pictures. Raise ``StaleFrame`` without."""
         for part in (self._policy, self._into, self._out_of):
             part.reset()
         self._rest, self._handed_out, self._left = None, 0, 0
@@ -112,15 +127,19 @@ class LerobotLocal:
             eye.wait()
 
     def actions_left(self, count: int) -> None:
-        """So many of those handed out are still to be executed, and will be before the next ones."""
+        """Set the number of returned actions that are not executed yet. They will be executed before the next
+        ones."""
         self._left = count
 
     def get_actions_sync(
         self, observation: Mapping[str, float], instruction: str, **_: Any
     ) -> list[dict[str, float]]:
-        """``n_action_steps`` actions, by ``select_action`` as in lerobot's own control loop: it
-        runs the model once and hands out its plan. ``predict_action_chunk`` of some policies reads
-        queues that only it fills."""
+        """Return the next ``n_action_steps`` actions.
+
+        As lerobot's own control loop, it calls ``select_action``, which runs the model once and then returns
+        its plan step by step. ``predict_action_chunk`` would not do: some policies then read queues that
+        only ``select_action`` fills.
+        """
         import numpy as np
 
         state = [observation[axis] for axis in self._axes]
@@ -133,8 +152,8 @@ class LerobotLocal:
         return [self._named(self._policy.select_action(dict(batch))) for _ in range(self._steps)]
 
     def _blended(self, batch: Any) -> list[dict[str, float]]:
-        """Return what follows the actions that are still to be executed. The chunk begins now, with
-        those, so they are left out."""
+        """Return the actions after those that are not executed yet. The new chunk begins now, with the pending
+        actions, so these are left out."""
         left = min(self._left, self._handed_out)
         rest = None if self._rest is None else self._rest[self._handed_out - left :]
         chunk = self._policy.predict_action_chunk(dict(batch), inference_delay=left, prev_chunk_left_over=rest)
@@ -160,7 +179,13 @@ class LerobotLocal:
 
 
 class Eye:
-    """One camera, under its name in the checkpoint. ``shape``: colours, height and width there."""
+    """One camera of a checkpoint.
+
+    Args:
+        key: Its name in the checkpoint.
+        reader: The camera.
+        shape: Colours, height and width that the checkpoint expects.
+    """
 
     def __init__(self, key: str, reader: CameraReader, shape: Sequence[int]) -> None:
         self.key = key
@@ -168,26 +193,26 @@ class Eye:
         self._shape = tuple(shape)
 
     def wait(self) -> None:
-        """Until it sees something. Raise ``StaleFrame`` when it does not."""
+        """Wait for the first picture. Raise ``StaleFrame`` if it does not come."""
         until_s = time.monotonic() + FIRST_PICTURE_S
         while self._is_blind() and time.monotonic() < until_s:
             time.sleep(LOOK_S)
         self.look()
 
     def look(self) -> Any:
-        """Return the newest picture. Raise ``StaleFrame`` when it is too old."""
+        """Return the newest picture. Raise ``StaleFrame`` if it is too old."""
         from strands_actors.surfaces.cameras import Stale, StaleFrame
 
-        found = self._reader.newest()
-        if isinstance(found, Stale):
-            raise StaleFrame(self._reader.camera, found)
-        height, width, colours = found.image.shape
+        newest = self._reader.newest()
+        if isinstance(newest, Stale):
+            raise StaleFrame(self._reader.camera, newest)
+        height, width, colours = newest.image.shape
         if (colours, height, width) != self._shape:
             raise ValueError(
                 f"lerobot_local: camera {self._reader.camera!r} gives {width} x {height}, and {self.key} of the "
                 f"checkpoint is {self._shape[-1]} x {self._shape[-2]}. give the camera that width and height"
             )
-        return found.image
+        return newest.image
 
     def _is_blind(self) -> bool:
         from strands_actors.surfaces.cameras import Stale
@@ -196,27 +221,27 @@ class Eye:
 
 
 def _eyes(config: Any, robot: str, cameras: Sequence[str], rename_map: Mapping[str, str], folder: str) -> list[Eye]:
-    """Return one for each picture that the checkpoint wants. Raise ``ValueError`` for one that no
-    camera gives."""
-    wanted = dict(config.image_features or {})
-    if not wanted:
+    """Return a camera for each picture that the checkpoint needs. Raise ``ValueError`` if the robot has no such
+    camera."""
+    features = dict(config.image_features or {})
+    if not features:
         return []
     from strands_actors.surfaces.cameras import attach_camera
     from strands_actors.surfaces.cameras.picture_files import cameras_of
 
-    cameras = cameras or cameras_of(robot)  # who asks from elsewhere does not know them
+    cameras = cameras or cameras_of(robot)  # A caller on another host does not know the cameras.
     named = {rename_map.get(f"{IMAGES}{camera}", f"{IMAGES}{camera}"): camera for camera in cameras}
-    if missing := sorted(set(wanted) - set(named)):
+    if missing := sorted(set(features) - set(named)):
         has = f"cameras {', '.join(cameras)}" if cameras else "no cameras"
         raise ValueError(
             f"lerobot_local: {folder} needs images ({', '.join(missing)}), and the robot has {has}. give Robot "
             f"cameras={{{missing[0].removeprefix(IMAGES)!r}: {{...}}}}, or rename_map"
         )
-    return [Eye(key, attach_camera(robot, named[key]), feature.shape) for key, feature in wanted.items()]
+    return [Eye(key, attach_camera(robot, named[key]), feature.shape) for key, feature in features.items()]
 
 
 def _chunk_in_real_time(config: Any, execution_horizon: int) -> None:
-    """Raise ``ValueError`` for a policy that cannot."""
+    """Switch on real-time chunking. Raise ``ValueError`` for a policy without it."""
     if not hasattr(config, "rtc_config"):
         raise ValueError(
             f"lerobot_local: rtc=True, and a policy of type {config.type!r} has no real-time chunking. leave it out"
@@ -229,9 +254,11 @@ def _chunk_in_real_time(config: Any, execution_horizon: int) -> None:
 
 
 def _leave_a_processor() -> None:
-    """Have torch compute on one processor less than there are. Its threads wait for each other after
-    each layer, and robot and cameras need one: where they took turns on both of two, an inference
-    took 2.5 s instead of 0.15."""
+    """Let torch use one processor less than there are, since robot and cameras need one.
+
+    The threads of torch wait for each other after each layer. On a computer with two processors, with both
+    used by torch, an inference took 2.5 s instead of 0.15 s.
+    """
     import torch
 
     torch.set_num_threads(min(torch.get_num_threads(), max(1, (os.cpu_count() or 1) - 1)))
@@ -255,7 +282,7 @@ def _folder(given: str) -> str:
 
 
 def _scale(axes: Sequence[str], units: str, unit: str, travel: Mapping[str, Sequence[float]]) -> Scale | None:
-    """None: the checkpoint's numbers are the driver's."""
+    """Return the conversion of units; None if the checkpoint has the driver's units."""
     own = unit_word(unit)
     if units and units == own:
         return None
@@ -272,7 +299,8 @@ def _scale(axes: Sequence[str], units: str, unit: str, travel: Mapping[str, Sequ
 
 
 def _check(config: Any, axes: Sequence[str], folder: str) -> None:
-    """``config``: lerobot's ``PreTrainedConfig``."""
+    """Raise ``ValueError`` if the inputs or outputs of a checkpoint (lerobot's ``PreTrainedConfig``) do not fit
+    these axes."""
     inputs = config.input_features or {}
     if others := sorted(set(inputs) - {STATE} - set(config.image_features or {})):
         raise ValueError(

@@ -1,4 +1,4 @@
-"""``mock``: a policy that needs nothing, for a first try and for tests."""
+"""The policy ``mock``: slow waves that need no model, for a first try and for tests."""
 
 from __future__ import annotations
 
@@ -15,16 +15,18 @@ AMPLITUDE = 0.5
 
 
 class MockPolicy(Policy):
-    """The drivers page's mock: chunks of 8 actions, amplitude 0.5 in the driver's units around where
-    each axis was first seen, f_j = 0.3 + 0.15 j Hz, phase j pi/3.
+    """The mock policy of strands-robots' drivers page: a sine on each axis.
 
-    In a rollout it is told the robot's axes and its control rate. The wave is then eased in, and
-    smaller where an axis is too slow for it or has not enough room. Without these its actions are
-    0.02 s apart and begin on the wave at once.
+    It returns chunks of 8 actions. Axis j swings around its first position with amplitude 0.5 in the
+    driver's units, frequency 0.3 + 0.15 j Hz, and phase j pi/3.
+
+    A rollout sets the robot's axes and control rate. Then the wave is eased in, and its amplitude is
+    smaller if an axis is too slow or has too little room. Without these settings the actions are 0.02 s
+    apart, and the wave begins at once.
 
     Args:
-        amplitude: In the robot's units. One that is given is kept, whatever the axes can do.
-        seed: Changes nothing: there is nothing random in it.
+        amplitude: Amplitude in the robot's units. It is then never reduced, and the gate may refuse it.
+        seed: No effect, since the policy is not random.
     """
 
     CHUNK = 8
@@ -57,16 +59,16 @@ class MockPolicy(Policy):
         return self.CHUNK
 
     def reset(self, seed: int | None = None) -> None:
-        """Begin anew, around where the axes are then."""
+        """Begin again, around the next observed positions."""
         self._step = 0
         self._center, self._swings = {}, {}
 
     def set_control_frequency(self, hz: float) -> None:
-        """Be told the rate at which its actions are executed."""
+        """Set the rate at which the actions are executed."""
         self._dt_s = 1.0 / hz
 
     def set_robot_axes(self, axes: Sequence[Axis]) -> None:
-        """Be told what the robot's axes can do."""
+        """Set range and speed of the robot's axes."""
         self._table = axes
 
     async def get_actions(self, observation_dict: Mapping[str, Any], instruction: str, **more: Any) -> list[Action]:
@@ -81,8 +83,8 @@ class MockPolicy(Policy):
         for _ in range(self.CHUNK):
             t_s = self._step * self._dt_s
             self._step += 1
-            known = self._swings or self._center
-            actions.append({axis: self._at(j, axis, t_s) for j, axis in enumerate(self._center) if axis in known})
+            moving = self._swings or self._center
+            actions.append({axis: self._at(j, axis, t_s) for j, axis in enumerate(self._center) if axis in moving})
         return actions
 
     def _at(self, j: int, axis: str, t_s: float) -> float:
@@ -94,12 +96,12 @@ class MockPolicy(Policy):
 
 
 def _hz(j: int) -> float:
-    """Return the frequency of the j-th axis."""
+    """Return the frequency of axis j."""
     return 0.3 + 0.15 * j
 
 
 class Mock(MockPolicy):
-    """The same, as a provider: its axes are told first."""
+    """``MockPolicy`` for ``start_task``, which gives the axes as an argument."""
 
     def __init__(self, axes: Sequence[str], amplitude: float | None = None, seed: int | None = None) -> None:
         super().__init__(amplitude, seed)

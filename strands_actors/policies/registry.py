@@ -1,7 +1,6 @@
-"""Policies by name. Each is built in a process of its own, from ``module:factory`` and plain
-options.
+"""The list of policies by name. A policy process builds one from ``module:factory`` and plain options.
 
-Another package adds one by the entry point group ``strands_actors.policies``, a script by
+Another package adds a policy by the entry point group ``strands_actors.policies``, a script by
 ``register_policy``.
 """
 
@@ -23,14 +22,14 @@ from . import waves
 
 
 class Provider(NamedTuple):
-    """How a policy is built: ``where(axes=..., **options)`` in a process of its own."""
+    """How a policy is built: ``where(axes=..., **options)`` in a separate process."""
 
     where: str  # module:factory
-    needs: str = ""  # a package that must be there; the extra that brings it has the same name
-    takes_address: bool = True  # options host and port, from policy_host and policy_port
-    takes_units: bool = False  # options unit and travel, as the driver has them
-    takes_cameras: bool = False  # options robot and cameras: the name it runs by, and those it has
-    takes_axes: bool = True  # option axes; else they are told by set_robot_state_keys alone
+    needs: str = ""  # a package that must be installed; the extra for it has the same name
+    takes_address: bool = True  # it has options host and port, from policy_host and policy_port
+    takes_units: bool = False  # it has options unit and travel, from the driver
+    takes_cameras: bool = False  # it has options robot (its name) and cameras (names)
+    takes_axes: bool = True  # it has an option axes; otherwise only set_robot_state_keys sets them
 
 
 PROVIDERS = {
@@ -47,15 +46,15 @@ PROVIDERS = {
 }
 
 ENDPOINT_PORT = 8765
-"""Of an endpoint without one, as the servers of strands-robots have it."""
+"""Default port of an endpoint, as of the servers of strands-robots."""
 
 SINE_AMPLITUDE = 15.0
 SINE_CALLS_HZ = 25.0
-"""So often at most a sine is asked for actions: it has as many as are executed meanwhile."""
+"""Highest rate at which chunks of a sine are requested. A chunk has the actions of one such period."""
 
 DEFAULT_PROVIDER = "lerobot_local"
-"""As on the drivers page, and for a reason: who forgets to name a policy gets a refusal, not a
-moving arm."""
+"""The default of strands-robots' drivers page. If the user forgets the name of a policy, the result is a
+refusal, and not a moving arm."""
 
 
 Loader = Callable[[], type[Any]]
@@ -65,9 +64,22 @@ _aliases: dict[str, str] = {}
 
 
 def register_policy(name: str, loader: Loader, aliases: Iterable[str] = (), *, overwrite: bool = False) -> None:
-    """Make a policy known by name, for this process. ``loader`` returns its class, when it is
-    needed; ``aliases`` are other names of it. Raise ``ValueError`` for a name that is taken (unless
-    ``overwrite``), ``TypeError`` for what is no name or no function."""
+    """Register a policy under a name, in this process.
+
+    Args:
+        name: Name of the policy, without ``:`` and ``/``.
+        loader: Function that returns the class of the policy. It is called when the class is needed.
+        aliases: Other names of the policy.
+        overwrite: True replaces a policy of the same name.
+
+    Raises:
+        ValueError: A name is in use, and ``overwrite`` is false.
+        TypeError: A name is not such a text, or ``loader`` is not a function.
+
+    Example:
+        register_policy("hold", lambda: Hold)
+        arm.start_task(policy_provider="hold")
+    """
     names = (name, *aliases)
     if wrong := [one for one in names if not isinstance(one, str) or not one.strip() or ":" in one or "/" in one]:
         raise TypeError(f"register_policy: the name is {wrong[0]!r}. give text without : and /")
@@ -82,39 +94,43 @@ def register_policy(name: str, loader: Loader, aliases: Iterable[str] = (), *, o
 
 
 def registered_class(name: str) -> type[Any] | None:
-    """Return the class that ``register_policy`` was told under this name. Raise ``ValueError`` when
-    its loader returns none."""
+    """Return the class that was registered under this name; None for any other name. Raise ``ValueError`` if
+    its loader does not return a class."""
     loader = _registered.get(_aliases.get(name, name))
     if loader is None:
         return None
-    found = loader()
-    if not isinstance(found, type):
-        raise ValueError(f"policy {name!r}: its loader returned {found!r}. it has to return the class")
-    return found
+    loaded = loader()
+    if not isinstance(loaded, type):
+        raise ValueError(f"policy {name!r}: its loader returned {loaded!r}. it has to return the class")
+    return loaded
 
 
 def list_providers() -> dict[str, Provider]:
-    """By name; those of other packages and of this script too."""
-    from importlib.metadata import entry_points  # 9 ms, for who names a policy
+    """Return all policies by name: built-in, of other packages, and registered by this script."""
+    from importlib.metadata import entry_points  # Its import costs 9 ms, and only named policies need it.
 
     points = entry_points(group="strands_actors.policies")
-    known = {point.name: Provider(point.value) for point in points} | PROVIDERS
-    return known | dict.fromkeys(_registered, Provider("", takes_address=False, takes_axes=False))
+    providers = {point.name: Provider(point.value) for point in points} | PROVIDERS
+    return providers | dict.fromkeys(_registered, Provider("", takes_address=False, takes_axes=False))
 
 
 def find_provider(name: str) -> Provider:
-    """Raise ``ValueError`` with those there are, for a name that is none."""
-    known = list_providers()
+    """Return a policy by its name, or for ``module:factory``.
+
+    Raises:
+        ValueError: The name is unknown, or a package that it needs is missing. The text has the known names.
+    """
+    providers = list_providers()
     chosen = _aliases.get(name, name) if isinstance(name, str) else name
     if chosen in _registered:
-        found = registered_class(chosen)
-        assert found is not None
-        return known[chosen]._replace(where=place_of(found))
-    provider = Provider(name) if ":" in str(name) else known.get(name)
+        registered = registered_class(chosen)
+        assert registered is not None
+        return providers[chosen]._replace(where=place_of(registered))
+    provider = Provider(name) if ":" in str(name) else providers.get(name)
     if provider is None:
-        raise ValueError(f"policy_provider is {name!r}. use one of {', '.join(sorted({*known, *_aliases}))}")
+        raise ValueError(f"policy_provider is {name!r}. use one of {', '.join(sorted({*providers, *_aliases}))}")
     if provider.needs and importlib.util.find_spec(provider.needs) is None:
-        others = ", ".join(sorted(name for name, other in known.items() if not other.needs))
+        others = ", ".join(sorted(name for name, other in providers.items() if not other.needs))
         raise ValueError(
             f"policy_provider {name!r} needs {provider.needs}: pip install 'strands-actors[{provider.needs}]'. "
             f"without it there are {others}"
@@ -125,8 +141,18 @@ def find_provider(name: str) -> Provider:
 def choose_provider(
     name: str, host: str, port: int | None, options: dict[str, Any]
 ) -> tuple[Provider, dict[str, Any]]:
-    """Return a provider that another process can build, and its options. A name in the form
-    ``module:factory`` is taken as it is. Raise ``ValueError`` with what would be accepted."""
+    """Return a policy that another process can build, and its options.
+
+    Args:
+        name: Name of the policy, ``module:factory``, or ``ws://host:port/path`` for a server.
+        host: Host of a server.
+        port: Port of a server; None if the policy needs no server.
+        options: Keyword arguments of the policy.
+
+    Raises:
+        ValueError: The name or the port is wrong, or another process cannot import the policy. The text has
+            the accepted values.
+    """
     if isinstance(name, str) and name.lower().startswith("ws://"):
         host, at, path = parse_endpoint(name)
         return PROVIDERS["remote"], {**options, "host": host, "port": at, "path": path}
@@ -159,7 +185,14 @@ def parse_endpoint(endpoint: str) -> tuple[str, int, str]:
 
 
 def robot_facts(provider: Provider, driver: Driver, robot: str = "", cameras: Sequence[str] = ()) -> dict[str, Any]:
-    """Return what a policy is told of the robot, as options. ``robot``: the name it runs by."""
+    """Return the facts of a robot as options of a policy.
+
+    Args:
+        provider: The policy, which declares the facts that it takes.
+        driver: The robot's driver.
+        robot: The name by which the robot runs.
+        cameras: Names of its cameras.
+    """
     facts: dict[str, Any] = {"axes": list(driver.axes)} if provider.takes_axes else {}
     if provider.takes_units:
         facts |= {"unit": driver.unit, "travel": driver.travel()}
@@ -169,11 +202,18 @@ def robot_facts(provider: Provider, driver: Driver, robot: str = "", cameras: Se
 
 
 class Sine:
-    """A slow sine on every axis, eased into from where the axis was first seen. It begins as ``mock``
-    does: it is smaller where an axis is too slow for it or has not enough room.
+    """The policy ``sine``: a slow sine on each axis, eased in from the first observed position.
 
-    ``amplitude`` and ``center`` in the driver's units; one that is given is kept. ``spread``: how far
-    each axis is ahead of the one before, in turns.
+    As with ``mock``, the amplitude is smaller if an axis is too slow or has too little room.
+
+    Args:
+        axes: Names of the robot's axes.
+        amplitude: Amplitude in the driver's units. It is then never reduced. None: 15, or less.
+        hz: Frequency.
+        only: Names of the axes that move; empty for all axes.
+        spread: Phase from one axis to the next, in turns.
+        center: Center by axis, in the driver's units. Other axes swing around their first position.
+        ease_s: Time in which the sine is eased in, in seconds.
     """
 
     def __init__(
@@ -200,15 +240,15 @@ class Sine:
         self._swings: dict[str, waves.Swing] = {}
 
     def set_control_frequency(self, hz: float) -> None:
-        """Be told the rate at which its actions are executed."""
+        """Set the rate at which the actions are executed."""
         self._dt_s, self._chunk = 1.0 / hz, math.ceil(hz / SINE_CALLS_HZ)
 
     def set_robot_axes(self, axes: Sequence[Axis]) -> None:
-        """Be told what the robot's axes can do."""
+        """Set range and speed of the robot's axes."""
         self._table = {axis.key: axis for axis in axes}
 
     def get_actions_sync(self, observation: Mapping[str, float], instruction: str) -> list[dict[str, float]]:
-        """Return the next actions, one a control period."""
+        """Return the next actions, one per control period."""
         return [self.step(observation) for _ in range(self._chunk)]
 
     def step(self, observation: Mapping[str, float]) -> dict[str, float]:

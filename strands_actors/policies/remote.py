@@ -1,23 +1,23 @@
-"""The provider ``remote``: a policy served over WebSocket, by anything that speaks one of two
-protocols. Which one it is turns out by itself.
+"""The policy ``remote``: a policy server over WebSocket, with one of two protocols. The client detects which.
 
-Ours: one request a chunk, one answer a request, each one WebSocket message: msgpack in a binary
-message, or JSON in a text message (``encoding="json"``). A server answers in kind.
+Our protocol has one request for each chunk, and one response for each request. Each is one WebSocket
+message: msgpack in a binary message, or JSON in a text message (``encoding="json"``). The server answers
+in the same encoding.
 
     request   {"observation": {joint: number}, "instruction": text, "axes": [joint], "hz": control rate}
-    answer    {"actions": [{joint: number}, ...]}      a chunk, in the driver's units, executed at the control rate
+    response  {"actions": [{joint: number}, ...]}      a chunk, in the driver's units, executed at the control rate
            or {"error": text}                          which ends the rollout
 
-That of strands-robots (``PolicyServer``, JSON, version 1): the server speaks first,
-``{"type": "ready", "protocol_version": 1, "metadata": {...}}``, and is then sent ``set_state_keys``,
+In the protocol of strands-robots (``PolicyServer``, JSON, version 1) the server sends first:
+``{"type": "ready", "protocol_version": 1, "metadata": {...}}``. The client then sends ``set_state_keys``,
 ``set_control_frequency``, ``reset`` and ``get_actions``.
 
-A server that has said nothing for ``GREETING_S`` is spoken to in our protocol. A greeting that
-comes later is still heeded: it comes before any answer.
+If the server sends nothing for ``GREETING_S``, the client uses our protocol. A later greeting still
+switches the protocol, since it comes before any response.
 
-Every wait is bounded: ``timeout_s`` for connecting and for each answer. A server that is slower
-than the buffered chunk lasts ends the rollout before that: the last setpoint expires and the robot
-holds.
+Every wait is bounded: ``timeout_s`` for the connection and for each response. A slow server ends the
+rollout before that: when the actions of the last chunk are used up, the last setpoint expires and the
+robot holds.
 """
 
 from __future__ import annotations
@@ -38,13 +38,26 @@ Read = TypeVar("Read")
 MAX_BYTES = 1 << 20
 
 GREETING_S = 0.2
-"""A server that speaks first has answered the handshake from the same thread: its greeting follows
-within the time of a network's detour [assumed]."""
+"""How long to wait for a greeting. A server that sends first does so in the thread of the handshake, so its
+greeting follows within the delay of a network [assumed]."""
 
 
 class Remote(Policy):
-    """The client. Raise ``ConnectionError`` when the server is not there, goes away or answers
-    anything else, and ``TimeoutError`` when it does not answer in time."""
+    """The client of a policy server, for ``start_task``. It connects when it is made.
+
+    Args:
+        axes: Names of the robot's axes.
+        host: Host of the server.
+        port: Its port.
+        path: Its path.
+        encoding: ``msgpack`` or ``json``.
+        timeout_s: Longest time for the connection and for each response, in seconds.
+
+    Raises:
+        ConnectionError: The server cannot be reached, closes, or sends a wrong message. Its methods raise
+            it, too.
+        TimeoutError: The server does not answer in time. Its methods raise it, too.
+    """
 
     def __init__(
         self,
@@ -64,8 +77,8 @@ class Remote(Policy):
         self._where = f"ws://{host}:{port}/{path.removeprefix('/')}"
         self._opened = contextlib.ExitStack()
         try:
-            # No proxy: it is a robot's policy, near by, and what the environment says is meant for
-            # browsing.
+            # The server is usually near the robot. A proxy of the environment is meant for browsers, so it
+            # is not used.
             opening = connect(self._where, open_timeout=timeout_s, compression=None, max_size=MAX_BYTES, proxy=None)
             self._socket = self._opened.enter_context(opening)
         except TimeoutError as error:
@@ -77,7 +90,7 @@ class Remote(Policy):
         self._tell("keys", self.robot_state_keys)
 
     def close(self) -> None:
-        """Hang up."""
+        """Close the connection."""
         self._opened.close()
 
     @property
@@ -119,7 +132,7 @@ class Remote(Policy):
         if self._may_greet:
             self._may_greet = False
             if (late := self._understand(greeting, answer)) is not None:
-                self._receive()  # what it answers to a request that it did not understand
+                self._receive()  # Drop the response to the request in the wrong protocol.
                 self._change_to(late)
                 return self.get_actions_sync(observation_dict, instruction)
         return self._understand(self._talk.chunk, answer)
@@ -127,17 +140,17 @@ class Remote(Policy):
     # -- one message each way
 
     def _greeted(self) -> JsonV1 | None:
-        """Return how to talk to a server that spoke first; None: it says nothing."""
+        """Return the protocol of a server that sends a greeting; None if it sends no greeting in time."""
         try:
             message = self._socket.recv(timeout=GREETING_S)
         except TimeoutError:
             return None
         except (OSError, WebSocketException) as error:
             raise ConnectionError(f"{self._where}: {error}") from error
-        found = self._understand(greeting, message)
-        if found is None:
+        protocol = self._understand(greeting, message)
+        if protocol is None:
             raise ConnectionError(f"{self._where} began with what is no greeting: {message[:80]!r}")
-        return found
+        return protocol
 
     def _change_to(self, talk: JsonV1) -> None:
         self._talk = talk
@@ -174,8 +187,16 @@ class Remote(Policy):
 
 
 class RemotePolicy(Policy):
-    """The same for a script: connects at its first use. ``endpoint``: ``ws://host:port/path``,
-    instead of host and port."""
+    """The client of a policy server, for ``run_policy``. It connects at its first use.
+
+    Args:
+        endpoint: ``ws://host:port/path``, in place of host, port and path.
+        host: Host of the server.
+        port: Its port.
+        path: Its path.
+        encoding: ``msgpack`` or ``json``.
+        timeout_s: Longest time for the connection and for each response, in seconds.
+    """
 
     def __init__(
         self,
@@ -203,7 +224,7 @@ class RemotePolicy(Policy):
         return self._connected
 
     def close(self) -> None:
-        """Hang up; the next use connects anew."""
+        """Close the connection. The next use connects again."""
         if self._connected is not None:
             self._connected.close()
         self._connected = None

@@ -1,7 +1,7 @@
-"""What two kinds of policy servers say, as messages; pure, one message of ours for one of theirs.
+"""The two protocols of policy servers. Pure: each request has one response.
 
-``Chunks``    ours: one request a chunk, msgpack or JSON. The server waits for us.
-``JsonV1``    that of strands-robots (version 1): JSON, and the server speaks first, ``ready``.
+``Chunks``    ours: one request per chunk, msgpack or JSON. The client sends first.
+``JsonV1``    that of strands-robots (version 1): JSON. The server sends first, ``ready``.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ CODECS: dict[str, Any] = {"msgpack": msgspec.msgpack, "json": msgspec.json}
 
 
 class Misunderstood(Exception):
-    """An answer that is none; the text says why."""
+    """A response that does not follow the protocol. The text has the reason."""
 
 
 class Chunk(msgspec.Struct):
-    """An answer of our protocol."""
+    """A response of our protocol."""
 
     actions: list[dict[str, float]] = []
     error: str = ""
 
 
 class Facts(msgspec.Struct):
-    """What a server of ``JsonV1`` says of its policy."""
+    """The properties of a policy, as a server of ``JsonV1`` reports them."""
 
     provider_name: str = "remote"
     requires_images: bool = False
@@ -58,13 +58,18 @@ _ANSWER = msgspec.json.Decoder(Ready | Ok | Actions | Failure)
 
 
 class Talk(Protocol):
-    """One of the two, with what it has to remember."""
+    """One of the two protocols, with its state."""
 
     is_text: bool
 
     def tell(self, what: str, value: Any) -> bytes | None:
-        """Return the message that passes ``what`` on (``keys``, ``hz``, ``reset``), to be answered;
-        None: it goes with the next request."""
+        """Return the message for a setting, which the server will answer. None if the next request carries
+        the setting.
+
+        Args:
+            what: ``keys``, ``hz`` or ``reset``.
+            value: Its value.
+        """
         ...
 
     def request(self, observation: Mapping[str, float], instruction: str) -> bytes:
@@ -72,7 +77,7 @@ class Talk(Protocol):
         ...
 
     def chunk(self, answer: bytes | str) -> list[dict[str, Any]]:
-        """Return what was answered to it. Raise ``Misunderstood``."""
+        """Return the actions of a response to it. Raise ``Misunderstood``."""
         ...
 
 
@@ -120,16 +125,16 @@ class JsonV1:
         return msgspec.json.encode(named[what])
 
     def request(self, observation: Mapping[str, float], instruction: str) -> bytes:
-        said = {"observation": dict(observation), "instruction": instruction}
-        return msgspec.json.encode({"type": "get_actions", **said, "rtc_observed_delay_steps": None, "kwargs": {}})
+        asked = {"observation": dict(observation), "instruction": instruction}
+        return msgspec.json.encode({"type": "get_actions", **asked, "rtc_observed_delay_steps": None, "kwargs": {}})
 
     def done(self, answer: bytes | str) -> None:
-        """What was told was taken. Raise ``Misunderstood``."""
-        found = _understood(answer)
-        if not isinstance(found, Ok):
-            raise Misunderstood(f"answered {type(found).__name__.lower()} where ok was due")
-        if found.metadata is not None:
-            self.facts = checked(found.metadata)
+        """Read the response to a setting. Raise ``Misunderstood`` if the server did not accept it."""
+        response = _understood(answer)
+        if not isinstance(response, Ok):
+            raise Misunderstood(f"answered {type(response).__name__.lower()} where ok was due")
+        if response.metadata is not None:
+            self.facts = checked(response.metadata)
 
     def chunk(self, answer: bytes | str) -> list[dict[str, Any]]:
         found = _understood(answer)
@@ -139,21 +144,21 @@ class JsonV1:
 
 
 def greeting(message: bytes | str) -> JsonV1 | None:
-    """Return how to talk to a server that said this first, or None when it is no greeting. Raise
-    ``Misunderstood`` for one of another version."""
+    """Return the protocol of a server that sent this greeting; None if the message is not a greeting. Raise
+    ``Misunderstood`` for another version."""
     try:
-        found = _ANSWER.decode(message)
+        response = _ANSWER.decode(message)
     except msgspec.DecodeError:
         return None
-    if not isinstance(found, Ready):
+    if not isinstance(response, Ready):
         return None
-    if found.protocol_version != VERSION:
-        raise Misunderstood(f"speaks version {found.protocol_version} of its protocol, not {VERSION}")
-    return JsonV1(checked(found.metadata))
+    if response.protocol_version != VERSION:
+        raise Misunderstood(f"speaks version {response.protocol_version} of its protocol, not {VERSION}")
+    return JsonV1(checked(response.metadata))
 
 
 def checked(facts: Facts) -> Facts:
-    """Raise ``Misunderstood`` for a horizon that is none."""
+    """Return the facts. Raise ``Misunderstood`` for a horizon below 1."""
     if facts.execution_horizon < 1:
         raise Misunderstood(f"advertises execution_horizon {facts.execution_horizon}. it is at least 1")
     return facts
@@ -161,9 +166,9 @@ def checked(facts: Facts) -> Facts:
 
 def _understood(answer: bytes | str) -> Ready | Ok | Actions | Failure:
     try:
-        found: Ready | Ok | Actions | Failure = _ANSWER.decode(answer)
+        response: Ready | Ok | Actions | Failure = _ANSWER.decode(answer)
     except msgspec.DecodeError as error:
         raise Misunderstood(f"answered what its protocol does not have: {error}") from error
-    if isinstance(found, Failure):
-        raise Misunderstood(f"says: {found.error}")
-    return found
+    if isinstance(response, Failure):
+        raise Misunderstood(f"says: {response.error}")
+    return response

@@ -11,13 +11,20 @@ from collections.abc import Mapping, Sequence
 NORMALIZED = "normalized"
 """The name of LeRobot's scale, as ``units``."""
 GRIPPER = "gripper"
-"""lerobot's name for the one motor that it counts from 0 to 100, whatever the others are in."""
+"""LeRobot's name for the gripper's motor. It is the only motor that LeRobot always counts from 0 to 100."""
 
 
 class Scale:
-    """Between the driver's units and -100..100 (the gripper: 0..100) of lerobot, which bounds both.
-    ``travel``: each axis' calibrated range in the driver's units. Raise ``ValueError`` for an axis
-    without one."""
+    """Convert between the driver's units and LeRobot's scale, -100..100 (the gripper 0..100). Values outside the
+    range are limited to it.
+
+    Args:
+        axes: Names of the axes.
+        travel: Calibrated range of each axis, in the driver's units.
+
+    Raises:
+        ValueError: An axis has no calibrated range.
+    """
 
     def __init__(self, axes: Sequence[str], travel: Mapping[str, Sequence[float]]) -> None:
         if missing := [axis for axis in axes if axis not in travel]:
@@ -37,7 +44,7 @@ class Scale:
 
 
 def _onto(value: float, low: float, high: float, new_low: float, new_high: float) -> float:
-    """From one range onto another; what is outside, and no NaN, goes to the nearer end."""
+    """Map a value from one range to another. A value outside goes to the nearer end; NaN stays NaN."""
     moved = new_low + (value - low) / (high - low) * (new_high - new_low)
     return new_low if moved < new_low else new_high if moved > new_high else moved
 

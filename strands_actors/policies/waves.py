@@ -1,9 +1,8 @@
-"""What the built-in policies have in common: waves that begin where the robot is, and that its axes
-can follow. Pure.
+"""Waves for the built-in policies. They begin at the robot's position, and its axes can follow them. Pure.
 
-A wave is eased in: at first the axis is where it was seen, and after ``EASE_S`` it is on the wave.
-Its amplitude is no larger than asked for, and small enough for the axis's own speed and range. Where
-an end of the range is near, the wave swings beside it.
+A wave is eased in: it begins at the observed position of the axis, and after ``EASE_S`` it is a plain wave.
+Its amplitude is at most the requested one, and small enough for speed and range of the axis. Near an end of
+the range, the center of the wave is moved inwards.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from strands_actors.contract.axis import Axis, AxisMode
 
 EASE_S = 1.0
 OF_SPEED = 0.4
-"""Share of an axis's top speed that a wave uses: a gate must have room for a period that jitters."""
+"""Share of an axis's top speed that a wave uses. A gate needs the rest for jitter of the period."""
 OF_TRAVEL = 0.25
 """Share of an axis's range that a wave's amplitude uses at most."""
 STEEPEST = 1.5
@@ -33,26 +32,32 @@ class Swing(msgspec.Struct, frozen=True):
     hz: float
 
     def at(self, t_s: float, wave: float, ease_s: float = EASE_S) -> float:
-        """Return where the axis is to be. ``wave``: -1 to 1."""
+        """Return the target of the axis.
+
+        Args:
+            t_s: Time since the begin, in seconds.
+            wave: Value of the wave, -1 to 1.
+            ease_s: Time in which the wave is eased in.
+        """
         return self.start + eased(t_s / ease_s) * (self.center + self.amplitude * wave - self.start)
 
 
 def eased(share: float) -> float:
-    """Return 0 before 0, 1 after 1, and a smooth way between them."""
+    """Return 0 for a share below 0, 1 above 1, and a smooth transition between."""
     share = min(1.0, max(0.0, share))
     return share * share * (3 - 2 * share)
 
 
 def fit(axis: Axis, seen: float, amplitude: float, hz: float, is_asked: bool, ease_s: float = EASE_S) -> Swing:
-    """Return a wave that this axis can follow from where it was seen.
+    """Return a wave that this axis can follow from its observed position.
 
     Args:
-        axis: Its range, and how fast it changes.
-        seen: Where it was seen.
-        amplitude: In the axis's unit.
+        axis: Range and speed of the axis.
+        seen: Its observed position.
+        amplitude: Requested amplitude, in the axis's unit.
         hz: Frequency of the wave.
-        is_asked: Whether somebody asked for this amplitude. It is then kept, and the gate may refuse it.
-        ease_s: How long the wave is eased in.
+        is_asked: True if the user gave this amplitude. It is then not reduced, and the gate may refuse it.
+        ease_s: Time in which the wave is eased in.
     """
     low, high = axis.low, axis.high
     start = axis.rest if axis.mode is AxisMode.VELOCITY else seen
@@ -66,10 +71,10 @@ def fit(axis: Axis, seen: float, amplitude: float, hz: float, is_asked: bool, ea
 def swings(
     table: Sequence[Axis], seen: Mapping[str, float], amplitude: float, hz: Sequence[float], is_asked: bool
 ) -> dict[str, Swing]:
-    """Return a wave for each axis of ``table`` that is known, by its key."""
-    found: dict[str, Swing] = {}
-    for axis, one in zip(table, hz, strict=True):
+    """Return a wave for each axis of ``table``, by its key. A position axis without a reading is left out."""
+    waves: dict[str, Swing] = {}
+    for axis, frequency in zip(table, hz, strict=True):
         here = seen.get(axis.key, math.nan)
         if math.isfinite(here) or axis.mode is AxisMode.VELOCITY:
-            found[axis.key] = fit(axis, here, amplitude, one, is_asked)
-    return found
+            waves[axis.key] = fit(axis, here, amplitude, frequency, is_asked)
+    return waves

@@ -1,4 +1,4 @@
-"""A policy tried in a simulation, episode by episode, as fast as the physics is computed."""
+"""Run a policy in a simulation for some episodes, as fast as the physics is computed."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from typing import Any, Protocol
 from strands_actors.supervisors.policy import as_infer, prepare
 
 STEP_S = 0.002
-"""Of a simulation's physics, as its service ``step`` says."""
+"""Time step of the physics, as of the service ``step``."""
 
 Success = Callable[[Mapping[str, float]], object]
 
 
 class Failed(Exception):
-    """An episode cannot go on; the text says why."""
+    """An episode cannot continue. The text has the reason."""
 
 
 class Simulated(Protocol):
-    """What an evaluation needs of a simulation."""
+    """The methods of a simulation that an evaluation calls."""
 
     def reset(self) -> Any: ...
     def get_observation(self) -> dict[str, float]: ...
@@ -38,8 +38,12 @@ def evaluate_checked(
     success: Success | None,
     seed: object,
 ) -> dict[str, Any]:
-    """As ``evaluate``, with the arguments as a script has them. Raise ``TypeError`` or
-    ``ValueError`` for what is none, ``Failed`` for an episode that cannot go on."""
+    """Check the arguments of ``SimRobot.eval_policy``, and return the result of ``evaluate``.
+
+    Raises:
+        TypeError, ValueError: An argument is wrong.
+        Failed: An episode cannot continue.
+    """
     for name, count in (("n_episodes", n_episodes), ("max_steps", max_steps)):
         if isinstance(count, bool) or not isinstance(count, int) or count < 1:
             raise ValueError(f"{name} is {count!r}. give a whole number above 0")
@@ -68,8 +72,14 @@ def evaluate(
     success: Success | None,
     seed: int | None,
 ) -> dict[str, Any]:
-    """Return how each episode went. Raise ``Failed`` for an action that is refused; what the policy
-    raises passes."""
+    """Run the episodes.
+
+    Returns:
+        Keys: ``n_episodes``, ``success_rate`` (null without ``success``), ``episodes``.
+
+    Raises:
+        Failed: An action was refused, or the policy gave no action. Exceptions of the policy are not caught.
+    """
     infer = as_infer(policy)
     steps = max(1, round(1 / (hz * STEP_S)))
     episodes = []
@@ -106,8 +116,8 @@ def _episode(
 
 
 def _checked(answer: Any) -> dict[str, Any]:
-    """Return what an envelope has. Raise ``Failed`` for an error."""
+    """Return the JSON of an envelope. Raise ``Failed`` for an error."""
     if answer["status"] == "error":
         raise Failed(answer["content"][0]["text"])
-    found: dict[str, Any] = answer["content"][0]["json"]
-    return found
+    result: dict[str, Any] = answer["content"][0]["json"]
+    return result

@@ -1,11 +1,11 @@
-"""What a simulation has beyond a robot's verbs: pictures, a window, a fresh start.
+"""The world of a simulation, which a robot's verbs do not cover: pictures, a window, objects, a reset.
 
-    world = World(robot.twin process)
+    world = World(robot.twin_process)
     picture = await world.render(640, 480, None)
 
-Its process is the robot's twin. The simulated robot comes through its simulation control, without
-gates; a real driver comes through its wire (``transport="twin", sim=``). Both move the same joints:
-whatever is energised on the wire follows the wire, the rest follows the simulation.
+The simulation runs in the process of the robot's twin. The simulated robot uses its simulation control,
+without gates. A real driver uses its wire (``transport="twin", sim=``). Both move the same joints: joints
+that are energised on the wire follow the wire, the others follow the simulation control.
 """
 
 from __future__ import annotations
@@ -35,19 +35,24 @@ WINDOW_S = 20.0
 
 
 class SimulationError(RuntimeError):
-    """It cannot be done; the text says why."""
+    """The simulation cannot do it. The text has the reason."""
 
 
 class World:
-    """One simulation. Starts its process when it is needed; every method may raise
-    ``SimulationError``."""
+    """One simulation. It starts its process at the first use. Every method may raise ``SimulationError``."""
 
     def __init__(self, twin_process: TwinProcess) -> None:
         self._twin_process = twin_process
         self._windows: list[ChildProcess] = []
 
     async def render(self, width: int, height: int, camera: str | None) -> NDArray[numpy.uint8]:
-        """(height, width, 3), the first row on top."""
+        """Return a picture of shape (height, width, 3), the first row on top.
+
+        Args:
+            width: Width in pixels.
+            height: Height in pixels.
+            camera: Name of a camera; None for a view of the whole robot.
+        """
         try:
             check_size(width, height)
         except ValueError as wrong:
@@ -58,15 +63,20 @@ class World:
         return numpy.frombuffer(picture.rgb, numpy.uint8).reshape(height, width, 3).copy()
 
     async def reset(self) -> None:
-        """Every joint back to where it began, held there."""
+        """Put every joint back to its start, and hold it there."""
         await self._ask(_RESET)
 
     async def change(self, verb: str, *args: Any) -> None:
-        """``add_object``, ``remove_object``, ``add_camera``, ``save_state``, ``load_state``."""
+        """Change the scene.
+
+        Args:
+            verb: ``add_object``, ``remove_object``, ``add_camera``, ``save_state`` or ``load_state``.
+            args: Its arguments, checked by ``scene``.
+        """
         await self._ask(f"{_WORLD}:{verb}", *args)
 
     async def view(self) -> None:
-        """Open MuJoCo's viewer in a process of its own; return when its window is there."""
+        """Open MuJoCo's viewer in a separate process, and return when its window is open."""
         if sys.platform.startswith("linux") and not (
             os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
         ):
@@ -84,7 +94,7 @@ class World:
         raise SimulationError("the viewer did not open; what it says is above")
 
     async def close(self) -> None:
-        """End the simulation, and every window on it."""
+        """End the simulation, and close its windows."""
         for window in self._windows:
             await window.drop()
         self._windows.clear()

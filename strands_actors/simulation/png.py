@@ -1,4 +1,4 @@
-"""Pictures as PNG files."""
+"""Encode pictures as PNG files."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ _EIGHT_BITS_RGB = (8, 2, 0, 0, 0)
 
 
 def encode_png(picture: NDArray[numpy.uint8]) -> bytes:
-    """Return the file of a picture, (height, width, 3)."""
+    """Return the PNG file of a picture of shape (height, width, 3)."""
     height, width, _ = picture.shape
-    rows = b"".join(b"\0" + row.tobytes() for row in picture)  # 0: a row that is not filtered
+    rows = b"".join(b"\0" + row.tobytes() for row in picture)  # filter 0 for each row: unfiltered
     size = struct.pack(">II5B", width, height, *_EIGHT_BITS_RGB)
     return _HEAD + _chunk(b"IHDR", size) + _chunk(b"IDAT", zlib.compress(rows, 6)) + _chunk(b"IEND", b"")
 

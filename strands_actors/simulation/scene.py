@@ -1,5 +1,5 @@
-"""What a caller puts into a simulation, checked: objects, cameras, and where the robot stands. In
-the words of the drivers page's package."""
+"""Check the objects, cameras and robot placement that a caller puts into a simulation. The keywords are those
+of strands-robots."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SIZES: Mapping[str, tuple[float, ...]] = {
     "capsule": (0.05, 0.1),
     "mesh": (1.0, 1.0, 1.0),
 }
-"""Full extents in metres, of an object that says none: something that a gripper can hold."""
+"""Default size of an object by shape: full extents in metres, so that a gripper can hold it."""
 
 GREY = (0.5, 0.5, 0.5, 1.0)
 
@@ -33,7 +33,8 @@ def object_fields(
     is_static: object,
     mesh_path: object,
 ) -> dict[str, Any]:
-    """Return what goes to the simulation. Raise ``ValueError``."""
+    """Return an object's fields for the simulation. Raise ``ValueError``. The arguments are those of
+    ``SimRobot.add_object``."""
     if mesh_path is not None and shape == "box":
         shape = "mesh"
     if shape not in SIZES:
@@ -67,7 +68,8 @@ def object_fields(
 def camera_fields(
     name: object, position: object, target: object, fov: object, parent_body: object
 ) -> dict[str, Any]:
-    """Return what goes to the simulation. Raise ``ValueError``."""
+    """Return a camera's fields for the simulation. Raise ``ValueError``. The arguments are those of
+    ``SimRobot.add_camera``."""
     fov_deg = _number("fov", fov)
     if not 0 < fov_deg < 180:
         raise ValueError(f"fov is {fov!r}. give degrees, above 0 and below 180")
@@ -81,13 +83,14 @@ def camera_fields(
 
 
 def check_size(width: object, height: object) -> None:
-    """Raise ``ValueError`` for a picture that nobody can draw."""
+    """Raise ``ValueError`` unless both are whole numbers above 0."""
     if not all(isinstance(size, int) and size > 0 for size in (width, height)):
         raise ValueError(f"a picture of {width!r} x {height!r}. give whole numbers above 0")
 
 
 def placement(position: object, orientation: object) -> dict[str, Any] | None:
-    """Return where the robot's base stands; None: where its model has it. Raise ``ValueError``."""
+    """Return position and orientation of the robot's base; None for those of the model. Raise
+    ``ValueError``."""
     if position is None and orientation is None:
         return None
     return {
@@ -97,7 +100,7 @@ def placement(position: object, orientation: object) -> dict[str, Any] | None:
 
 
 def turned(orientation: object) -> tuple[float, ...]:
-    """Return a quaternion w, x, y, z. Raise ``ValueError``."""
+    """Return a quaternion w, x, y, z; upright for None. Raise ``ValueError``."""
     quat = _row("orientation", orientation, UPRIGHT)
     if not math.hypot(*quat) > 1e-6:
         raise ValueError(f"orientation is {orientation!r}. give a quaternion w, x, y, z that is not zero")
@@ -117,15 +120,15 @@ def _name(name: object) -> str:
 def _row(what: str, given: object, default: tuple[float, ...], counts: Sequence[int] = ()) -> tuple[float, ...]:
     if given is None:
         return default
-    wanted = counts or (len(default),)
+    allowed = counts or (len(default),)
     values = tuple(given) if isinstance(given, Sequence) and not isinstance(given, str) else _listed(given)
-    if len(values) not in wanted:
-        raise ValueError(f"{what} is {given!r}. give {' or '.join(map(str, wanted))} numbers")
+    if len(values) not in allowed:
+        raise ValueError(f"{what} is {given!r}. give {' or '.join(map(str, allowed))} numbers")
     return tuple(_number(what, value) for value in values)
 
 
 def _listed(given: object) -> tuple[object, ...]:
-    """Return the numbers of an array; none for what is no row."""
+    """Return the numbers of a one-dimensional array; empty for any other object."""
     values = getattr(given, "tolist", lambda: None)()
     return tuple(values) if isinstance(values, list) else ()
 

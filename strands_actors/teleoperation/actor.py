@@ -1,8 +1,10 @@
-"""The actor of a teleoperation: reads a leader, and writes what the machine makes of it to the
-robot's gate, under the caller's lease. It runs in the policy's place, in a process of its own.
+"""The actor of a teleoperation: read a leader, and send setpoints for the robot to its gate.
 
-It owes the robot nothing but setpoints that live 100 ms, counted from when the leader was measured:
-dead, frozen or without a leader it sends none, and the robot holds.
+It runs in place of a policy, in a separate process, under the caller's lease. ``machine.py`` decides
+which setpoints are sent.
+
+Each setpoint lives 100 ms, from the time at which the leader was measured. If this process dies or
+freezes, or the leader is lost, no setpoint is sent and the robot holds.
 """
 
 from __future__ import annotations
@@ -60,33 +62,48 @@ from .sources import Arm, Asked, Operator, Reading, Source, made_of
 
 ASK_S = 0.1
 LIFETIME_NS = 100_000_000
-"""Of a setpoint, from when the leader was measured."""
+"""Lifetime of a setpoint, from the time at which the leader was measured."""
 GONE = (WireDown, OSError, termios.error)
-"""A leader is unplugged: of lerobot's objects that is a ConnectionError, or what pyserial lets
-through."""
+"""Exceptions of an unplugged leader. lerobot's objects raise ConnectionError, or an exception that pyserial
+does not catch."""
 LOOK_S = 0.02
 REPORT_S = 0.1
 ROBOT_S = 0.5
-"""While it is idle it asks so often whether the robot can be moved at all."""
+"""Period at which an idle teleoperation checks that the robot can be moved."""
 SHOWN_S = 0.5
-"""So long the page shows what became of its stop before this process ends."""
+"""How long the page shows the result of its stop before this process ends."""
 AGAIN_S = 1.0
-"""Until a leader that is gone is tried again."""
+"""Pause before a lost leader is opened again."""
 RECORDER_S = 3.0
-"""A recorder that has told nothing for so long is gone."""
+"""A recorder without a message for so long counts as gone."""
 
 KEY, GRIPPER = "key", "gripper"
 CONNECTED, CONNECTING = "connected", "connecting"
-"""How a leader is reported; else the reason why it is not there."""
+"""The reported state of a leader. Otherwise it is the reason why the leader is missing."""
 MOVED = 0.2
-"""Degrees, or percent of a gripper: two counts of a servo's 4096, of which one is noise."""
+"""Degrees, or percent of a gripper, that count as a move: two of the 4096 counts of a servo. One count is
+noise."""
 OVER = (Code.DISARMED, Code.FAULTED, Code.LOCKED_OUT, Code.STOPPED, Code.ENDING, Code.NO_DRILL)
-"""Refusals after which only the robot's operator can go on: the teleoperation has ended."""
+"""Refusals that end the teleoperation, since only the robot's operator can resume."""
 FRAME_REFUSED = (Code.TOO_FAST, Code.PAST_TRAVEL)
-"""Refusals of one target: the next may be accepted."""
+"""Refusals of one target. The next target may be accepted."""
 
 
 class Teleoperation(Actor):
+    """Read a leader, and send setpoints for the robot to its gate.
+
+    Args:
+        rollout: Robot, lease, control period and duration.
+        report: Takes each status.
+        source: The leader as plain data (``Teleoperator.source``).
+        axes: The robot's axes, as plain data.
+        kind: The meaning of the leader's numbers (``Kind``).
+        deadman: ``KEY`` or ``GRIPPER``.
+        max_speed: Highest speed in degrees per second.
+        map_fn: ``module:function`` that converts the leader's values to the robot's; empty for no
+            conversion.
+    """
+
     def __init__(
         self,
         rollout: Rollout,
@@ -98,8 +115,6 @@ class Teleoperation(Actor):
         max_speed: float = math.inf,
         map_fn: str = "",
     ) -> None:
-        """``source``: see ``_source``; ``axes``: the robot's own; ``map_fn``: ``module:function``
-        from the leader's values to the robot's."""
         self._rollout = rollout
         self._report = report
         self._source_told = source
@@ -110,7 +125,7 @@ class Teleoperation(Actor):
         self._squeezes: Squeezes | None = None
         self._lease: Lease | None = None
         self._turn = trio.Lock()
-        self._fresh: Frame | None = None  # read, and not taken up yet
+        self._fresh: Frame | None = None  # the newest frame, if it is not processed yet
         self._idle_writer = trio.lowlevel.ParkingLot()
         self._newest = Frame(0, False, {})
         self._read_last: Mapping[str, float] = {}
@@ -120,7 +135,7 @@ class Teleoperation(Actor):
         self._ended: TaskStatus | None = None
         self._episode = EpisodeState()
         self._episode_ns = 0
-        self._stopping = False  # by the page, which is to be told what became of it before this ends
+        self._stopping = False  # The page has requested a stop, and must show its result before the end.
 
     async def started(self) -> None:
         context = self.context
@@ -165,8 +180,12 @@ class Teleoperation(Actor):
         raise ValueError(f"teleoperation: no source {told['type']!r}")
 
     async def _lead(self) -> None:
-        """Read for ever. A leader that is gone is tried again: to go on takes a new press. An object
-        that never was connected is not: its words may tell what to do (calibrate it)."""
+        """Read the leader for ever.
+
+        A lost leader is opened again; the robot then moves only after a new press of the dead-man. An object
+        that could not be connected at all ends the teleoperation, since its message may have the remedy
+        (calibrate it).
+        """
         opened = False
         try:
             source = self._source()
@@ -178,12 +197,12 @@ class Teleoperation(Actor):
                 except GONE as gone:
                     if not opened and not isinstance(gone, WireDown):
                         raise
-                    with contextlib.suppress(Exception):  # code of others, that has lost its device
+                    with contextlib.suppress(Exception):  # foreign code that has lost its device
                         source.close()
                     self._leader = why = str(gone) if isinstance(gone, WireDown) else describe(gone)
                     await self._leave(f"the leader is gone: {why}")
                     await trio.sleep(AGAIN_S)
-        except Exception as error:  # code of others: a leader's object, a map_fn
+        except Exception as error:  # foreign code: a leader's object, a map_fn
             await self._end("policy", describe(error))
 
     async def _serve(self, told: Mapping[str, Any]) -> None:
@@ -196,34 +215,36 @@ class Teleoperation(Actor):
             await self._end("policy", f"no page at {told['host']}:{told['port']}: {failure}")
 
     def _press(self, t_ns: int, word: str) -> None:
-        """A key of the recorder's, if there is one: it listens."""
+        """Pass on a key press for the recorder. A recorder listens, if it runs."""
         self._tasks.tell(EpisodeKey(t_ns, word))
 
     async def _stop(self) -> str:
-        """The page's stop button: the gate is told at once, and the robot is asked what became of it,
-        by the root's path when the gate does not answer. Then this has ended, as after any stop."""
+        """Stop the robot for the page's stop button, and return the result as a line of text.
+
+        The gate gets a stop at once. Then the robot is stopped by its name, for a confirmed result; if the
+        gate does not answer, the root does it. The teleoperation ends, as after any stop.
+        """
         self._stopping = True
         by = f"the page of {self._rollout.robot}"
         self._gate.tell(Stop(Reason.STOP, by))
-        became = await stop_by_name(self._rollout.robot, by)
-        self.context.start_soon(self._end_after_stop, became)
-        return became
+        result = await stop_by_name(self._rollout.robot, by)
+        self.context.start_soon(self._end_after_stop, result)
+        return result
 
-    async def _end_after_stop(self, became: str) -> None:
+    async def _end_after_stop(self, result: str) -> None:
         await trio.sleep(SHOWN_S)
         self._stopping = False
-        await self._end("stop", f"stopped by its page: {became}")
+        await self._end("stop", f"stopped by its page: {result}")
 
     def _shown(self) -> dict[str, Any]:
-        """What the page is told: where the robot was last sent, and what its recorder does,
-        besides."""
+        """Return the data for the page: state, last target of the robot, and state of the recorder."""
         shown = {"state": str(self._machine.state), "why": self._machine.why, "position": self._position}
         if self._episode_ns and self.context.clock.now_ns() - self._episode_ns < RECORDER_S * NS:
             shown["episode"] = msgspec.structs.asdict(self._episode)
         return shown
 
     async def _read(self, source: Source) -> None:
-        """Hand on a reading each period, and at once one between that tells of a move."""
+        """Pass on one reading per period, and at once each reading between that shows a move."""
         period_s = self._rollout.period_s
         next_s = due_s = trio.current_time()
         while self._ended is None:
@@ -252,7 +273,7 @@ class Teleoperation(Actor):
         return Frame(reading.t_ns, held, values, operator.let_go)
 
     def _squeezed(self, reading: Reading) -> bool:
-        """By the leader's own gripper, before any map."""
+        """Return True if the dead-man is held, by the leader's gripper (before ``map_fn``)."""
         if self._squeezes is None:
             low, high = self._source_told["gripper"][1:]
             self._squeezes = Squeezes(low, high)
@@ -261,8 +282,8 @@ class Teleoperation(Actor):
     # -- writing
 
     async def _write(self) -> None:
-        """Take up the newest frame, again and again. The leader is read on while the gate is asked: its
-        answer takes as long as a reading."""
+        """Process the newest frame, repeatedly. Reading goes on meanwhile, since an answer of the gate takes
+        as long as a reading."""
         while self._ended is None:
             frame, self._fresh = self._fresh, None
             if frame is None:
@@ -287,13 +308,13 @@ class Teleoperation(Actor):
             await self._send(step.target, frame)
 
     async def _engage(self, frame: Frame) -> Step:
-        wanted = Acquire(
+        request = Acquire(
             f"teleoperation of {self._rollout.robot}",
             self._rollout.over,
             os.getpid(),
             instruction=self._rollout.instruction,
         )
-        lease = await self._ask(wanted)
+        lease = await self._ask(request)
         if lease is None:
             return self._asks_again(Step())
         if not isinstance(lease, Lease):
@@ -311,8 +332,8 @@ class Teleoperation(Actor):
         return step if self._machine.state is not State.IDLE else self._not_engaged(self._machine.why)
 
     def _asks_again(self, step: Step) -> Step:
-        """On a busy machine the gate may answer late: the next frame asks anew, if the dead-man is
-        still held."""
+        """Note that the gate did not answer in time, as on a busy computer. The next frame asks again, if the
+        dead-man is still held."""
         self._machine.why = _text(None)
         return step
 
@@ -350,14 +371,14 @@ class Teleoperation(Actor):
             self._machine.not_engaged(why)
 
     async def _let_go(self) -> None:
-        """The gate holds the robot before it answers. If it does not, the setpoint expires by
-        itself."""
+        """Release the lease. The gate holds the robot before it answers. If it does not answer, the setpoint
+        expires by itself."""
         lease, self._lease = self._lease, None
         if lease is not None:
             await self._ask(Release(lease.id))
 
     async def _ask(self, message: Message) -> Message | None:
-        """None: no answer in time."""
+        """Ask the gate. None: no answer in time."""
         try:
             return await self._gate.ask(message, ASK_S)
         except (AskTimeout, Unreachable):
@@ -366,7 +387,10 @@ class Teleoperation(Actor):
     # -- time
 
     async def _look(self) -> None:
-        """A leader that blocks sends no frame by which its silence could be seen."""
+        """Check the age of the newest frame, the duration, and the time of the next report.
+
+        A leader that blocks sends no further frame. So the last frame is processed again when it is too old.
+        """
         report_s = 0.0
         while self._ended is None:
             await trio.sleep(LOOK_S)
@@ -384,7 +408,7 @@ class Teleoperation(Actor):
                 self._tell()
 
     async def _ask_robot(self) -> None:
-        """A stop ends a teleoperation, also one that sends nothing."""
+        """End an idle teleoperation after a stop of the robot. An active one is ended by a refusal."""
         while self._ended is None:
             await trio.sleep(ROBOT_S)
             if self._machine.state is State.IDLE and not self._stopping:
@@ -399,7 +423,7 @@ class Teleoperation(Actor):
             await self._finish(reason, detail)
 
     async def _finish(self, reason: str, detail: str, refusal: str = "") -> None:
-        """For who has the turn."""
+        """End the teleoperation. The caller holds ``_turn``."""
         if self._ended is not None:
             return
         self._machine.idle(f"it has ended: {reason}")

@@ -1,7 +1,7 @@
-"""Keys of a terminal as an operator's hold on a robot. Pure.
+"""Turn key presses of a terminal into a dead-man and rates. Pure.
 
-A terminal tells of a key that goes down, and of it again and again while it is held, never that it
-was let go. So a key counts as held until the next repeat is overdue.
+A terminal reports a key that goes down and its repeats while it is held, but never its release. So a key
+counts as held until its next repeat is overdue.
 """
 
 from __future__ import annotations
@@ -14,21 +14,32 @@ DOWN = "asdfghjkl;"
 DEADMAN = " "
 
 TAP_S = 0.12
-"""What one stroke is worth: a small step."""
+"""How long a single stroke counts as held. It makes a small step."""
 REPEAT_S = 0.2
-"""A key that repeats is let go when it is silent for so long."""
+"""A repeating key counts as released after so long without a repeat."""
 DELAY_S = 0.7
-"""Until the first repeat comes, as terminals are set up."""
+"""Longest delay until the first repeat, as terminals are usually set."""
 
 
 class Hold(NamedTuple):
+    """The keys that are held.
+
+    Attributes:
+        held: True if any key is held.
+        rates: Rate by axis, -1 to 1.
+    """
+
     held: bool
     rates: dict[str, float]
 
 
 class Keys:
-    """``axes``: each with a key for up and one for down, as many as there are keys; none for a
-    leader, whose dead-man is the space bar."""
+    """The keyboard of an operator.
+
+    Args:
+        axes: The axes to move. Each gets a key for up and one for down, as long as there are keys. Empty
+            for a leader; its dead-man is the space bar.
+    """
 
     def __init__(self, axes: Sequence[str]) -> None:
         self.bindings = {
@@ -41,7 +52,7 @@ class Keys:
         self._until_s: dict[str, float] = {}
 
     def press(self, key: str, now_s: float) -> bool:
-        """Take one stroke up. Return whether it means anything."""
+        """Process one key press. Return True if the key has a meaning."""
         if key not in self.bindings and not (self._deadman and key == DEADMAN):
             return False
         repeats = now_s - self._last_s.get(key, -DELAY_S) < DELAY_S
@@ -51,7 +62,7 @@ class Keys:
         return True
 
     def hold(self, now_s: float) -> Hold:
-        """Return what is held now."""
+        """Return the keys that are held now."""
         down = [key for key, until_s in self._until_s.items() if now_s < until_s]
         rates: dict[str, float] = {}
         for key in down:
@@ -61,5 +72,5 @@ class Keys:
         return Hold(bool(down), rates)
 
     def release(self) -> None:
-        """Nothing is held any more."""
+        """Count all keys as released."""
         self._until_s.clear()

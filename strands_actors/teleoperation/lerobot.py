@@ -1,9 +1,10 @@
-"""LeRobot's own teleoperators, by the name of their type. It is imported in the process of the
-teleoperation, and nowhere else: it brings gigabytes.
+"""LeRobot's teleoperators, by the name of their type.
 
-Two things of them are made otherwise. Nobody is there to press a key, so one that is not calibrated
-is refused, instead of asking. And LeRobot counts the joints of some leaders (koch, omx) in shares
-of their calibrated range, without a choice; here they are degrees, as those of all others are.
+Only the process of the teleoperation imports LeRobot, since it takes gigabytes.
+
+Two things differ from LeRobot. A teleoperator that is not calibrated is refused, since no person could
+answer LeRobot's question in this process. And the joints of some leaders (koch, omx), which LeRobot can only
+count as shares of their calibrated range, are in degrees here, as those of all other leaders.
 """
 
 from __future__ import annotations
@@ -20,41 +21,47 @@ TELEOPERATORS = "lerobot.teleoperators"
 
 
 def is_there() -> bool:
-    """Whether lerobot is installed; it is not imported for that."""
+    """Return True if LeRobot is installed, without importing it."""
     return importlib.util.find_spec("lerobot") is not None
 
 
 def make(type: str, **options: Any) -> Any:
-    """Return a teleoperator of lerobot's, or of a package that its discovery finds. ``options``:
-    the fields of its config, mappings where that has configs of its own. Raise ``ValueError`` for a
-    type that there is not, and for a field."""
+    """Return a teleoperator of LeRobot, or of a package that LeRobot's discovery finds.
+
+    Args:
+        type: Name of its type.
+        options: Fields of its config. A nested config is a mapping.
+
+    Raises:
+        ValueError: The type or a field is unknown.
+    """
     config_class = importlib.import_module(f"{TELEOPERATORS}.config").TeleoperatorConfig
     utils = importlib.import_module(f"{TELEOPERATORS}.utils")
     register = getattr(importlib.import_module("lerobot.utils.import_utils"), "register_third_party_plugins", None)
     if register is not None:
         register()
-    known = config_class.get_known_choices()
+    types = config_class.get_known_choices()
     for module in pkgutil.iter_modules(importlib.import_module(TELEOPERATORS).__path__):
-        if type in known:
+        if type in types:
             break
         if module.ispkg:
             _import_if_it_can(f"{TELEOPERATORS}.{module.name}")
-            known = config_class.get_known_choices()
-    if type not in known:
-        raise ValueError(f"lerobot has no teleoperator {type!r}. it has {', '.join(sorted(known))}")
-    own = list(inspect.signature(known[type]).parameters)
+            types = config_class.get_known_choices()
+    if type not in types:
+        raise ValueError(f"lerobot has no teleoperator {type!r}. it has {', '.join(sorted(types))}")
+    own = list(inspect.signature(types[type]).parameters)
     if unknown := [name for name in options if name not in own]:
         raise ValueError(f"lerobot's {type} has no {', '.join(unknown)}. it has {', '.join(own)}")
-    import draccus  # lerobot's own; what it reads its command line with
+    import draccus  # LeRobot brings it, and reads its own command line with it.
 
-    made = utils.make_teleoperator_from_config(draccus.decode(known[type], options))
+    made = utils.make_teleoperator_from_config(draccus.decode(types[type], options))
     if "use_degrees" not in own:
         _in_degrees(made)
     return Unattended(made, type, options.get("id"))
 
 
 class Unattended:
-    """One of lerobot's, where nobody can answer a question of its."""
+    """A teleoperator of LeRobot in a process without a user. It raises where LeRobot would ask a question."""
 
     def __init__(self, made: Any, type: str, id: str | None) -> None:
         self._made = made
@@ -62,10 +69,10 @@ class Unattended:
         self._id = id
 
     def connect(self) -> None:
-        """Raise ``ConnectionError`` for one that is not calibrated."""
+        """Connect. Raise ``ConnectionError`` if it is not calibrated."""
         connect = self._made.connect
         connect(**({"calibrate": False} if "calibrate" in inspect.signature(connect).parameters else {}))
-        if self._made.is_calibrated is not False:  # None of some that need no calibration
+        if self._made.is_calibrated is not False:  # Some that need no calibration return None.
             return
         self._made.disconnect()
         raise ConnectionError(
@@ -82,7 +89,7 @@ class Unattended:
 
 
 def _in_degrees(made: Any) -> None:
-    """Have the joints of a servo bus told in degrees."""
+    """Set the joints of a servo bus to degrees."""
     for motor in getattr(getattr(made, "bus", None), "motors", {}).values():
         modes = type(motor.norm_mode)
         if motor.norm_mode is modes.RANGE_M100_100:
@@ -90,7 +97,7 @@ def _in_degrees(made: Any) -> None:
 
 
 def _import_if_it_can(module: str) -> None:
-    """Some need a package that is not there: they are not among the types then."""
+    """Import a module, unless a package that it needs is missing. Its types are then unknown."""
     try:
         importlib.import_module(module)
     except ImportError:

@@ -1,11 +1,12 @@
-"""What a leader's frames become: nothing, an approach, or setpoints. Pure: no clock, no I/O.
+"""Decide which setpoint follows from a leader's frame, if any. Pure: no clock, no I/O.
 
-``idle``      nothing is sent: the robot holds
-``aligning``  the dead-man is held, and the robot goes to where the leader is, slowly
-``engaged``   the dead-man is held, and the robot follows
+``idle``      no setpoint is sent, and the robot holds
+``aligning``  the dead-man is held, and the robot moves slowly to the leader's position
+``engaged``   the dead-man is held, and the robot follows the leader
 
-Every way out leads to ``idle``, and the only way on is a new press of the dead-man: one that was
-held before anything was there to be engaged counts as not held.
+An aligned robot becomes ``engaged``. Everything else that ends a state leads to ``idle``: a release of the
+dead-man, a silent leader, a refusal of the gate. Only a new press of the dead-man leads out of ``idle``, so
+the dead-man must be released first. One that was held before the robot could be engaged does not count.
 """
 
 from __future__ import annotations
@@ -19,25 +20,26 @@ from strands_actors.contract.axis import Axis, AxisMode, finite
 from strands_actors.kernel.clock import NS
 
 ALIGN_DEG = 15.0
-"""A joint that differs by more is not engaged: somebody would be surprised."""
+"""If a joint of robot and leader differs by more, the robot is not engaged, since its motion would surprise
+people."""
 APPROACH_DEG_S = 30.0
 ALIGNED_DEG = 2.0
 SILENT_NS = 100_000_000
-"""A frame that is older is none: as long as a setpoint lives."""
+"""Greatest age of a frame. It is the lifetime of a setpoint."""
 JOG_SHARE_S = 0.1
-"""Of its range, what an axis that is jogged at full rate does in a second."""
+"""Speed of an axis that is jogged at full rate, as a share of its range per second."""
 JOG_UNBOUNDED = 0.1
-"""Units a second of an axis without a range: a slide of a user's own model."""
+"""Speed of a jogged axis without a range, in units per second, such as a slide of a user's model."""
 LONGEST_STEP_S = 0.05
-"""A jogged target goes on by no more at once, however long there was no frame."""
+"""A jogged target moves on for at most this time at once, even after a longer pause between frames."""
 TOLERANCE = 1.5
-"""Frames jitter: one may step so much further than the axis moves in its time."""
+"""Factor by which one frame may exceed the speed of an axis, since frames jitter."""
 
 DEGREES = {"deg": 1.0, "rad": math.degrees(1.0), "percent": 1.0}
-"""Of one unit. A gripper's percent counts as a degree."""
+"""Degrees per unit. One percent of a gripper counts as one degree."""
 GRIPPER_UNIT = "percent"
-"""However far a gripper is from its leader's, it is approached: who squeezes the leader's to engage
-it could not have it elsewhere."""
+"""Unit of a gripper. A gripper is always approached, even if it differs by more than ``ALIGN_DEG``: an
+operator engages the robot by squeezing the leader's gripper, and so cannot align it."""
 
 NOT_HELD = "the dead-man is not held"
 NOT_ANEW = "the dead-man is held, but was not let go of first. let go and press anew"
@@ -50,20 +52,28 @@ class State(enum.StrEnum):
 
 
 class Kind(enum.StrEnum):
-    """What the numbers of a frame mean."""
+    """The meaning of the numbers of a frame."""
 
-    ABSOLUTE = "absolute"  # where the robot is to be
-    RELATIVE = "relative"  # where the robot is to be, less what differed when it was engaged
-    JOG = "jog"  # -1..1: how fast each axis is to go
+    ABSOLUTE = "absolute"  # target of the robot
+    RELATIVE = "relative"  # target of the robot, without the difference at the time of engaging
+    JOG = "jog"  # rate of each axis, -1..1
 
 
 class Frame(NamedTuple):
-    """What was read of a leader, in the robot's axes and units."""
+    """One reading of a leader, in the robot's axes and units.
 
-    t_ns: int  # when it was measured
-    held: bool  # the dead-man
+    Attributes:
+        t_ns: Time of the measurement.
+        held: True if the dead-man is held.
+        values: Values by axis.
+        let_go: True if the operator has reported the release of the dead-man, and was not merely silent.
+            None: a dead-man that is not held counts as released.
+    """
+
+    t_ns: int
+    held: bool
     values: Mapping[str, float]
-    let_go: bool | None = None  # somebody said so, and was not only silent; None: not held is let go
+    let_go: bool | None = None
 
     @property
     def is_let_go(self) -> bool:
@@ -71,41 +81,52 @@ class Frame(NamedTuple):
 
 
 class Step(NamedTuple):
-    """What is to be done with a frame."""
+    """The actions that follow from a frame.
 
-    target: dict[str, float] | None = None  # sent; None: nothing is
-    engage: bool = False  # take the lease, then ``engage``
-    let_go: bool = False  # give the lease back: the robot holds
+    Attributes:
+        target: The setpoint to send; None to send nothing.
+        engage: Acquire the lease, then call ``Machine.engage``.
+        let_go: Release the lease. The robot then holds.
+    """
+
+    target: dict[str, float] | None = None
+    engage: bool = False
+    let_go: bool = False
 
 
 _NOTHING = Step()
 
 
 class Machine:
-    """``axes``: the robot's own. ``kind``: of the leader. ``max_speed``: degrees a second, where
-    that is less than what the axis can do. Raise ``ValueError`` when no axis can be led."""
+    """The state machine of one teleoperation (see above).
+
+    Args:
+        axes: The axes of the robot.
+        kind: The kind of the leader's numbers.
+        max_speed: Highest speed in degrees per second. The speed limit of each axis holds as well.
+    """
 
     def __init__(self, axes: Sequence[Axis], kind: Kind, max_speed: float = math.inf) -> None:
         self._axes = {axis.key: axis for axis in axes}
         self._kind = kind
         self._max_speed = max_speed
-        self._armed = False  # the dead-man was seen released
+        self._armed = False  # the dead-man was released, so a press engages
         self._target: dict[str, float] = {}
         self._offset: dict[str, float] = {}
         self._sent_ns = 0
-        self._before: tuple[dict[str, float], int] = {}, 0  # target and time, of the frame before
+        self._before: tuple[dict[str, float], int] = {}, 0  # target and time of the previous frame
         self.state = State.IDLE
         self.why = NOT_HELD
-        """Why nothing is sent, or what keeps the robot from being engaged."""
+        """Why nothing is sent, or why the robot is not engaged."""
         self.differs: dict[str, float] = {}
-        """Joints that differ too much to be engaged, in their unit."""
+        """Difference by joint, of joints that differ too much to be engaged, in their unit."""
         self.refused = 0
-        """Frames that would have been too fast."""
+        """Number of refused frames, such as those that were too fast."""
         self.at_end: tuple[str, ...] = ()
-        """Axes that are led beyond their range, and stay at its end."""
+        """Axes with a target beyond their range. They stay at its end."""
 
     def step(self, frame: Frame, now_ns: int) -> Step:
-        """Take one frame up."""
+        """Process one frame, and return the actions that follow from it."""
         if self.state is not State.IDLE:
             if now_ns - frame.t_ns > SILENT_NS:
                 return self.idle(f"the leader is silent for {(now_ns - frame.t_ns) / 1e6:.0f} ms")
@@ -124,12 +145,21 @@ class Machine:
         return Step(engage=True)
 
     def engage(self, frame: Frame, follower: Mapping[str, float], now_ns: int) -> Step:
-        """The lease is there, and the robot is at ``follower``."""
+        """Engage the robot, after the lease is acquired.
+
+        Args:
+            frame: The newest frame.
+            follower: Measured position of the robot by axis.
+            now_ns: The time.
+
+        Returns:
+            The actions that follow. ``state`` is idle if the robot was not engaged; ``why`` has the reason.
+        """
         self._armed = False
         unknown = [str(key) for key in frame.values if key not in self._axes]
         if unknown or not frame.values:
-            known = ", ".join(self._axes)
-            return self.idle(f"the leader has {', '.join(unknown) or 'no axis'}, the robot has {known}: use map_fn")
+            names = ", ".join(self._axes)
+            return self.idle(f"the leader has {', '.join(unknown) or 'no axis'}, the robot has {names}: use map_fn")
         self._target = {key: follower[key] for key in frame.values}
         self._offset = {}
         self._sent_ns = now_ns
@@ -147,19 +177,18 @@ class Machine:
         return _NOTHING
 
     def not_engaged(self, why: str) -> None:
-        """What ``engage`` needs is not there."""
+        """Note why the robot could not be engaged. A new press of the dead-man is needed."""
         self._armed = False
         self.why = why
 
     def idle(self, why: str) -> Step:
-        """Go back to ``idle``, whatever the reason: the robot holds until the dead-man is pressed
-        again."""
-        was = self.state
+        """Go to ``idle``. The robot holds until the dead-man is pressed again."""
+        before = self.state
         self.state, self.why, self.at_end = State.IDLE, why, ()
-        return Step(let_go=was is not State.IDLE)
+        return Step(let_go=before is not State.IDLE)
 
     def refuse(self) -> None:
-        """The robot's gate has refused the last target: it counts as not sent."""
+        """Undo the last target, after the robot's gate has refused it."""
         self.refused += 1
         self._target, self._sent_ns = self._before
 
@@ -189,7 +218,7 @@ class Machine:
         return self._send(goal, now_ns)
 
     def _wrong(self, frame: Frame) -> str:
-        """Why a frame is none; empty: it is one."""
+        """Return why a frame is wrong; empty if it is right."""
         if frame.values.keys() != self._target.keys():
             return f"the leader tells of {', '.join(frame.values)}, it told of {', '.join(self._target)}"
         return next(
@@ -212,14 +241,14 @@ class Machine:
         return self._send(target, now_ns)
 
     def _jogged(self, frame: Frame, passed_s: float) -> dict[str, float]:
-        wanted = {}
+        targets = {}
         for key, rate in frame.values.items():
             axis, rate = self._axes[key], max(-1.0, min(1.0, rate))
             if axis.mode is AxisMode.VELOCITY:
-                wanted[key] = axis.rest + rate * (axis.high if rate > 0 else -axis.low)
+                targets[key] = axis.rest + rate * (axis.high if rate > 0 else -axis.low)
             else:
-                wanted[key] = self._target[key] + rate * self._jog_speed(axis) * passed_s
-        within, self.at_end = self._within(wanted)
+                targets[key] = self._target[key] + rate * self._jog_speed(axis) * passed_s
+        within, self.at_end = self._within(targets)
         return within
 
     def _jog_speed(self, axis: Axis) -> float:
@@ -230,11 +259,11 @@ class Machine:
         return min(speed, axis.speed, self._max_speed / DEGREES.get(axis.unit, 1.0))
 
     def _within(self, wanted: Mapping[str, float]) -> tuple[dict[str, float], tuple[str, ...]]:
-        """Keep each axis inside its range: a leader goes further than its follower."""
+        """Limit each axis to its range, since a leader may have a wider range than the robot."""
         kept, at_end = {}, []
         for key, value in wanted.items():
             axis = self._axes[key]
-            # An axis that rests beyond its end may stay there.
+            # An axis that is beyond the end of its range may stay there.
             low, high = min(axis.low, self._target[key]), max(axis.high, self._target[key])
             kept[key] = max(low, min(high, value))
             if kept[key] != value:
@@ -242,7 +271,7 @@ class Machine:
         return kept, tuple(at_end)
 
     def _far(self, frame: Frame) -> dict[str, float]:
-        """Joints of the leader that are too far from where the robot was last told to be."""
+        """Return the difference of each leader joint that is too far from the robot's last target."""
         goal, _ = self._within(frame.values)
         away = {key: value - self._target[key] for key, value in goal.items()}
         return {
@@ -263,12 +292,17 @@ class Machine:
 
 
 class Squeezes:
-    """A dead-man for who has both hands on the leader: its gripper, squeezed twice within
-    ``WITHIN_NS``, is held from then on, and released by two more."""
+    """A dead-man for an operator with both hands on the leader. Two squeezes of the leader's gripper within
+    ``WITHIN_NS`` hold the dead-man, and two more release it.
+
+    Args:
+        low: The gripper's closed end.
+        high: Its open end.
+    """
 
     WITHIN_NS = 1_200_000_000
     CLOSED, OPEN = 0.25, 0.5
-    """Of the gripper's range."""
+    """Below ``CLOSED`` and above ``OPEN`` the gripper counts as closed and as open. Shares of its range."""
 
     def __init__(self, low: float, high: float) -> None:
         self._closed = low + self.CLOSED * (high - low)
@@ -278,7 +312,7 @@ class Squeezes:
         self.held = False
 
     def take(self, value: float, now_ns: int) -> bool:
-        """Take one reading of the gripper up. Return whether it is held."""
+        """Process one reading of the gripper. Return True if the dead-man is held."""
         if value >= self._open:
             self._was_open = True
         elif value <= self._closed and self._was_open:

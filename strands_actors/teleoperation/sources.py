@@ -1,5 +1,5 @@
-"""Where a leader's frames come from. Each lives in the process of the teleoperation, which may be
-killed with it."""
+"""The sources of a leader's frames. They run in the process of the teleoperation, which may be killed
+together with them."""
 
 from __future__ import annotations
 
@@ -17,11 +17,17 @@ from strands_actors.supervisors.loading import load_driver
 from strands_actors.supervisors.root.messages import Operate
 
 OPERATOR_NS = 200_000_000
-"""So long what an operator does at a keyboard stands: one that is gone has let go."""
+"""Lifetime of an operator's input. Without newer input the dead-man counts as released."""
 
 
 class Reading(NamedTuple):
-    """``held``: what the leader itself says of its dead-man; None: it has none."""
+    """One reading of a leader.
+
+    Attributes:
+        t_ns: Time of the measurement; 0 if there is no complete reading.
+        values: Values by axis.
+        held: True if the leader's own dead-man is held; None if the leader has no dead-man.
+    """
 
     t_ns: int
     values: Mapping[str, float]
@@ -29,23 +35,26 @@ class Reading(NamedTuple):
 
 
 class Source(Protocol):
-    """Calls never overlap. ``READINGS``: how often it is read in a period."""
+    """A source of readings. Calls never overlap."""
 
     READINGS: int
+    """Number of readings per control period."""
 
     async def open(self) -> None:
-        """Raise ``WireDown``."""
+        """Connect to the leader. Raise ``WireDown``."""
 
     async def read(self) -> Reading:
-        """The newest. Raise ``WireDown`` when it is gone."""
+        """Return the newest reading. Raise ``WireDown`` if the leader is lost."""
 
     def close(self) -> None: ...
 
 
 class Arm:
-    """A leader arm on its bus: opened, made limp, and read. Its wire energises nothing. It is read
-    three times in a period (1 to 3 ms of its bus each): a change waits for 4 ms at most at 100 Hz, not
-    for 10."""
+    """A leader arm on its bus. It is opened, made limp, and read, and its wire energises nothing.
+
+    It is read three times per period (1 to 3 ms of its bus each). At 100 Hz a change then waits for at most
+    4 ms instead of 10 ms.
+    """
 
     READINGS = 3
 
@@ -59,7 +68,7 @@ class Arm:
         wire = self._driver.open_wire(self._clock)
         await wire.open()
         self._wire = wire
-        # Whoever had it before may have left torque on it: it could not be moved by hand.
+        # An earlier program may have left torque on the motors, and the arm could not be moved by hand.
         reports = await wire.make_safe(SafeState.LIMP)
         if stiff := [report.axis for report in reports if not report.safe]:
             self.close()
@@ -81,8 +90,11 @@ class Arm:
 
 
 class Asked:
-    """An object with ``get_action()``, as lerobot's teleoperators have it: positions by joint,
-    ``x`` or ``x.pos``. It is made and asked in threads: it may block."""
+    """An object with ``get_action()``, such as a teleoperator of lerobot.
+
+    ``get_action()`` returns positions by joint, under ``x`` or ``x.pos``. The object may block, so it is made
+    and read in threads.
+    """
 
     READINGS = 1
 
@@ -110,7 +122,7 @@ class Asked:
         values = {str(key).removesuffix(".pos"): value for key, value in action.items()}
         numbers = {key: number for key, value in values.items() if (number := finite(_plain(value))) is not None}
         if len(numbers) != len(values):
-            return Reading(0, {})  # no frame: who sends none for long is silent
+            return Reading(0, {})  # This is not a frame. A leader without frames soon counts as silent.
         return Reading(asked_ns, numbers)
 
     def close(self) -> None:
@@ -124,7 +136,7 @@ def _plain(value: Any) -> Any:
 
 
 class Operator:
-    """What somebody does at a keyboard or on a page: rates by axis, and a dead-man."""
+    """The input of an operator at a keyboard or a page: rates by axis, and a dead-man."""
 
     READINGS = 1
 
@@ -134,19 +146,22 @@ class Operator:
         self._told = Operate(0, False)
 
     def take(self, told: Operate) -> None:
-        """Be told something new. What came late stands no longer than if it had not."""
+        """Take new input. Its lifetime counts from its own time, so late input expires earlier."""
         if told.t_ns >= self._told.t_ns:
             self._told = told
 
     @property
     def held(self) -> bool:
-        """Whether the dead-man is held now."""
+        """Return True if the dead-man is held now."""
         return self._told.held and 0 <= self._clock.now_ns() - self._told.t_ns <= OPERATOR_NS
 
     @property
     def let_go(self) -> bool:
-        """Whether the operator has said that it is not held: who is silent (or was not heard, for
-        this process stood still) may hold it still, and that is no new press."""
+        """Return True if the operator has reported the release of the dead-man.
+
+        Silence is no release: a silent operator may still hold it, for example while this process stood
+        still. When input comes again, it must not count as a new press.
+        """
         return self._told.t_ns > 0 and not self._told.held
 
     async def open(self) -> None:
@@ -156,13 +171,13 @@ class Operator:
         now_ns = self._clock.now_ns()
         if not self.held:
             return Reading(now_ns, self._rest, held=False)
-        known = {key: rate for key, rate in self._told.rates.items() if key in self._rest}
-        return Reading(now_ns, {**self._rest, **known}, held=True)
+        rates = {key: rate for key, rate in self._told.rates.items() if key in self._rest}
+        return Reading(now_ns, {**self._rest, **rates}, held=True)
 
     def close(self) -> None:
         return None
 
 
 def made_of(source: Mapping[str, Any]) -> Callable[[], Any]:
-    """Return what makes the object of a source by ``module:factory``."""
+    """Return a function that makes the object of a source, by its ``module:factory``."""
     return lambda: load(source["factory"])(**source.get("options", {}))

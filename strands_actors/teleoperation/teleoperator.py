@@ -1,5 +1,7 @@
-"""``Teleoperator(...)``: what a robot can be led by. Nothing here touches hardware: the process of
-the teleoperation does."""
+"""``Teleoperator(...)`` describes a leader for a robot.
+
+Nothing here touches hardware. The process of the teleoperation does.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,7 @@ KEYBOARD = "keyboard"
 PHONE = "phone"
 PAGES = ("page", "gamepad", PHONE)
 OPERATED = (KEYBOARD, *PAGES)
-"""What somebody does with keys or sticks, in the process of the teleoperation or told to it."""
+"""Leaders that are an operator with keys or sticks."""
 
 _numbers = itertools.count(1)
 
@@ -39,14 +41,32 @@ HAND = "strands_actors.drivers.sim.world:move_by_hand"
 
 
 class Teleoperator:
-    """A leader arm (``so101_leader``, at ``port``, or its twin), ``keyboard``, a ``page`` for
-    touch, ``gamepad`` and ``phone``, served at ``address``, or any object with ``get_action()``,
-    made in the process of the teleoperation: ``"module:Class"`` with its ``options``;
-    ``"lerobot:TYPE"`` is LeRobot's own of that type, with the fields of its config.
+    """A leader for a robot. Nothing is opened before ``arm.teleoperate(leader)``.
 
-    ``id``: under which its calibration is kept, LeRobot's word; ``relative``: it leads from where
-    it and the robot are when it is engaged, not to where it is. Nothing is opened before
-    ``arm.teleoperate(...)``. Raise ``ValueError`` or ``TypeError`` with what would be accepted.
+    The name selects the kind:
+
+        ``so101_leader``         a leader arm, at ``port`` or as its twin
+        ``keyboard``             keys, which ``arm.operate()`` reports
+        ``page``, ``gamepad``, ``phone``  a page for touch or a gamepad, served at ``address``
+        ``module:Class``         any object with ``get_action()``, with ``options`` as keyword arguments
+        ``lerobot:TYPE``         LeRobot's teleoperator of this type, with the fields of its config
+
+    Args:
+        name: Name of the leader (see above).
+        port: Serial device of a leader arm.
+        transport: ``"twin"`` for the twin of a leader arm, in place of a port.
+        id: Name under which LeRobot keeps the arm's calibration.
+        relative: True: the robot follows the changes of the leader from the poses at engaging. False: the
+            robot goes to the leader's pose.
+        options: Options of the leader. A page has ``listen``, its address.
+
+    Raises:
+        ValueError: The name or an option is unknown. The text has the accepted ones.
+        TypeError: A value has the wrong type, or this leader does not take the keyword.
+
+    Example:
+        with Teleoperator("so101_leader", port="/dev/ttyACM1") as leader:
+            arm.teleoperate(leader, duration=60.0)
     """
 
     def __init__(
@@ -55,11 +75,11 @@ class Teleoperator:
         *,
         port: str | None = None,
         transport: str | None = None,
-        id: str | None = None,  # LeRobot's word for it
+        id: str | None = None,  # the word of LeRobot
         relative: bool = False,
         **options: Any,
     ) -> None:
-        if not isinstance(relative, bool):  # the text "no" would be a yes
+        if not isinstance(relative, bool):  # The text "no" would count as true.
             raise TypeError(f"Teleoperator: relative is {shown(relative)}. give True or False")
         self._twin: TwinProcess | None = None
         self._hand: dict[str, float] = {}
@@ -116,8 +136,8 @@ class Teleoperator:
         if unknown := [key for key in self._options if key not in driver_class.OPTIONS]:
             accepted = ", ".join(driver_class.OPTIONS)
             raise ValueError(f"Teleoperator: {leader} takes no {', '.join(unknown)}. it takes {accepted}")
-        told = self._options if transport is not None else {**self._options, "tool_name": robot_id or leader}
-        self._options = driver_class.resolve(leader, told)
+        options = self._options if transport is not None else {**self._options, "tool_name": robot_id or leader}
+        self._options = driver_class.resolve(leader, options)
         self._driver_class = driver_class
         self._driver = build_driver(driver_class, leader, self._port or "", self._options)
         if self._port is not None:
@@ -134,27 +154,27 @@ class Teleoperator:
 
     @property
     def driver(self) -> Driver:
-        """Of a leader arm: its axes and units. Raise ``TypeError`` for what has none."""
+        """Return the driver of a leader arm, with axes and units. Raise ``TypeError`` for any other leader."""
         if self._driver is None:
             raise TypeError(f"{self.name} is no arm: it has no axes of its own")
         return self._driver
 
     @property
     def caveats(self) -> tuple[str, ...]:
-        """What is to be known of a leader arm before it leads: it is not calibrated. A twin needs not."""
+        """Return warnings of a leader arm, such as a missing calibration. A twin has no warnings."""
         return () if self._driver is None or self._twin is not None else self._driver.caveats
 
     @property
     def twin_process(self) -> TwinProcess | None:
-        """The process of its twin, if it has one."""
+        """Return the process of its twin; None if it has no twin."""
         return self._twin
 
     def __repr__(self) -> str:
         return f"<Teleoperator {self.name} ({'twin' if self._twin else self._port})>"
 
     async def source(self) -> dict[str, Any]:
-        """Return what the process of the teleoperation reads, as plain data; a twin is started.
-        Raise ``TwinProcessDown``."""
+        """Return the description of the leader for the process of the teleoperation, as plain data. Start its
+        twin, if it has one. Raise ``TwinProcessDown``."""
         if self._driver is None or self._driver_class is None:
             if ":" in self.name:
                 if self.name.startswith(lerobot.PREFIX):
@@ -169,26 +189,33 @@ class Teleoperator:
         if self._twin is not None:
             await self._twin.start()
         port = self._port or (self._twin.port if self._twin is not None else "")
-        told: dict[str, Any] = {
+        description: dict[str, Any] = {
             "type": "arm",
             "description": describe_driver(self._driver_class, self.name, port, self._options),
         }
         grippers = [axis for axis in self._driver.table if axis.unit == "percent"]
         if grippers:
-            told["gripper"] = [grippers[0].key, grippers[0].low, grippers[0].high]
-        return told
+            description["gripper"] = [grippers[0].key, grippers[0].low, grippers[0].high]
+        return description
 
     def move_by_hand(self, positions: Mapping[str, float]) -> None:
-        """Move joints of a leader's twin, as a hand would: by name, in its units. Raise
-        ``RuntimeError`` when that cannot be, ``TypeError`` for what is no twin or no position."""
+        """Move joints of a leader's twin, as a hand would.
+
+        Args:
+            positions: Position by joint, in the leader's units.
+
+        Raises:
+            RuntimeError: The twin does not run.
+            TypeError: The leader is not a twin, or ``positions`` is wrong.
+        """
         twin, driver = self._twin, self.driver
         if twin is None:
             raise TypeError(f"{self.name} is no twin. move it by your own hand")
         units = dict(zip(driver.axes, driver.model_units(), strict=True))
-        said: object = positions  # of a program that nobody has checked
-        if not isinstance(said, Mapping):
+        given: object = positions  # The program may not be type-checked.
+        if not isinstance(given, Mapping):
             axis = next(iter(units))
-            raise TypeError(f"move_by_hand: it is {shown(said)}. give positions by joint: {{{axis!r}: 10.0}}")
+            raise TypeError(f"move_by_hand: it is {shown(given)}. give positions by joint: {{{axis!r}: 10.0}}")
         if unknown := [str(key) for key in positions if key not in units]:
             raise TypeError(f"{self.name} has no {', '.join(unknown)}. it has {', '.join(units)}")
         angles = {}
@@ -210,8 +237,8 @@ class Teleoperator:
 
     @property
     def address(self) -> str:
-        """Where the page is served, with the token that opens it: for its operator alone. Empty:
-        it is not (yet)."""
+        """Return the address of the page; empty if it is not served (yet). It contains the token that opens the
+        page, so give it to the operator only."""
         try:
             return "" if self._address_file is None else self._address_file.read_text()
         except FileNotFoundError:
@@ -234,11 +261,20 @@ class Teleoperator:
 
 
 def where_to_listen(listen: object) -> tuple[str, int]:
-    """Of a page: ``host``, ``host:port`` or nothing. Raise ``ValueError``."""
+    """Return host and port of a page.
+
+    Args:
+        listen: ``host`` or ``host:port``; empty for 127.0.0.1 and a free port.
+
+    Raises:
+        ValueError: It is not such a text, or means every address of this host.
+    """
     host, _, number = str(listen).partition(":")
     if not isinstance(listen, str) or (number and not (number.isdigit() and int(number) < 65536)):
         raise ValueError(f"a page cannot listen on {listen!r}. give an address of this host, or address:port")
-    if _is_every_address(host):  # what its browser calls this host would not be known, and be refused
+    # The page refuses host names other than its own. With every address it could not know the name that
+    # the browser uses.
+    if _is_every_address(host):
         raise ValueError(
             f"a page cannot listen on {listen!r}, which is every address of this host. give the one that its "
             f"browser opens, as 192.0.2.5{f':{number}' if number else ''}"
@@ -248,7 +284,7 @@ def where_to_listen(listen: object) -> tuple[str, int]:
 
 def _is_every_address(host: str) -> bool:
     try:
-        return not any(socket.inet_aton(host))  # ``0`` is one way to write it
+        return not any(socket.inet_aton(host))  # ``0`` is another form of ``0.0.0.0``.
     except OSError:
         return False
 
@@ -261,8 +297,8 @@ def _unknown(name: object) -> str:
 
 
 def place_of_map(map_fn: Callable[..., Any] | None) -> str:
-    """Return the name under which the process of a teleoperation finds a function. Raise
-    ``ValueError`` for one that it cannot find."""
+    """Return ``module:name`` of a function, for the process of a teleoperation. Raise ``ValueError`` if that
+    process cannot import it."""
     if map_fn is None:
         return ""
     if not inspect.isfunction(map_fn):

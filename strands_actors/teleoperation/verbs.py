@@ -1,4 +1,4 @@
-"""A robot's verbs of teleoperation, on its tree."""
+"""The verbs of teleoperation, as functions of a robot's tree."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ FOR_EVER_S = 1e9
 DEADMEN = (KEY, GRIPPER)
 RATES = "-1..1"
 MOST_RATE = 1.01
-"""A stick may say a little more than 1: -32768 of 32767. It counts as 1."""
+"""Greatest accepted rate. A stick may report a little more than 1 (-32768 of 32767), which counts as 1."""
 NOT_THE_DEADMAN = Refused(
     Code.GRIPPER_DEADMAN,
     "the dead-man of this teleoperation is the leader's gripper",
@@ -51,7 +51,7 @@ def attach(
     max_speed: float | None,
     duration: float | None,
 ) -> Verb | Answer:
-    """The arguments as ``Robot.attach_teleop`` has them."""
+    """Return the verb, or a refusal. The arguments are those of ``RealRobot.attach_teleop``."""
     hz, max_speed, duration = map(as_python, (hz, max_speed, duration))
     try:
         if not isinstance(leader, Teleoperator):
@@ -121,10 +121,10 @@ def _check(value: object, name: str, most: float) -> None:
 
 
 def operate(driver: Driver, held: object, rates: Mapping[str, object]) -> Verb | Answer:
-    """Tell a teleoperation what its operator does. A slip moves nothing, and keeps nobody from
-    letting go."""
+    """Return the verb that sends an operator's input, or a refusal. A wrong rate moves nothing, and does not
+    prevent a release of the dead-man."""
     is_held = as_python(held)
-    if not isinstance(is_held, bool):  # the text "False" would hold the dead-man
+    if not isinstance(is_held, bool):  # The text "False" would hold the dead-man.
         return answers.refused(_wrong(Code.BAD_ARGUMENT, f"held is {shown(held)}", "True or False", held))
     told = _rates(driver, rates)
     if isinstance(told, Refused) and is_held:
@@ -141,7 +141,7 @@ def operate(driver: Driver, held: object, rates: Mapping[str, object]) -> Verb |
 
 
 def _rates(driver: Driver, given: Mapping[str, object]) -> dict[str, float] | Refused:
-    told: dict[str, float] = {}
+    checked: dict[str, float] = {}
     for key, rate in given.items():
         if key not in driver.axes:
             close = closest(key, driver.axes)
@@ -151,8 +151,8 @@ def _rates(driver: Driver, given: Mapping[str, object]) -> dict[str, float] | Re
         number = finite(as_python(rate))
         if number is None or abs(number) > MOST_RATE:
             return _wrong(Code.BAD_RATE, f"{key} is {shown(rate)}", f"how fast it is to go, {RATES}", rate)
-        told[key] = number
-    return told
+        checked[key] = number
+    return checked
 
 
 def _wrong(code: str, why: str, accepted: str, offered: object) -> Refused:

@@ -1,1 +1,1 @@
-"""The page of an operator: touch and gamepads, by the browser's own means, over one WebSocket."""
+"""The web page of an operator, for touch and gamepads (by the browser's API), over one WebSocket."""

@@ -1,8 +1,10 @@
-"""What a browser asks, and whether it may. Pure.
+"""Parse the requests of a browser, and decide which are allowed. Pure.
 
-A page of somebody else's, open in the same browser, can reach this port, too: so the address has a
-token, the host has to be the one that is served (a name that was pointed here is another), and a
-WebSocket has to come from this very page.
+A foreign page that is open in the same browser can reach this port, too. So three things are checked:
+
+* The address must have the token.
+* The host must be the served one. A foreign name that resolves to this address is another host.
+* A WebSocket must come from this very page (its origin).
 """
 
 from __future__ import annotations
@@ -17,6 +19,8 @@ HEAD_END = b"\r\n\r\n"
 
 
 class Asked(NamedTuple):
+    """The head of a request."""
+
     method: str
     path: str
     token: str
@@ -28,7 +32,7 @@ class Asked(NamedTuple):
 
 
 def parse(head: bytes) -> Asked | None:
-    """The head of a request, without its end; None: it is none."""
+    """Return the head of a request, from its bytes without ``HEAD_END``; None if it is not valid."""
     try:
         line, *rows = head.decode("latin-1").split("\r\n")
         method, target, version = line.split(" ")
@@ -40,14 +44,21 @@ def parse(head: bytes) -> Asked | None:
     headers: dict[str, str] = {}
     for row in rows:
         name, colon, value = row.partition(":")
-        if not colon or name.lower() in headers:  # one that stands twice is two opinions
+        # A repeated header is refused, since its meaning is ambiguous.
+        if not colon or name.lower() in headers:
             return None
         headers[name.lower()] = value.strip()
     return Asked(method, parts.path, parse_qs(parts.query).get("token", [""])[-1], headers)
 
 
 def refuse(asked: Asked | None, token: str, hosts: Collection[str]) -> tuple[int, str] | None:
-    """Why not, as HTTP says it; None: it may. ``hosts``: as the page's own address names them."""
+    """Return the HTTP status and text of a refusal; None if the request is allowed.
+
+    Args:
+        asked: The request; None if it is not valid.
+        token: The token of the page.
+        hosts: Accepted values of the Host header, ``name:port``.
+    """
     if asked is None:
         return 400, "no request"
     host = asked.headers.get("host", "").lower()
@@ -67,15 +78,23 @@ def refuse(asked: Asked | None, token: str, hosts: Collection[str]) -> tuple[int
 
 
 class Lateness:
-    """How late a message is, without a common clock: later than the quickest so far, by so much
-    more than the sender's own clock has passed. What was stuck in a network comes late, all at
-    once, and must not be taken for the present."""
+    """Measure the delay of messages without a common clock.
+
+    The message with the smallest difference of receive time and sender's time counts as the fastest so far.
+    The delay of a message is its difference minus that. Messages that were stuck in a network arrive late
+    and all at once, and must not count as new.
+    """
 
     def __init__(self) -> None:
         self._least_ns: int | None = None
 
     def of(self, sent_ms: float, received_ns: int) -> int:
-        """Nanoseconds."""
+        """Return the delay of a message in nanoseconds.
+
+        Args:
+            sent_ms: Time of sending, by the sender's clock.
+            received_ns: Time of receipt, by our clock.
+        """
         passed_ns = received_ns - round(sent_ms * 1e6)
         self._least_ns = passed_ns if self._least_ns is None else min(self._least_ns, passed_ns)
         return passed_ns - self._least_ns

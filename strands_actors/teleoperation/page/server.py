@@ -1,4 +1,4 @@
-"""Serves the page to one operator at a time, in the process of the teleoperation."""
+"""Serve the page to one operator at a time, in the process of the teleoperation."""
 
 from __future__ import annotations
 
@@ -31,23 +31,30 @@ HEAD_S = 5.0
 SEND_S = 1.0
 TELL_S = 0.1
 SILENT_S = 2.0
-"""A page that has said nothing for so long is gone, though its connection may stay for ever: a phone
-that sleeps, a network that is lost."""
+"""A page without a message for so long counts as gone. Its connection could stay for ever, for example if a
+phone sleeps or a network is lost."""
 MAX_MESSAGE = 4096
 STOPPED_SHOWN_S = 20.0
-"""So long a page shows what became of its stop."""
+"""How long a page shows the result of its stop."""
 ASKED = "asked, not confirmed yet"
 MOST_STRANGERS = 16
-"""Clients that have not shown the token."""
+"""Greatest number of clients that have not sent the token."""
 LONGEST_MS = 1e12
-"""A page is open for less than thirty years."""
+"""Greatest time of a page's clock (about 30 years)."""
 REASONS = {400: "Bad Request", 403: "Forbidden", 404: "Not Found", 405: "Method Not Allowed", 409: "Conflict",
            421: "Misdirected Request"}  # fmt: skip
 
 
 class Told(msgspec.Struct):
-    """What the page says, 30 times a second. ``at_ms``: by its own clock; ``episode``: a key of the
-    recorder's, pressed now; ``stop``: the stop button was pressed."""
+    """A message of the page, which sends 30 per second.
+
+    Attributes:
+        held: True if the dead-man is held.
+        at_ms: Time by the page's clock.
+        rates: Rate by axis, -1 to 1.
+        episode: The key of the recorder that was pressed; empty for no key.
+        stop: True if the stop button was pressed.
+    """
 
     held: bool
     at_ms: Annotated[float, msgspec.Meta(ge=0.0, le=LONGEST_MS)]
@@ -57,19 +64,28 @@ class Told(msgspec.Struct):
 
 
 class _Operator:
-    """One page, from its first message to its last."""
+    """The state of one connected page."""
 
     def __init__(self) -> None:
         self.lateness = Lateness()
         self.text = ""
         self.has_let_go = False
-        """One that begins with the dead-man held has pressed nothing."""
+        """True once the dead-man was released. A dead-man that is held from the first message on does not
+        count."""
 
 
 class Page:
-    """``operate``: is told what the operator does; ``press``: which key of the recorder's, and
-    when; ``stop``: stops the robot, and returns what became of that; ``status``: what the page shows;
-    ``axes``: what can be moved."""
+    """The server of the page.
+
+    Args:
+        clock: The clock.
+        operate: Takes the operator's input.
+        press: Takes the time and the name of a key of the recorder.
+        stop: Stops the robot, and returns the result as text.
+        status: Returns the data that the page shows.
+        axes: Names of the axes that can be moved.
+        title: Title of the page.
+    """
 
     def __init__(
         self,
@@ -96,14 +112,20 @@ class Page:
         self._operated = False
 
     async def serve(self, host: str, port: int, tell: Callable[[str], None]) -> None:
-        """Until cancelled. ``tell``: what is to be done with the address, which has the token in it.
-        Raise ``OSError``."""
+        """Serve the page until cancelled. Raise ``OSError``.
+
+        Args:
+            host: Address to listen at.
+            port: Port to listen at; 0 for a free one.
+            tell: Takes the address of the page, which contains the token.
+        """
         (listener, *_) = await trio.open_tcp_listeners(port, host=host)
         number = listener.socket.getsockname()[1]
         names = {host, "localhost"} if host.startswith("127.") else {host}
-        self._hosts = frozenset(f"{name.lower()}:{number}" for name in names)  # as browsers say them
+        self._hosts = frozenset(f"{name.lower()}:{number}" for name in names)  # as browsers send them
         tell(f"http://{host}:{number}/?token={self._token}")
-        async with trio.open_nursery() as self._stops:  # a stop goes on when the page that asked has gone
+        # A stop runs in this nursery, so that it continues if the page that requested it disconnects.
+        async with trio.open_nursery() as self._stops:
             await serve_clients(self._answer, listener, MOST_STRANGERS, SEND_S)
 
     async def _answer(self, client: Client) -> None:
@@ -133,8 +155,8 @@ class Page:
             return
         nonce = secrets.token_urlsafe(12)
         page = resources.files(__package__).joinpath("page.html").read_text("utf-8")
-        told = json.dumps({"axes": self._axes, "title": self._title}).replace("<", "\\u003c")
-        body = page.replace("NONCE", nonce).replace("/*TOLD*/null", told).encode()
+        page_data = json.dumps({"axes": self._axes, "title": self._title}).replace("<", "\\u003c")
+        body = page.replace("NONCE", nonce).replace("/*TOLD*/null", page_data).encode()
         policy = (
             f"default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; connect-src 'self'; "
             "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -142,7 +164,7 @@ class Page:
         await _respond(client, 200, "text/html; charset=utf-8", body, policy)
 
     async def _converse(self, client: Client, data: bytes) -> None:
-        """One operator: whatever ends it, the dead-man is let go of."""
+        """Talk to one page until it disconnects. The caller then releases the dead-man."""
         end = WSConnection(ConnectionType.SERVER)
         operator = _Operator()
         async with trio.open_nursery() as nursery:
@@ -158,7 +180,7 @@ class Page:
                         elif isinstance(event, Message):
                             if not isinstance(event, TextMessage):
                                 return
-                            operator.text += event.data  # a part of a message, where the network has cut it
+                            operator.text += event.data  # The network may have split a message.
                             if len(operator.text) > MAX_MESSAGE:
                                 return
                             if event.message_finished:
@@ -173,25 +195,25 @@ class Page:
                     if not data:
                         return
             except (ProtocolError, msgspec.MsgspecError, RecursionError, UnicodeError):
-                return  # no page of ours says that
+                return  # Our page never sends such data.
             finally:
                 nursery.cancel_scope.cancel()
 
     def _take(self, text: str, operator: _Operator) -> None:
         now_ns = self._clock.now_ns()
         try:
-            told = msgspec.json.decode(text, type=Told)
+            message = msgspec.json.decode(text, type=Told)
         except (msgspec.MsgspecError, RecursionError):
             if asks_for_stop(text):
                 self._begin_stop()
             raise
-        operator.has_let_go = operator.has_let_go or not told.held
-        held = told.held and operator.has_let_go
-        t_ns = now_ns - operator.lateness.of(told.at_ms, now_ns)
-        self._operate(Operate(t_ns, held, told.rates))
-        if told.episode:
-            self._press(t_ns, told.episode)
-        if told.stop:
+        operator.has_let_go = operator.has_let_go or not message.held
+        held = message.held and operator.has_let_go
+        t_ns = now_ns - operator.lateness.of(message.at_ms, now_ns)
+        self._operate(Operate(t_ns, held, message.rates))
+        if message.episode:
+            self._press(t_ns, message.episode)
+        if message.stop:
             self._begin_stop()
 
     def _begin_stop(self) -> None:
@@ -202,7 +224,7 @@ class Page:
     async def _stop_robot(self) -> None:
         try:
             self._stopped = await self._stop()
-        except Exception as failure:  # the server stays, and the operator can press again
+        except Exception as failure:  # The server keeps running, so the operator can press again.
             _log.exception("the page's stop failed")
             self._stopped = f"NOT CONFIRMED: {failure!r}. cut its power if it still moves"
         self._stopping = False
@@ -213,7 +235,7 @@ class Page:
         return {**self._status(), "stopped": "" if is_old else self._stopped}
 
     async def _tell(self, client: Client, end: WSConnection, scope: trio.CancelScope) -> None:
-        """What the page shows; a page that does not read is gone."""
+        """Send the shown data repeatedly. A page that does not read it counts as gone."""
         try:
             while True:
                 await client.send(end.send(TextMessage(json.dumps(self._shown()))))
@@ -238,7 +260,7 @@ async def _respond(client: Client, code: int, kind: str, body: bytes, policy: st
 
 
 def write_address(path: Path, text: str) -> None:
-    """For its user's eyes alone, whole or not at all."""
+    """Write an address to a file that only the user can read. The file appears complete, or not at all."""
     new = path.with_suffix(f".{os.getpid()}.new")
     with contextlib.suppress(FileNotFoundError):
         new.unlink()
