@@ -1,4 +1,4 @@
-"""Names of things that are loaded where they are used: ``module:qualified.name``."""
+"""Load objects by name at first use: ``module:qualified.name``."""
 
 from __future__ import annotations
 
