@@ -97,8 +97,14 @@ class Buffer:
 
 
 def as_infer(policy: Any) -> Infer:
-    """Any object with ``get_actions_sync``, ``get_actions``, ``.step(obs)``, or a callable, as one function
-    from (observation, instruction) to a chunk of actions. Raise ``TypeError`` for anything else."""
+    """Return a policy as one function from (observation, instruction) to a chunk of actions.
+
+    Args:
+        policy: An object with ``get_actions_sync``, ``get_actions`` or ``step``, or a callable.
+
+    Raises:
+        TypeError: The object is no policy.
+    """
     if callable(getattr(policy, "get_actions_sync", None)):
         return lambda observation, instruction: _chunk(policy.get_actions_sync(observation, instruction), policy)
     if callable(getattr(policy, "get_actions", None)):
@@ -114,8 +120,8 @@ def as_infer(policy: Any) -> Infer:
 
 
 def prepare(policy: Any, axes: Sequence[str], hz: float, table: Sequence[Axis] = ()) -> None:
-    """Tell a policy of the drivers page's interface what it is to drive, as far as it wants to
-    know."""
+    """Give a policy the axes and the control rate of its robot, where it has the setters of the drivers page's
+    interface, and reset it."""
     if not hasattr(policy, "get_actions") and not hasattr(policy, "get_actions_sync"):
         return
     told = (("set_robot_state_keys", list(axes)), ("set_control_frequency", hz), ("set_robot_axes", table))
@@ -127,10 +133,13 @@ def prepare(policy: Any, axes: Sequence[str], hz: float, table: Sequence[Axis] =
 
 
 def _chunk(result: Any, policy: Any = None) -> Sequence[Action]:
-    """``policy``: one that blends each chunk into the last (``supports_rtc``) wants no more of it
-    executed than its ``execution_horizon``; of any other the whole chunk is."""
+    """Return the chunk of actions in the result of a policy.
+
+    Of a policy that blends each chunk into the last one (``supports_rtc``), only the first
+    ``execution_horizon`` actions are used. Of other policies the whole chunk is used.
+    """
     if inspect.isawaitable(result):
-        import asyncio  # 8 ms, for policies that want it
+        import asyncio  # imported here, since it takes 8 ms and few policies need it
 
         result = asyncio.run(_await(result))
     if isinstance(result, Mapping):

@@ -44,8 +44,8 @@ WatchT = TypeVar("WatchT", bound=Watch)
 
 
 class DuplicateDescriptor(StopChannel, Generic[ConfigT, PortT]):
-    """Stop by a duplicate of the wire's descriptor. If it is dead, or there is none, the port is opened
-    anew, and stays open until ``close``."""
+    """Stop by a duplicate of the wire's descriptor. If it is dead or missing, the port is opened again, and
+    stays open until ``close``."""
 
     def __init__(self, config: ConfigT, descriptors: Sequence[int], clock: Clock) -> None:
         self.config = config
@@ -73,8 +73,8 @@ class DuplicateDescriptor(StopChannel, Generic[ConfigT, PortT]):
         """Report that nothing was written."""
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Close a port whose adapter was unplugged. While it is open, the adapter gets another name when
-        it comes back."""
+        """Close the port when its adapter was unplugged. While the port is open, the adapter gets another name
+        when it comes back."""
         task_status.started()
         if self.port is not None:
             await self.hung_up(self.port)
@@ -141,8 +141,8 @@ class ConnectWhenNeeded(StopChannel, Generic[ConfigT, PortT]):
 
 
 class WatchedFirmware(ConnectWhenNeeded[ConfigT, WatchT]):
-    """Stop a robot whose firmware stops by itself when the wire process is gone. The channel orders the
-    stop nevertheless, and observes the robot until every motor is safe."""
+    """Stop a robot if its firmware stops by itself when the wire process is gone. The channel orders the stop
+    nevertheless, and observes the robot until every motor is safe."""
 
     CONFIRM_S: ClassVar[float]
     """Longest time of the observation."""
@@ -185,7 +185,7 @@ class KeptSession(StopChannel, Generic[ConfigT, PortT]):
 
     @abstractmethod
     async def make_safe_by(self, session: PortT | None, safe_state: SafeState) -> Reports:
-        """As ``make_safe``. Never raises. ``session`` is for this call alone; None if there is none."""
+        """As ``make_safe``. Never raises. ``session`` is for this call alone, and None without one."""
 
     @property
     def has_other_way(self) -> bool:

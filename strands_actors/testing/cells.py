@@ -151,7 +151,7 @@ def persevere(
     drop: bool,
     extras: frozenset[str] = frozenset(),
 ) -> Outcome:
-    """Make a trial with a caller whose robot moves, with several attempts to make it move.
+    """Make a trial with a caller and a moving robot, with several attempts to make it move.
 
     Args:
         bench: The robot.
@@ -227,7 +227,7 @@ async def _break_process(bench: Bench, caller: Caller, cell: Cell, settle_s: flo
         stood_ms = queue.stood_ms()
         await trio.sleep(settle_s)
         if cell.fault is Faults.FREEZE and cell.victim is not Victims.CALLER:
-            # A frozen process that continues must not write: it was fenced, or has no access to the wire.
+            # A frozen process that continues must not write. It was fenced, or has no access to the wire.
             with contextlib.suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGCONT)
             await trio.sleep(settle_s)

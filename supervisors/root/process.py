@@ -519,7 +519,7 @@ def main(args: dict[str, Any], sock: socket.socket) -> None:
     hand_over()
     import_ours(args["driver"])
     read_protocols()  # so that forked children need not
-    # Forked now, while this process has one thread and no open files of its own.
+    # Forked now, while this process has one thread and no open files of the robot.
     spawner = Spawner(
         close=(sock.fileno(), *args["descriptors"]),
         name=(args["robot"], "spawner", args["label"]),

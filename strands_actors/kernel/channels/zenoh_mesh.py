@@ -63,7 +63,7 @@ class ZenohMesh:
 
         Args:
             session: The session.
-            main: Another session whose ``run`` also handles the frames of this one.
+            main: The session with the ``run`` that also handles the frames of this one.
         """
         self.channel: Channel | None = None
         self._session = session
@@ -76,7 +76,7 @@ class ZenohMesh:
         self._publishers: dict[tuple[str, bool], zenoh.Publisher] = {}
         self._subscribers: dict[str, Any] = {}
         self._alive: set[str] = set()
-        """The addresses of actors and nodes whose token is there. Subscriptions do not count, since any process
+        """The addresses of actors and nodes that have a token. Subscriptions do not count, since any process
         may subscribe."""
         self._tokens: Any = None
         self._private: set[str] = set()
@@ -138,7 +138,7 @@ class ZenohMesh:
 
         Args:
             node: The node of this process.
-            tokens: The key of the tokens to watch, for a session whose access rules do not permit all.
+            tokens: The key of the tokens to watch. A session with access rules may not be permitted to see all.
         """
         self.node = node
         node.mesh = self
@@ -154,7 +154,7 @@ class ZenohMesh:
         """Send all further messages to this address as zenoh queries, also those of threads.
 
         The key of a query ends with the name of this node. Other processes receive neither the query nor its
-        answer, whatever keys they subscribe to.
+        answer, even if they subscribe to every key.
         """
         self._private.add(address)
 
