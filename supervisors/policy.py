@@ -124,8 +124,8 @@ def prepare(policy: Any, axes: Sequence[str], hz: float, table: Sequence[Axis] =
     interface, and reset it."""
     if not hasattr(policy, "get_actions") and not hasattr(policy, "get_actions_sync"):
         return
-    told = (("set_robot_state_keys", list(axes)), ("set_control_frequency", hz), ("set_robot_axes", table))
-    for setter, value in told:
+    settings = (("set_robot_state_keys", list(axes)), ("set_control_frequency", hz), ("set_robot_axes", table))
+    for setter, value in settings:
         if callable(tell := getattr(policy, setter, None)):
             tell(value)
     if callable(reset := getattr(policy, "reset", None)):
@@ -276,17 +276,17 @@ class Policy(Actor):
         the rollout when it comes.
         """
         self._answer_is_due = True
-        heard = trio.Event()
+        answered = trio.Event()
 
         async def ask() -> None:
             await self._ask(setpoint)
             self._answer_is_due = False
-            heard.set()
+            answered.set()
 
         self.context.start_soon(ask)
         if not self._is_quick:
             with trio.move_on_after(self._rollout.period_s / 2):
-                await heard.wait()
+                await answered.wait()
         return self._ended is None
 
     async def _ask_to_observe(self, setpoint: Setpoint, answered: trio.Event) -> None:
@@ -418,9 +418,9 @@ class Policy(Actor):
         """Return the status of a rollout with an unconfirmed end."""
         ended = self._status()
         expires_ms = self._rollout.ttl_s * 1e3
-        known = f"the gate does not confirm that the robot holds ({failure}); its setpoint lives {expires_ms:g} ms"
+        note = f"the gate does not confirm that the robot holds ({failure}); its setpoint lives {expires_ms:g} ms"
         reason = "unreachable" if ended.exit_reason == "stopped" else ended.exit_reason
-        detail = f"{ended.exit_detail}. {known}" if ended.exit_detail else known
+        detail = f"{ended.exit_detail}. {note}" if ended.exit_detail else note
         return msgspec.structs.replace(ended, exit_reason=reason, exit_detail=detail)
 
     def _status(self) -> TaskStatus:

@@ -149,8 +149,8 @@ def past_told_range(axes: Axes, lows: str, highs: str, untold: GateCheck) -> Gat
 
     def past_told_range(candidate: Candidate, state: GateState) -> Refused | None:
         sensors = state.observation.sensors
-        told = tuple(zip(sensors.get(lows, ()), sensors.get(highs, ()), strict=True))
-        return (within(told) if told else untold)(candidate, state)
+        ranges = tuple(zip(sensors.get(lows, ()), sensors.get(highs, ()), strict=True))
+        return (within(ranges) if ranges else untold)(candidate, state)
 
     return past_told_range
 

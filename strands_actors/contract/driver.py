@@ -364,18 +364,18 @@ class Driver(ABC):
     def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
         """Return a refusal, or None if ``SERVICES`` declares the service and its arguments, and all counts are
         valid. Pure."""
-        known = self.SERVICES.get(service)
-        if known is None:
+        declared = self.SERVICES.get(service)
+        if declared is None:
             names = ", ".join(self.SERVICES) or "none"
             return Refused(
                 Code.UNKNOWN_SERVICE, f"{self.robot} has no such service", f"it has {names}", service, names
             )
         for name in arguments:
-            if name not in known.arguments:
-                names = ", ".join(known.arguments) or "none"
+            if name not in declared.arguments:
+                names = ", ".join(declared.arguments) or "none"
                 return Refused(Code.UNKNOWN_ARGUMENT, f"no argument {name}", f"it takes {names}", name, names)
-        for name, most in known.counts.items():
-            value = arguments.get(name, known.arguments[name])
+        for name, most in declared.counts.items():
+            value = arguments.get(name, declared.arguments[name])
             if not _is_count(value, most):
                 why, limit = f"{name} is {value!r}", f"1..{most}"
                 return Refused(Code.BAD_ARGUMENT, why, f"give a whole number, 1 to {most}", f"{value}", limit)
@@ -435,9 +435,9 @@ class Driver(ABC):
 
     def as_telemetry(self, observation: Observation) -> dict[str, float]:
         """Return ``observed`` for subscribers on the mesh, with each position under ``x`` and ``x.pos``."""
-        told = self.observed(observation)
+        positions = self.observed(observation)
         rates = {axis.key for axis in self.table if axis.mode is AxisMode.VELOCITY}
-        return told | {f"{key}{SUFFIX}": value for key, value in told.items() if key not in rates}
+        return positions | {f"{key}{SUFFIX}": value for key, value in positions.items() if key not in rates}
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
         """Return the reply of ``send_action``: the accepted action and its target."""

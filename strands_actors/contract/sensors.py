@@ -80,23 +80,23 @@ class Sensor(msgspec.Struct, frozen=True):
     def read(self, sensors: Mapping[str, Row]) -> dict[str, Any]:
         """Return the present readings by field: a number, or a list of several. Unknown numbers are None. It is
         empty if nothing was read."""
-        told: dict[str, Any] = {}
+        readings: dict[str, Any] = {}
         for name, row in sensors.items() if self.prefix else ():
             if name.startswith(self.prefix):
-                told[name.removeprefix(self.prefix)] = _known(row)
+                readings[name.removeprefix(self.prefix)] = _known(row)
         for field, source in self.fields.items():
             name, _, at = source.partition("[")
             row = sensors.get(name, ())
             if not at and name in sensors:
-                told[field] = _known(row)
+                readings[field] = _known(row)
             elif at and int(at[:-1]) < len(row):
-                told[field] = _known(row[int(at[:-1]) :][:1])
-        return {**told, **self.words} if told else {}
+                readings[field] = _known(row[int(at[:-1]) :][:1])
+        return {**readings, **self.words} if readings else {}
 
 
 def _known(row: Row) -> float | list[float | None] | None:
-    known = [None if math.isnan(value) else value for value in row]
-    return known[0] if len(known) == 1 else known
+    values = [None if math.isnan(value) else value for value in row]
+    return values[0] if len(values) == 1 else values
 
 
 def imu(**sensors: str) -> Sensor:
@@ -108,8 +108,8 @@ def imu(**sensors: str) -> Sensor:
     Subscribers of strands-robots read ``gyroscope`` and ``accelerometer`` from some robots, ``gyro`` and
     ``accel`` from others. Both names are published.
     """
-    other = {"gyro": "gyroscope", "accel": "accelerometer"}
-    more = {other[field]: name for field, name in sensors.items() if field in other}
+    other_names = {"gyro": "gyroscope", "accel": "accelerometer"}
+    more = {other_names[field]: name for field, name in sensors.items() if field in other_names}
     return Sensor("imu", {**sensors, **more})
 
 

@@ -193,14 +193,14 @@ class KeptSession(StopChannel, Generic[ConfigT, PortT]):
         return False
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        told = False
+        is_started = False
         with self._serving:
             try:
                 self.session = await self.connect()
             except WireDown:
                 if not self.has_other_way:
                     raise
-            told = True
+            is_started = True
             task_status.started()
             while self.session is not None:
                 with contextlib.suppress(WireDown):
@@ -208,7 +208,7 @@ class KeptSession(StopChannel, Generic[ConfigT, PortT]):
                 await trio.sleep(self.AGAIN_S)
                 with contextlib.suppress(WireDown):
                     self.replace(await self.connect())
-        if not told:
+        if not is_started:
             task_status.started()  # It was used for a stop meanwhile.
 
     async def make_safe(self, safe_state: SafeState) -> Reports:

@@ -101,10 +101,10 @@ class StopChild:
             return self._done.reports if self._done is not None and self._done.number == number else None
 
         await self._until(lambda: reports() is not None, within_s)
-        found = reports()
-        if found is None:
+        result = reports()
+        if result is None:
             raise self._silent(within_s)
-        return found
+        return result
 
     def is_alive(self, now_ns: int, busy_s: float) -> bool:
         """Return True if the child has answered all orders, and request the next sign of life.

@@ -198,7 +198,7 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
 
     def _start(self) -> StopChild:
         """Start a child process. Raise ``WireDown``."""
-        told = {
+        args = {
             "channel": self.CHANNEL,
             "config_class": place_of(type(self.config)),
             "config": msgspec.to_builtins(self.config),
@@ -206,7 +206,7 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
             "parent": os.getpid(),
         }
         try:
-            process = start(_ENTRY, told, self._descriptors, label=f"stop channel {self.CHANNEL}")
+            process = start(_ENTRY, args, self._descriptors, label=f"stop channel {self.CHANNEL}")
         except OSError as error:
             RESERVE.lacked(error)
             raise WireDown(f"stop channel: no process for {self.CHANNEL} ({error.strerror})") from None

@@ -85,10 +85,10 @@ class Router:
     # -- actors of this process
 
     def host(self, cell: Hosted) -> None:
-        known = self.cells.get(cell.address)
-        if known is not None and known is not cell:
+        existing = self.cells.get(cell.address)
+        if existing is not None and existing is not cell:
             raise ValueError(f"{cell.address} is already hosted here")
-        if known is None:
+        if existing is None:
             self.cells[cell.address] = cell
             cell.hosted = True
             for way in self._ways():

@@ -80,10 +80,10 @@ class Caller:
 
     def pid(self, role: str) -> int:
         """Return the process id of a role. Raise ``NotMoving`` if the tree has no such process."""
-        found = self.pids().get(role)
-        if found is None:
+        process_id = self.pids().get(role)
+        if process_id is None:
             raise NotMoving(f"there is no {role} process")
-        return found
+        return process_id
 
     def pids(self) -> dict[str, int]:
         """Return the process id of each role, as of the moment when the robot began to move."""
@@ -115,8 +115,8 @@ class Caller:
         deadline_s = time.monotonic() + START_S
         while not (text := self._next_line(deadline_s)).startswith(b"{"):
             pass  # vendor libraries print there, too
-        told: dict[str, Any] = json.loads(text)
-        return told
+        message: dict[str, Any] = json.loads(text)
+        return message
 
     def _next_line(self, deadline_s: float) -> bytes:
         while b"\n" not in self._said:
@@ -136,8 +136,8 @@ class Caller:
             os.write(self._input, line.encode() + b"\n")
 
     def policy_broke_ns(self) -> int:
-        told = Path(f"{self.trigger}.t")
-        return int(told.read_text() or 0) if told.exists() else 0
+        note = Path(f"{self.trigger}.t")
+        return int(note.read_text() or 0) if note.exists() else 0
 
     def forget_trigger(self) -> None:
         for path in (self.trigger, Path(f"{self.trigger}.t")):

@@ -275,8 +275,8 @@ class _Subject:
             name = getattr(cls, member)
             if not name:
                 continue  # the driver makes it itself
-            found = load(name)
-            assert isinstance(found, type) and issubclass(found, kind), f"{member} is {name!r}, no {kind.__name__}"
+            named = load(name)
+            assert isinstance(named, type) and issubclass(named, kind), f"{member} is {name!r}, no {kind.__name__}"
             config = getattr(self.driver, "config", None)
             assert _is_frozen(config), f"config is {config!r}, no frozen struct"
 

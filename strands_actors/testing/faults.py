@@ -230,7 +230,7 @@ def expected_safe_states(driver: Driver, victim: str, fault: str) -> tuple[str, 
         "twin": Reason.LINK if fault in RETURNING else Reason.STOP,
     }
     reason = Reason.STOP if is_bystander(victim) else reasons[victim]
-    found = [driver.fallbacks[reason]]
-    if fault in LOSING and driver.fallbacks[Reason.LINK] not in found:
-        found.append(driver.fallbacks[Reason.LINK])
-    return tuple(found)
+    safe_states = [driver.fallbacks[reason]]
+    if fault in LOSING and driver.fallbacks[Reason.LINK] not in safe_states:
+        safe_states.append(driver.fallbacks[Reason.LINK])
+    return tuple(safe_states)

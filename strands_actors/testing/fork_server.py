@@ -76,11 +76,11 @@ class Forked:
     def communicate(self, timeout: float | None = None) -> tuple[None, bytes | None]:
         """Wait for the end of the child, and return its stderr, which must fit into a pipe."""
         self.wait(timeout)
-        told = None if self.stderr is None or self.stderr.closed else self.stderr.read()
+        errors = None if self.stderr is None or self.stderr.closed else self.stderr.read()
         for pipe in (self.stdin, self.stderr):
             if pipe is not None:
                 pipe.close()
-        return None, told
+        return None, errors
 
     def send_signal(self, number: int) -> None:
         if self.poll() is None:
@@ -154,9 +154,9 @@ class ForkServer:
         with self._lock:
             try:
                 socket.send_fds(self._socket, [sent], given)
-                while (told := self._hear(START_S)) is not None:
-                    if "pid" in told:
-                        return told["pid"]
+                while (report := self._hear(START_S)) is not None:
+                    if "pid" in report:
+                        return report["pid"]
             except OSError:
                 pass  # reported below
         raise RuntimeError("the process that forks twins has ended, or does not answer")
@@ -199,16 +199,16 @@ class ForkServer:
         if self._gone or not select.select([self._socket], [], [], within_s)[0]:
             return None
         try:
-            said = self._socket.recv(_MAX_MESSAGE)
+            data = self._socket.recv(_MAX_MESSAGE)
         except ConnectionError:
-            said = b""
-        if not said:
+            data = b""
+        if not data:
             self._gone = True
             return None
-        told: dict[str, int] = json.loads(said)
-        if "ended" in told:
-            self._codes[told["ended"]] = told["code"]
-        return told
+        message: dict[str, int] = json.loads(data)
+        if "ended" in message:
+            self._codes[message["ended"]] = message["code"]
+        return message
 
 
 _servers: dict[str, tuple[int, ForkServer]] = {}
@@ -223,12 +223,12 @@ def server(of: str, imports: Sequence[str]) -> ForkServer:
         imports: The modules that a new server imports.
     """
     with _one_at_a_time:
-        made_by, found = _servers.get(of, (0, None))
-        if found is None or made_by != os.getpid() or not found.alive:
-            found = ForkServer(imports)
-            _servers[of] = os.getpid(), found
-            atexit.register(found.close)
-        return found
+        made_by, running = _servers.get(of, (0, None))
+        if running is None or made_by != os.getpid() or not running.alive:
+            running = ForkServer(imports)
+            _servers[of] = os.getpid(), running
+            atexit.register(running.close)
+        return running
 
 
 def twin_server() -> ForkServer:
@@ -258,10 +258,10 @@ def main(fd: int, imports: Sequence[str]) -> None:
             os.read(woken, 4096)
             _report_ends(sock)
         if sock.fileno() in ready:
-            said, descriptors, _, _ = socket.recv_fds(sock, _MAX_MESSAGE, _MAX_DESCRIPTORS)
-            if not said:
+            data, descriptors, _, _ = socket.recv_fds(sock, _MAX_MESSAGE, _MAX_DESCRIPTORS)
+            if not data:
                 os._exit(0)
-            request = json.loads(said)
+            request = json.loads(data)
             pid = os.fork()
             if pid == 0:
                 for ours in (sock.fileno(), woken, wake):

@@ -102,9 +102,9 @@ class Plan:
 
 def _missing(trials: Trials, robot: str, cell: Cell | Pair, repeats: int) -> int:
     """Return the number of missing trials, or 0 if twice as many as requested were made already."""
-    known = trials.of(robot, cell)
-    good = sum(not outcome.disturbed for outcome in known)
-    return max(0, repeats - good) if len(known) < 2 * repeats else 0
+    outcomes = trials.of(robot, cell)
+    good = sum(not outcome.disturbed for outcome in outcomes)
+    return max(0, repeats - good) if len(outcomes) < 2 * repeats else 0
 
 
 def _orders(robot: str, where: str, cell: Cell | Pair, trials: int) -> Iterator[Order]:

@@ -41,17 +41,17 @@ def columns_of(rows: Iterable[Row], trials: Trials) -> Columns:
 
 def conditions(trials: Trials, robot: str) -> dict[str, str]:
     """Return the conditions under which the figures of a robot were measured."""
-    found = [trial for trial in trials.all if trial.robot == robot]
-    loads = [trial.load for trial in found] or [0.0]
-    dates = [trial.at for trial in found] or [trials.runs[-1].at]
+    measured = [trial for trial in trials.all if trial.robot == robot]
+    loads = [trial.load for trial in measured] or [0.0]
+    dates = [trial.at for trial in measured] or [trials.runs[-1].at]
     jobs = sorted({run.jobs for run in trials.runs})
-    disturbed = sum(trial.outcome.disturbed for trial in found)
+    disturbed = sum(trial.outcome.disturbed for trial in measured)
     return {
         "date": f"{dates[0]} to {dates[-1]} UTC",
         **trials.runs[-1].subject,
         "load": f"{min(loads):.1f} to {max(loads):.1f}",
         "jobs": f"{' or '.join(map(str, jobs))} side by side",
-        "trials": f"{len(found)}, of which disturbed: {disturbed}",
+        "trials": f"{len(measured)}, of which disturbed: {disturbed}",
     }
 
 

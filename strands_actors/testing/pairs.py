@@ -98,13 +98,13 @@ _ENDED = _LIVING | {Victims.CALLER: Reason.CALLER, Victims.POLICY: Reason.POLICY
 
 def _decisive(pair: Pair) -> dict[str, tuple[Faults, Reason]]:
     """Return the faults that show on the wire: those that stop the robot, or else those that hold it."""
-    found: dict[str, tuple[Faults, Reason]] = {
+    effective: dict[str, tuple[Faults, Reason]] = {
         member: (fault, (_LIVING if fault is Faults.FREEZE else _ENDED)[Victims(member)])
         for member, fault in pair.faults
         if not is_bystander(member)
     }
-    stops = {member: each for member, each in found.items() if each[1] not in HOLDING_REASONS}
-    return stops or found
+    stops = {member: each for member, each in effective.items() if each[1] not in HOLDING_REASONS}
+    return stops or effective
 
 
 def expected_safe_states(driver: Driver, pair: Pair) -> tuple[str, ...]:

@@ -14,8 +14,8 @@ def where_is(driver_class: type[Driver]) -> str:
 
 def class_of(where: str) -> type[Driver] | None:
     """Load a driver class. Return None for an empty ``where``, which means a robot of this package."""
-    found: type[Driver] | None = load(where) if where else None
-    return found
+    driver_class: type[Driver] | None = load(where) if where else None
+    return driver_class
 
 
 def register(where: str, robot: str) -> None:

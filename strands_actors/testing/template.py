@@ -94,11 +94,11 @@ class Template:
 
     def _hear(self) -> bytes:
         ready, _, _ = select.select([self._socket], [], [], READY_S)
-        said = self._socket.recv(64) if ready else b""
-        if not said:
+        reply = self._socket.recv(64) if ready else b""
+        if not reply:
             self.close()
             raise RuntimeError(f"the template of callers ended: {self._errors.read_text().strip()}")
-        return said
+        return reply
 
 
 def serve(sock: socket.socket) -> dict[str, Any]:

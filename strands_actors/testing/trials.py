@@ -118,8 +118,8 @@ def encode(line: Trial | Run | Done) -> bytes:
 
 def decode(line: bytes) -> Trial | Run | Done:
     """Decode a line. Raise ``msgspec.DecodeError``."""
-    found = _DECODER.decode(line)
-    return _at(found, math.inf) if isinstance(found, Trial) and found.outcome.setpoints_after < 0 else found
+    decoded = _DECODER.decode(line)
+    return _at(decoded, math.inf) if isinstance(decoded, Trial) and decoded.outcome.setpoints_after < 0 else decoded
 
 
 def _at(found: Trial, safe_ms: float) -> Trial:
@@ -155,13 +155,13 @@ class Trials:
     def _read(self, path: Path) -> None:
         for number, line in enumerate(_whole_lines(path), 1):
             try:
-                found = decode(line)
+                decoded = decode(line)
             except msgspec.DecodeError as error:
                 raise Problem(f"{path}, line {number}: {error}. Give another file") from None
-            if isinstance(found, Trial):
-                self.all.append(found)
-            elif isinstance(found, Run):
-                self.runs.append(found)
+            if isinstance(decoded, Trial):
+                self.all.append(decoded)
+            elif isinstance(decoded, Run):
+                self.runs.append(decoded)
 
     def _write(self, line: Trial | Run) -> None:
         if self._path is not None:

@@ -107,12 +107,12 @@ class WireLog:
         for entry in self.entries(since_ns):
             if entry.sender == "robot" and entry.kind in ("read", "answer"):
                 continue
-            what = f"{entry.sender} {entry.kind}" + (f" ({entry.safe_state})" if entry.safe_state else "")
-            if runs and runs[-1][0] == what:
-                runs[-1] = what, runs[-1][1], runs[-1][2] + 1
+            label = f"{entry.sender} {entry.kind}" + (f" ({entry.safe_state})" if entry.safe_state else "")
+            if runs and runs[-1][0] == label:
+                runs[-1] = label, runs[-1][1], runs[-1][2] + 1
             else:
-                runs.append((what, (entry.t_ns - since_ns) / 1e6, 1))
-        return ", ".join(f"{at_ms:.1f} {what} x {count}" for what, at_ms, count in runs[-RUNS:]) or "nothing"
+                runs.append((label, (entry.t_ns - since_ns) / 1e6, 1))
+        return ", ".join(f"{at_ms:.1f} {label} x {count}" for label, at_ms, count in runs[-RUNS:]) or "nothing"
 
     def host(self, kind: str, since_ns: int = 0) -> list[Entry]:
         """Return the frames of one kind that the host wrote."""

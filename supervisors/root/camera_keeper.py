@@ -171,8 +171,8 @@ def _how(code: int) -> str:
 def _tell(ring: FrameRing, why: str) -> None:
     """Write the state of a camera without a process, with the last reason that the process wrote itself."""
     try:
-        told = msgspec.msgpack.decode(ring.told)
-        before = "" if told["state"] == DOWN else told["why"]
+        last = msgspec.msgpack.decode(ring.told)
+        before = "" if last["state"] == DOWN else last["why"]
     except (msgspec.MsgspecError, TypeError, KeyError):
         before = ""
     ring.tell(msgspec.msgpack.encode({"state": DOWN, "why": f"{before}. {why}" if before else why}))

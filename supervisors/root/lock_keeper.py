@@ -36,12 +36,12 @@ class LockKeeper:
 
     def __init__(self, locks: Locks) -> None:
         self._locks = locks
-        found = locks.find()
-        self.found_by = "" if found is None else found.by
+        lock = locks.find()
+        self.found_by = "" if lock is None else lock.by
         self._wanted = self.found_by
         self._done: str | None = self.found_by
         """The operator in the lock on the disk. None while it is being written."""
-        self._kept = Kept("" if found is None else found.since)
+        self._kept = Kept("" if lock is None else lock.since)
         self._changed = trio.Event()
 
     @property

@@ -500,9 +500,9 @@ class Tree:
         async with trio.open_nursery() as nursery:
             for process in actors:
                 nursery.start_soon(ask, process)
-        found = tuple(itertools.chain.from_iterable(actors.values()))
+        hosted = tuple(itertools.chain.from_iterable(actors.values()))
         last_stop = self.guardian.last_report
-        return TreeReport(self.robot, mode, state.epoch, tuple(report), found, last_stop, state.locked_by)
+        return TreeReport(self.robot, mode, state.epoch, tuple(report), hosted, last_stop, state.locked_by)
 
 
 def _is_end_of_task(error: BaseException) -> bool:

@@ -188,10 +188,10 @@ class StandbyKeeper:
     async def _begin(self) -> None:
         """Send the processes to watch as soon as the standby answers. The wire may have been replaced since its
         start."""
-        told: ChildProcess | None = None
+        announced: ChildProcess | None = None
         answer: Message | None = None
-        while not isinstance(answer, Guarding) or told is not self._wire:
-            told = self._wire
+        while not isinstance(answer, Guarding) or announced is not self._wire:
+            announced = self._wire
             try:
                 with self._told() as message:
                     answer = await self._ref.ask(message, START_S)

@@ -278,10 +278,10 @@ class FrameRing:
             _in_order()
             size = self._words[_TOLD_BYTES]
             if version % 2 == 0 and 0 <= size <= PAGE - _TOLD_AT:
-                what = bytes(self._memory[_TOLD_AT : _TOLD_AT + size])
+                text = bytes(self._memory[_TOLD_AT : _TOLD_AT + size])
                 _in_order()
                 if self._words[_TOLD] == version:
-                    return what
+                    return text
         return b""
 
     # -- requests for compressed pictures

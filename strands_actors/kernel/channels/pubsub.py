@@ -301,9 +301,9 @@ class PubSub:
         declare: Callable[[Any], Any],
         at_once: Callable[[Received], object] | None = None,
     ) -> None:
-        known = self._inboxes.get(key)
-        if known is not None:
-            known.handler, known.at_once = handler, at_once
+        existing = self._inboxes.get(key)
+        if existing is not None:
+            existing.handler, existing.at_once = handler, at_once
             return
         inbox = self._inboxes[key] = _Inbox(handler, keep, at_once)
 

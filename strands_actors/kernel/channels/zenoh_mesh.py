@@ -231,9 +231,9 @@ class ZenohMesh:
         return True
 
     def _publisher(self, to: str, urgent: bool) -> zenoh.Publisher:
-        known = self._publishers.get((to, urgent))
-        if known is not None:
-            return known
+        existing = self._publishers.get((to, urgent))
+        if existing is not None:
+            return existing
         if "*" in to:
             raise zenoh.ZError(f"{to} is not one address")
         if len(self._publishers) >= _PUBLISHERS:
@@ -347,8 +347,8 @@ async def _open(
 def _show(shown: zenoh.Publisher, data: bytes) -> None:
     """Publish the outline of a frame. The content is left out because it may hold a lease."""
     status: Any = shown.matching_status  # the stubs say bool
-    if status.matching and (told := outline(data)) is not None:
-        shown.put(told)
+    if status.matching and (content := outline(data)) is not None:
+        shown.put(content)
 
 
 _URGENT = zenoh.Priority.REAL_TIME

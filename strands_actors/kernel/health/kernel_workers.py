@@ -40,10 +40,10 @@ async def keep_them_early() -> None:
 
     Return at once where that is not permitted, and in a process without real-time priority.
     """
-    known = set[int]()
+    seen = set[int]()
     while runs_first():
         threads = _threads()
-        for thread in threads - known:
+        for thread in threads - seen:
             with contextlib.suppress(ProcessLookupError, FileNotFoundError):  # the thread has ended
                 if not (_PROC / str(thread) / "comm").read_text().startswith(_NAME):
                     continue
@@ -51,5 +51,5 @@ async def keep_them_early() -> None:
                     os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(KERNEL_PRIORITY))
                 except PermissionError:
                     return
-        known = threads
+        seen = threads
         await trio.sleep(LOOK_S)

@@ -82,8 +82,8 @@ def limits_of(given: Mapping[str, Any] | PolicyLimits | None) -> PolicyLimits:
         try:
             limits = msgspec.convert({} if given is None else dict(given), PolicyLimits)
         except (msgspec.ValidationError, TypeError, ValueError) as error:
-            known = ", ".join(PolicyLimits.__struct_fields__)
-            raise ValueError(f"policy_limits: {error}. give some of {known}") from None
+            accepted = ", ".join(PolicyLimits.__struct_fields__)
+            raise ValueError(f"policy_limits: {error}. give some of {accepted}") from None
     limits.check()
     return limits
 
