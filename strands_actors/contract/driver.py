@@ -86,8 +86,8 @@ class Timing(msgspec.Struct, frozen=True):
 
 
 class Service(msgspec.Struct, frozen=True):
-    """Something a robot can do beyond the common verbs: a method of its handle. ``arguments``: name
-    to default."""
+    """A service of a robot beyond the common verbs: a method of its handle. ``arguments`` maps names to
+    defaults."""
 
     about: str
     within_s: float  # longest time that ``Wire.perform`` may take

@@ -10,7 +10,7 @@ import enum
 
 
 class SafeState(enum.StrEnum):
-    """From the mildest to the most severe."""
+    """A safe state. The members stand in order, from the mildest to the most severe."""
 
     HOLD = "hold"  # energised, at the present position; a drone hovers
     ZERO = "zero"  # a base or a pair of wheels: velocity zero, energised

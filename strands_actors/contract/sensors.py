@@ -102,11 +102,11 @@ def _known(row: Row) -> float | list[float | None] | None:
 def imu(**sensors: str) -> Sensor:
     """Return the topic ``imu``.
 
-    Args:
-        sensors: Those of ``rpy``, ``gyro``, ``accel`` and ``quaternion`` that the robot has.
-
     Subscribers of strands-robots read ``gyroscope`` and ``accelerometer`` from some robots, ``gyro`` and
     ``accel`` from others. Both names are published.
+
+    Args:
+        sensors: Those of ``rpy``, ``gyro``, ``accel`` and ``quaternion`` that the robot has.
     """
     other_names = {"gyro": "gyroscope", "accel": "accelerometer"}
     more = {other_names[field]: name for field, name in sensors.items() if field in other_names}

@@ -26,7 +26,7 @@ class Column(msgspec.Struct, frozen=True):
 
 
 Columns = dict[str, Column]
-"""By robot."""
+"""The column of each robot."""
 
 
 def columns_of(rows: Iterable[Row], trials: Trials) -> Columns:

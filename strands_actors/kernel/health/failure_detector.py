@@ -6,13 +6,12 @@ like a broken robot. Two measurements tell the cases apart:
 
 * Our own ticks. The time since the previous tick counts for at most ``MOST_TICKS`` periods. When the whole
   machine paused, all processes were late and no process is frozen.
-* The peer's use of the processor. Time in which the peer waited for a processor, or in which its processor was
-  taken from this virtual machine, does not count as silence. A process that waits for a lock does not wait for
-  a processor. One that spins mostly computes. One that is stopped never waits for a processor, whatever the
-  load.
+* The peer's use of the processor. Time does not count as silence while the peer waited for a processor, or
+  while its processor was taken from this virtual machine. A process that waits for a lock does not wait for a
+  processor. One that spins mostly computes. One that is stopped never waits for a processor, at any load.
 
-A silence of more than ``LONGEST_S`` always counts: after that time a late message cannot be told from one that
-never comes.
+A silence of more than ``LONGEST_S`` (or ``ttl_s``, if that is longer) always counts. After that time a late
+message cannot be distinguished from one that never comes.
 
 The detector looks at the peer's use of the processor only after half of ``ttl_s``, so a peer that answers costs
 nothing.

@@ -66,7 +66,7 @@ class Forked:
         if self._code is None:
             try:
                 pid, status = os.waitpid(self.pid, options)
-            # It was reaped elsewhere: it has ended, and its exit code is lost.
+            # It was reaped elsewhere. It has ended, and its exit code is lost.
             except ChildProcessError:
                 self._code = UNKNOWN
                 return self._code

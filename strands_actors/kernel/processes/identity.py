@@ -24,12 +24,12 @@ def take_name(robot: str, role: str, label: str = "") -> None:
     """Set the name of this process: ``strands-wire`` in ``ps -e`` and for ``pkill``, ``strands-actors so101
     wire`` in ``ps -f`` and ``top``.
 
+    Nothing changes on systems that do not support it.
+
     Args:
         robot: The robot's name.
         role: The role of the process.
         label: A second word for ``ps -f``, by which others search for the process.
-
-    Nothing changes on systems that do not support it.
     """
     if not os.path.exists("/proc/self/stat"):
         return
