@@ -3,7 +3,7 @@
 Every operation that ends motion (stop, e-stop, release, the end of a task, cleanup) has one of three results. A
 missing answer is never success (SAF-023), so ``None`` is no result.
 
-    Confirmed      every motor was read back and is safe, or nothing is energised
+    Confirmed      every motor was read back and is safe, or this tree has energised nothing
     Unconfirmed    the stop was ordered, and the named motors have not confirmed it
     Unreachable    no process answered that knows the state; all motors of the robot are named
 
@@ -25,7 +25,7 @@ from strands_actors.supervisors.gate.messages import Released, StopReport
 
 
 class NothingRan(msgspec.Struct, frozen=True):
-    """This program has started and commanded nothing, so nothing is energised."""
+    """This program has started and commanded nothing, so it has energised nothing."""
 
     why: str = "nothing was running"
 

@@ -54,7 +54,7 @@ class StopChild:
         self._frames = Frames(process.socket)
         self._is_ready = False
         self._sent = self._acknowledged = 0  # numbers of orders
-        self._unheard_ns = 0  # time of the oldest order without acknowledgement; 0 if there is no such order
+        self._unheard_ns = 0  # time since which an order lacks its acknowledgement; 0 if none does
         self._carries_out_ns = 0  # time of the order that it carries out; 0 while it is idle
         self._done: Answer | None = None  # the last order that it has carried out
         # True while a task waits for the child's answers, and itself limits the time for them.

@@ -80,7 +80,8 @@ class Caller:
         if motion == "task" and (why := self._start_task()):
             return why
         if motion == "rollout":
-            # Each call covers half a second (25 steps), since the machine may be busy.
+            # Each call returns 25 steps (a twentieth of a second for a robot with legs), since the machine may
+            # be busy.
             self.robot.run_policy(lambda _: [self._swing()] * 25, duration=60.0)
         while time.monotonic() < self._began_s + MOVED_S:
             self.step()

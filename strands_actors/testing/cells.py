@@ -466,7 +466,8 @@ def read(
     safe = next((entry for entry in frames if any(is_safe_state(entry, state) for state in safe_states)), None)
     instead = ""
     if safe is None and stood_ms > DISTURBED_MS:
-        # The log has "" for a frame to some of the motors, after which the rest of the robot goes on.
+        # The log has "" for a frame to only some motors. The rest of the robot goes on then, so it does not
+        # count.
         safe = next((entry for entry in frames if entry.safe_state), None)
         instead = (safe and safe.safe_state) or ""
     if safe is None:

@@ -32,7 +32,7 @@ ENDING_REASONS = frozenset({Reason.CALLER, Reason.CLEANUP, Reason.ROOT})
 
 
 class Mode(enum.StrEnum):
-    DOWN = "down"  # no link; nothing is energised
+    DOWN = "down"  # no link; nothing is energised by this tree
     LOST = "lost"  # no link; it was lost while energised, or before the safe state was confirmed
     DISARMED = "disarmed"  # link up, on the safe state of a stop, waiting for a resume
     ARMING = "arming"  # being energised at the measured position
@@ -42,7 +42,7 @@ class Mode(enum.StrEnum):
     UNCONFIRMED = "unconfirmed"  # a motor did not confirm the safe state
     FAILED = "failed"  # the restart budget is spent; only a new tree helps
     ENDING = "ending"  # the tree ends: safe frames are out, not yet confirmed; only a stop is accepted
-    ENDED = "ended"  # the tree ends: the safe state is confirmed, or nothing was energised
+    ENDED = "ended"  # the tree ends: the safe state is confirmed, or this tree had energised nothing
 
 
 class Event(enum.StrEnum):
@@ -139,7 +139,7 @@ TRANSITIONS: dict[tuple[Mode, Event], Row] = {
 
 WRITABLE = frozenset({Mode.ARMED, Mode.HOLDING})
 SAFE = frozenset({Mode.DOWN, Mode.DISARMED, Mode.ENDED})
-"""Modes in which nothing is energised. Only in these a stop is confirmed without a report."""
+"""Modes in which nothing is energised by this tree. Only in these a stop is confirmed without a report."""
 OVER = frozenset({Mode.ENDING, Mode.ENDED})
 LINKED = frozenset(Mode) - {Mode.DOWN, Mode.LOST, Mode.FAILED} - OVER
 

@@ -361,7 +361,7 @@ class Guardian(Actor):
 
     @property
     def confirmed(self) -> bool:
-        """True if nothing is energised any more, as far as is known."""
+        """True if nothing is energised by this tree any more, as far as is known."""
         return self._confirmed
 
     @property
